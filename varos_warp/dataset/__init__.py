@@ -1,0 +1,1 @@
+"""From frames and sensors to files: layout, writers, validation, reports."""

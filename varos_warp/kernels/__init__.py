@@ -1,0 +1,1 @@
+"""Device code: Warp functions, structs and kernels; nothing of the host."""

@@ -1,0 +1,1 @@
+"""From a pose to images: planning, rendering, denoising, exposure, encoding."""

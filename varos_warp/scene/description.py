@@ -1,0 +1,453 @@
+"""What a scene file may say: one pydantic model per block. Names, units and defaults of the file format live here.
+
+SI units; angles in degrees only in keys ending in ``_deg``. Frames: world and vehicle axes are z up; the vehicle is
+x right, y forward, z up, so the identity attitude looks along +y. Unknown keys are errors.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
+
+Vec3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Unit = Annotated[float, Field(ge=0.0, le=1.0)]
+UnitRgb = tuple[Unit, Unit, Unit]
+NonNegativeRgb = tuple[NonNegative, NonNegative, NonNegative]
+
+
+class Block(BaseModel):
+    """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+# ---------------------------------------------------------------------------------------------------------- geometry
+
+
+class Preprocess(Block):
+    """Repair of a raw terrain mesh before use (paper 3.1.1)."""
+
+    merge_tolerance_m: NonNegative = 0.001
+    shrinkwrap_resolution: Annotated[int, Field(ge=2)] | None = None
+    target_vertices: Annotated[int, Field(ge=4)] | None = None
+
+
+class Placed(Block):
+    """Anything that stands in the world: position [m], rotation (about fixed x, then y, then z) and scale."""
+
+    position: Vec3 = (0.0, 0.0, 0.0)
+    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
+    scale: Positive | tuple[Positive, Positive, Positive] = 1.0
+    material: str | None = None
+    smooth_angle_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 30.0
+    """Edges at most this sharp get smooth normals (paper, image type C)."""
+
+
+class Terrain(Placed):
+    """The sea floor: one mesh file or several that are joined."""
+
+    file: str | list[str]
+    preprocess: Preprocess | None = None
+    shading: Literal["flat", "smooth"] = "smooth"
+    """Normals that A and B are lit with; C always has the smoothed ones."""
+
+
+class MeshObject(Placed):
+    """An object from a mesh file."""
+
+    kind: Literal["mesh"] = "mesh"
+    file: str
+    shading: Literal["flat", "smooth"] = "flat"
+
+
+class Pipe(Placed):
+    """A straight pipe along its own z axis, centred at its origin."""
+
+    kind: Literal["pipe"]
+    radius: Positive
+    length: Positive
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class Elbow(Placed):
+    """A pipe bend in its own xz plane, from the origin along +z towards +x."""
+
+    kind: Literal["elbow"]
+    radius: Positive
+    bend_radius: Positive
+    angle_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 90.0
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class PipeSupport(Placed):
+    """A saddle that carries a horizontal pipe of ``radius``; its origin is the pipe's axis."""
+
+    kind: Literal["pipe_support"]
+    radius: Positive
+    height: Positive | None = None
+    """From the pipe's axis down to the foot [m]; twice the radius when absent."""
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class Bolt(Placed):
+    """A hexagon bolt along its own z axis, head down at the origin."""
+
+    kind: Literal["bolt"]
+    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
+    length: Positive | None = None
+    """Shank length [m]; four diameters when absent."""
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class Nut(Placed):
+    """A hexagon nut around its own z axis."""
+
+    kind: Literal["nut"]
+    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+ParametricObject = Pipe | Elbow | PipeSupport | Bolt | Nut
+Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind")]
+
+
+# --------------------------------------------------------------------------------------------------------- materials
+
+
+class Diffuse(Block):
+    """Lambertian surface of one reflectance per channel."""
+
+    kind: Literal["diffuse"] = "diffuse"
+    reflectance: UnitRgb = (0.5, 0.5, 0.5)
+
+
+class Texture(Block):
+    """A procedural texture, tiled ``tiles`` times over the terrain."""
+
+    texture: Literal["sand", "rock"]
+    tiles: Positive = 50.0
+
+
+class SlopeBlend(Block):
+    """One texture where the surface looks up, another where it is steep (paper 3.1.1)."""
+
+    kind: Literal["slope_blend"]
+    flat: Texture = Texture(texture="sand")
+    steep: Texture = Texture(texture="rock")
+
+
+class Rust(Block):
+    """Bare metal with rust patches; the pattern follows from the object's position (paper 3.1.2)."""
+
+    kind: Literal["rust"]
+    base: UnitRgb = (0.45, 0.45, 0.47)
+    amount: Unit = 0.5
+
+
+Material = Annotated[Diffuse | SlopeBlend | Rust, Field(discriminator="kind")]
+
+
+# ------------------------------------------------------------------------------------------------------------- water
+
+
+class HenyeyGreenstein(Block):
+    """Phase function of Henyey and Greenstein (1941) with mean cosine ``g``."""
+
+    kind: Literal["henyey_greenstein"] = "henyey_greenstein"
+    g: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
+
+
+class Principled(Block):
+    """Blender's Principled Volume (paper, table 1)."""
+
+    density: NonNegative
+    color: NonNegativeRgb
+    absorption_color: UnitRgb
+    anisotropy: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
+
+
+class Coefficients(Block):
+    """Scattering and absorption coefficients [1/m] per channel."""
+
+    sigma_s: NonNegativeRgb
+    sigma_a: NonNegativeRgb
+    phase: HenyeyGreenstein = HenyeyGreenstein()
+
+
+class Jerlov(Block):
+    """A Jerlov water type."""
+
+    type: Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
+    phase: HenyeyGreenstein = HenyeyGreenstein(g=0.924)
+
+
+class Water(Block):
+    """Exactly one of the three forms."""
+
+    principled: Principled | None = None
+    coefficients: Coefficients | None = None
+    jerlov: Jerlov | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self):
+        if sum(form is not None for form in (self.principled, self.coefficients, self.jerlov)) != 1:
+            raise ValueError("give exactly one of principled, coefficients, jerlov (or `water: none`)")
+        return self
+
+
+# ----------------------------------------------------------------------------------------------------------- vehicle
+
+
+class SpotLight(Block):
+    """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
+
+    kind: Literal["spot"] = "spot"
+    position: Vec3 = (0.0, 0.0, 0.0)
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    cone_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 65.0
+    """Full angle of the cone."""
+    blend: Unit = 0.0
+    intensity: NonNegativeRgb = (100.0, 100.0, 100.0)
+
+    @field_validator("direction")
+    @classmethod
+    def _has_length(cls, value):
+        if not np.linalg.norm(value) > 0.0:
+            raise ValueError("the direction of a light must not be the zero vector")
+        return value
+
+
+class PointLight(Block):
+    """A light that shines equally in every direction, ``intensity`` [W/sr]."""
+
+    kind: Literal["point"]
+    position: Vec3 = (0.0, 0.0, 0.0)
+    intensity: NonNegativeRgb = (100.0, 100.0, 100.0)
+
+
+Light = Annotated[SpotLight | PointLight, Field(discriminator="kind")]
+
+
+class Camera(Block):
+    """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
+
+    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "M0"
+    """Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
+    mount: Literal["vehicle", "world"] = "vehicle"
+    position: Vec3 = (0.0, 0.0, 0.0)
+    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
+    look_at: Vec3 | None = None
+    """Point to look at, in the axes of the mount; instead of ``rotation_euler_deg``."""
+    resolution: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (1280, 720)
+    sensor_mm: tuple[Positive, Positive] = (4.416, 2.484)
+    focal_mm: Positive = 3.4
+    f_stop: NonNegative = 0.0
+    """Focal length over aperture diameter; 0 is a pinhole."""
+    focus_m: Positive = 3.0
+
+
+class Mounted(Block):
+    """A sensor on the vehicle, in its axes."""
+
+    position: Vec3 = (0.0, 0.0, 0.0)
+    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
+    rate_hz: Positive = 200.0
+
+
+class Controller(Block):
+    """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
+
+    feed_forward: Literal["none", "velocity", "full"] = "full"
+    translation_q: tuple[NonNegative, NonNegative] = (1.0, 0.5)
+    rotation_q: tuple[NonNegative, NonNegative] = (6.0, 1.0)
+    r: Positive = 1.0
+    integral: NonNegative = 0.0
+    """Weight of the integrated position error (LQI); needed to hold station in a current."""
+
+
+class Current(Block):
+    """Water current: a uniform drift plus seeded sinusoids of ``fluctuation`` [m/s RMS]."""
+
+    velocity: Vec3 = (0.0, 0.0, 0.0)
+    fluctuation: NonNegative = 0.0
+    period_s: Positive = 20.0
+
+
+class Vehicle(Block):
+    """A neutrally buoyant sphere with thrusters; what is absent follows from the preset nearest in mass."""
+
+    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
+    mass_kg: Positive = 40.0
+    linear_drag: NonNegative | None = None
+    """d1 [N s/m]."""
+    quadratic_drag: NonNegative | None = None
+    """d2 [N s^2/m^2]."""
+    linear_rotational_drag: NonNegative | None = None
+    """r1 [N m s]."""
+    quadratic_rotational_drag: NonNegative | None = None
+    """r2 [N m s^2]."""
+    actuator_frequency: Positive | None = None
+    """wn [rad/s] of the second-order thruster."""
+    actuator_damping: Positive = 1.0
+    max_force: Positive | None = None
+    """[N]"""
+    max_torque: Positive | None = None
+    """[N m]"""
+    controller: Controller = Controller()
+    lights: list[Light] = []
+    cameras: list[Camera] = [Camera()]
+    imu: Mounted | None = Mounted()
+    depth_gauge: Mounted | None = Mounted()
+
+    @field_validator("cameras")
+    @classmethod
+    def _distinct_ids(cls, cameras):
+        folded = [camera.id.lower() for camera in cameras]
+        if len(set(folded)) < len(folded):
+            raise ValueError("camera ids must differ, also when upper and lower case are taken for the same")
+        return cameras
+
+
+# -------------------------------------------------------------------------------------------------------- trajectory
+
+
+class Waypoint(Block):
+    """A pose to pass by; ``strict`` ones are reached exactly."""
+
+    position: Vec3
+    look_at: Vec3 | None = None
+    rotation_euler_deg: Vec3 | None = None
+    speed: Positive | None = None
+    """Speed of the leg that ends here [m/s]."""
+    strict: bool = False
+    dwell_s: NonNegative | None = None
+
+
+class Pose(Block):
+    """An exact pose at a time; no dynamics."""
+
+    time_s: NonNegative = 0.0
+    position: Vec3
+    look_at: Vec3 | None = None
+    rotation_euler_deg: Vec3 | None = None
+
+
+class Trajectory(Block):
+    """One of: waypoints for the simulated vehicle to follow, or exact poses."""
+
+    waypoints: list[Waypoint] | None = None
+    poses: list[Pose] | None = None
+    speed: Positive = 0.5
+    """Leg speed where a waypoint names none [m/s]."""
+    max_angular_speed_deg: Positive = 30.0
+    max_acceleration: Positive = 0.25
+    overlap: Annotated[float, Field(ge=0.0, le=0.5)] = 0.4
+    """Share of a leg's time in which the next one already acts (hand-over, paper 3.3.2)."""
+    handover_radius_m: Positive = 0.5
+    handover_timeout_s: Positive = 30.0
+    dwell_s: NonNegative = 0.25
+    """Rest at a strict waypoint."""
+    duration_s: Positive | None = None
+    """Length of the sequence; absent: until the last waypoint or pose."""
+
+    @model_validator(mode="after")
+    def _one_form(self):
+        if (self.waypoints is None) == (self.poses is None):
+            raise ValueError("give exactly one of waypoints, poses")
+        if not (self.waypoints if self.poses is None else self.poses):
+            raise ValueError("at least one waypoint or pose is needed")
+        return self
+
+
+# ------------------------------------------------------------------------------------------------------------ render
+
+
+class Exposure(Block):
+    """Exposure correction before 8-bit output (paper 3.2.1)."""
+
+    A: Literal["adaptive", "constant"] | Positive = "adaptive"
+    B: Literal["adaptive", "constant"] | Positive = "constant"
+
+
+class Render(Block):
+    """What is rendered and how well."""
+
+    frame_rate_hz: Positive = 10.0
+    outputs: list[Literal["A", "B", "C", "D"]] = ["A", "B", "C", "D"]
+    tolerance: Positive = 0.02
+    """Relative error asked of A when ``spp`` is absent."""
+    spp: Annotated[int, Field(ge=1)] | None = None
+    """Samples per pixel of A; absent: the planner's choice."""
+    spp_b: Annotated[int, Field(ge=1)] = 20
+    """Samples per pixel of B (paper 3.2.1)."""
+    max_scatterings: Annotated[int, Field(ge=0)] | None = None
+    max_bounces: Annotated[int, Field(ge=0)] | None = None
+    layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
+    denoise: Literal["oidn", "nlm", "none"] = "oidn"
+    denoise_b: Literal["oidn", "nlm", "none"] = "nlm"
+    exposure: Exposure = Exposure()
+    depth_kind: Literal["z", "range"] = "z"
+    depth_range_m: tuple[NonNegative, Positive] = (0.0, 25.0)
+    linear_exr: bool = False
+    """Also write A before denoising and exposure as float32 EXR, with its standard error."""
+
+    @field_validator("outputs", "layers")
+    @classmethod
+    def _some(cls, value):
+        if not value or len(set(value)) < len(value):
+            raise ValueError("name at least one, each once")
+        return value
+
+
+class Scene(Block):
+    """A whole scene file."""
+
+    name: str = "scene"
+    sequence: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "01"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    terrain: Terrain | None = None
+    objects: list[Object] = []
+    materials: dict[str, Material] = {}
+    water: Water | Literal["none"] = "none"
+    surface_depth_m: float = 0.0
+    """Depth of world z = 0 below the sea surface [m]."""
+    gravity: Positive = 9.81
+    """[m/s^2]; ORB-SLAM3 uses the same number."""
+    current: Current = Current()
+    vehicle: Vehicle = Vehicle()
+    trajectory: Trajectory
+    render: Render = Render()
+
+    _base_dir: Path = PrivateAttr(default=Path("."))
+    """Folder of the scene file: relative paths are relative to it."""
+
+    @field_validator("objects", mode="before")
+    @classmethod
+    def _files_are_meshes(cls, objects: Any):
+        """``{file: x.dae}`` is short for ``{kind: mesh, file: x.dae}``."""
+        if not isinstance(objects, list):
+            return objects
+        return [{"kind": "mesh", **o} if isinstance(o, dict) and "kind" not in o else o for o in objects]
+
+    @field_validator("materials", mode="before")
+    @classmethod
+    def _diffuse_by_default(cls, materials: Any):
+        if not isinstance(materials, dict):
+            return materials
+        return {k: {"kind": "diffuse", **m} if isinstance(m, dict) and "kind" not in m else m
+                for k, m in materials.items()}
+
+    @model_validator(mode="after")
+    def _materials_exist(self):
+        for key, placed in [("terrain", self.terrain)] + [(f"objects.{i}", o) for i, o in enumerate(self.objects)]:
+            if placed is not None and placed.material is not None and placed.material not in self.materials:
+                known = ", ".join(sorted(self.materials)) or "none"
+                raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})")
+        return self
+
+    def resolve(self, file: str) -> Path:
+        """Path of a file that the scene names."""
+        return (self._base_dir / Path(file).expanduser()).resolve()
