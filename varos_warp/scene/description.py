@@ -27,12 +27,34 @@ class Block(BaseModel):
 # ---------------------------------------------------------------------------------------------------------- geometry
 
 
+UpAxis = Literal["x", "y", "z"]
+
+
 class Preprocess(Block):
     """Repair of a raw terrain mesh before use (paper 3.1.1)."""
 
+    region: tuple[float, float, float, float] | None = None
+    """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
     merge_tolerance_m: NonNegative = 0.001
     shrinkwrap_resolution: Annotated[int, Field(ge=2)] | None = None
     target_vertices: Annotated[int, Field(ge=4)] | None = None
+
+    @field_validator("region")
+    @classmethod
+    def _region_has_area(cls, value):
+        if value is not None and not (value[0] < value[2] and value[1] < value[3]):
+            raise ValueError("a region is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
+        return value
+
+
+class Detail(Block):
+    """Seeded fractal relief added to a terrain that was surveyed too coarsely for close views."""
+
+    relief_m: Positive = 0.5
+    """From the lowest to the highest point of what is added [m]."""
+    feature_m: Positive = 8.0
+    """Size of the largest features [m]."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
 
 class Placed(Block):
@@ -49,10 +71,33 @@ class Placed(Block):
 class Terrain(Placed):
     """The sea floor: one mesh file or several that are joined."""
 
-    file: str | list[str]
+    kind: Literal["file"] = "file"
+    file: str | Annotated[list[str], Field(min_length=1)]
+    up_axis: UpAxis | None = None
+    """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
     preprocess: Preprocess | None = None
+    detail: Detail | None = None
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with; C always has the smoothed ones."""
+
+
+class ProceduralTerrain(Placed):
+    """A sea floor made from a seed: sand flats with rocky outcrops, centred at its origin."""
+
+    kind: Literal["procedural"]
+    size_m: Positive = 60.0
+    """Side of the square [m]."""
+    resolution: Annotated[int, Field(ge=2, le=4097)] = 257
+    """Vertices along a side."""
+    relief_m: NonNegative = 2.0
+    """From the lowest to the highest point [m]."""
+    rockiness: Unit = 0.4
+    """Share of the area that is rock."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind")]
 
 
 class MeshObject(Placed):
@@ -60,6 +105,8 @@ class MeshObject(Placed):
 
     kind: Literal["mesh"] = "mesh"
     file: str
+    up_axis: UpAxis | None = None
+    """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
     shading: Literal["flat", "smooth"] = "flat"
 
 
@@ -68,7 +115,10 @@ class Pipe(Placed):
 
     kind: Literal["pipe"]
     radius: Positive
+    """Outer radius [m]."""
     length: Positive
+    wall: Positive | None = None
+    """Wall thickness [m]; 8 % of the radius when absent, the radius or more for a solid rod."""
     shading: Literal["flat", "smooth"] = "smooth"
 
 
@@ -79,11 +129,13 @@ class Elbow(Placed):
     radius: Positive
     bend_radius: Positive
     angle_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 90.0
+    wall: Positive | None = None
+    """As for a pipe."""
     shading: Literal["flat", "smooth"] = "smooth"
 
 
 class PipeSupport(Placed):
-    """A saddle that carries a horizontal pipe of ``radius``; its origin is the pipe's axis."""
+    """A saddle that carries a pipe of ``radius`` along its own y axis; its origin is on the pipe's axis."""
 
     kind: Literal["pipe_support"]
     radius: Positive
@@ -110,7 +162,24 @@ class Nut(Placed):
     shading: Literal["flat", "smooth"] = "smooth"
 
 
-ParametricObject = Pipe | Elbow | PipeSupport | Bolt | Nut
+class Valve(Placed):
+    """A flanged valve on a pipe of ``radius`` along its own y axis, its hand wheel above (+z)."""
+
+    kind: Literal["valve"]
+    radius: Positive
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class Boulder(Placed):
+    """A rock, about ``diameter`` wide, centred at its origin; its shape follows from ``seed``."""
+
+    kind: Literal["boulder"]
+    diameter: Positive = 0.6
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+ParametricObject = Pipe | Elbow | PipeSupport | Bolt | Nut | Valve | Boulder
 Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind")]
 
 
@@ -231,6 +300,17 @@ class PointLight(Block):
 Light = Annotated[SpotLight | PointLight, Field(discriminator="kind")]
 
 
+def _check_look_at(block):
+    """A direction to look in must be given once, and exist."""
+    if block.look_at is None:
+        return block
+    if block.rotation_euler_deg not in (None, (0.0, 0.0, 0.0)):
+        raise ValueError("give look_at or rotation_euler_deg, not both")
+    if block.look_at == block.position:
+        raise ValueError("look_at must differ from the position")
+    return block
+
+
 class Camera(Block):
     """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
 
@@ -247,6 +327,8 @@ class Camera(Block):
     f_stop: NonNegative = 0.0
     """Focal length over aperture diameter; 0 is a pinhole."""
     focus_m: Positive = 3.0
+
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
 
 class Mounted(Block):
@@ -325,6 +407,8 @@ class Waypoint(Block):
     strict: bool = False
     dwell_s: NonNegative | None = None
 
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+
 
 class Pose(Block):
     """An exact pose at a time; no dynamics."""
@@ -333,6 +417,8 @@ class Pose(Block):
     position: Vec3
     look_at: Vec3 | None = None
     rotation_euler_deg: Vec3 | None = None
+
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
 
 class Trajectory(Block):
@@ -408,7 +494,7 @@ class Scene(Block):
     name: str = "scene"
     sequence: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "01"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    terrain: Terrain | None = None
+    terrain: AnyTerrain | None = None
     objects: list[Object] = []
     materials: dict[str, Material] = {}
     water: Water | Literal["none"] = "none"
@@ -423,6 +509,12 @@ class Scene(Block):
 
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
+
+    @field_validator("terrain", mode="before")
+    @classmethod
+    def _terrain_is_a_file(cls, terrain: Any):
+        """``{file: x.dae}`` is short for ``{kind: file, file: x.dae}``."""
+        return {"kind": "file", **terrain} if isinstance(terrain, dict) and "kind" not in terrain else terrain
 
     @field_validator("objects", mode="before")
     @classmethod
