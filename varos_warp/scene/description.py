@@ -479,6 +479,15 @@ class Render(Block):
     depth_range_m: tuple[NonNegative, Positive] = (0.0, 25.0)
     linear_exr: bool = False
     """Also write A before denoising and exposure as float32 EXR, with its standard error."""
+    depth_exr: bool = False
+    """Also write planar depth and range as float32 EXR (channels Z and range)."""
+
+    @field_validator("depth_range_m")
+    @classmethod
+    def _depth_ends_after_its_start(cls, value):
+        if not value[1] > value[0]:
+            raise ValueError("the end of the depth range must lie beyond its start")
+        return value
 
     @field_validator("outputs", "layers")
     @classmethod
