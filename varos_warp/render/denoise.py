@@ -1,0 +1,87 @@
+"""Denoising of linear radiance: Open Image Denoise on the noisy colour only, or non-local means (paper 3.2.1).
+
+Geometry guides (albedo, normals) are never given to a denoiser: they would imprint what the water hides.
+"""
+
+import functools
+import warnings
+
+import numpy as np
+
+
+def denoise(radiance: np.ndarray, stderr: np.ndarray, method: str) -> np.ndarray:
+    """Linear radiance float32 [H, W, 3] with less noise.
+
+    Args:
+        radiance: Linear radiance [H, W, 3].
+        stderr: Its standard error [H, W, 3]; where it is zero throughout, there is nothing to denoise.
+        method: ``oidn``, ``nlm`` or ``none`` (which returns the radiance itself).
+
+    Raises:
+        ValueError: If a value is not finite, or the method is unknown.
+    """
+    if method not in ("oidn", "nlm", "none"):
+        raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
+    radiance = np.ascontiguousarray(radiance, np.float32)
+    if method == "none" or not np.any(stderr) or not np.any(radiance):
+        return radiance
+    if not np.isfinite(radiance).all():
+        raise ValueError(f"cannot denoise: {np.count_nonzero(~np.isfinite(radiance))} values are not finite")
+    return _oidn(radiance) if available_method(method) == "oidn" else _nlm(radiance, stderr)
+
+
+@functools.cache
+def available_method(method: str) -> str:
+    """``method``, or ``nlm`` where Open Image Denoise cannot be loaded; says so once."""
+    if method != "oidn":
+        return method
+    try:
+        import pyoidn  # noqa: F401
+    except (ImportError, OSError) as error:
+        warnings.warn(f"Open Image Denoise is not available ({error}); non-local means takes its place", stacklevel=3)
+        return "nlm"
+    return "oidn"
+
+
+def _oidn(radiance: np.ndarray) -> np.ndarray:
+    """Open Image Denoise on the CPU, all cores; its bytes do not depend on the number of threads.
+
+    It adds 1e-4 of its own to very dark images, so the image is brought to a mean near 1 first.
+    """
+    import pyoidn
+
+    mean = float(radiance.mean(dtype=np.float64))
+    scale = np.float32(2.0 ** -np.round(np.log2(mean)))  # a power of two: exact
+    return pyoidn.denoise(radiance * scale, hdr=True, quality="high") / scale
+
+
+def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
+    """Non-local means in the square-root domain, where the noise of a path tracer is nearly uniform.
+
+    The mean of square roots is too dark, so the local mean of the linear image is restored afterwards.
+    """
+    from scipy.ndimage import gaussian_filter
+    from skimage.restoration import denoise_nl_means
+
+    root = np.sqrt(np.maximum(radiance, 0.0))
+    sigma = _sigma_of_root(radiance, stderr)
+    if not sigma > 0.0:
+        return radiance
+    smooth = denoise_nl_means(root, patch_size=5, patch_distance=5, h=0.8 * sigma, sigma=sigma, fast_mode=True,
+                              channel_axis=-1).astype(np.float32) ** 2
+    blur = functools.partial(gaussian_filter, sigma=(_BLUR_PX, _BLUR_PX, 0.0))
+    tiny = np.float32(1e-12) * max(float(smooth.max()), 1e-20)
+    return smooth * (blur(np.maximum(radiance, 0.0)) + tiny) / (blur(smooth) + tiny)
+
+
+_BLUR_PX = 4.0
+
+
+def _sigma_of_root(radiance: np.ndarray, stderr: np.ndarray) -> float:
+    """Typical standard error of the square root of the radiance, from the pixels that have light and noise."""
+    from scipy.ndimage import uniform_filter
+
+    mean = uniform_filter(np.maximum(radiance, 0.0).astype(np.float64), size=(5, 5, 1))
+    variance = uniform_filter(np.square(stderr, dtype=np.float64), size=(5, 5, 1))
+    noisy = (mean > 1e-6 * mean.max()) & (variance > 0.0)
+    return float(np.median(np.sqrt(variance[noisy] / (4.0 * mean[noisy])))) if noisy.any() else 0.0

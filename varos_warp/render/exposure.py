@@ -1,0 +1,93 @@
+"""Exposure correction (paper 3.2.1): the gain that each frame of A and B gets before its 8 bit PNG.
+
+The gains of a sequence follow from the statistics of all its frames, so that they do not depend on the order, the
+shards or the interruptions in which the frames were rendered.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+KEY_VALUE = 0.18
+"""Linear value that the log-average luminance of a frame is exposed to (Reinhard et al. 2002)."""
+HIGHLIGHT_PERCENTILE = 99.0
+"""Share of the pixels [%] that a frame's own gain keeps below white."""
+FLOOR = 1e-3
+"""Luminance, as a share of the highlights, below which darkness no longer asks for more gain."""
+TIME_CONSTANT_S = 1.0
+"""Standard deviation [s] of the Gaussian that smooths the logarithm of the gain over time."""
+CONSTANT_GAIN_B = 1.0
+"""B is lit by ambient radiance 1: a reflectance of 0.5 becomes linear 0.5, which is 188 in the 8 bit image."""
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Rec. 709."""
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What the exposure of a frame depends on; NaN for a black frame."""
+
+    log_average: float
+    """Geometric mean of the luminance."""
+    highlight: float
+    """`HIGHLIGHT_PERCENTILE` of each pixel's brightest channel."""
+
+    @property
+    def target_gain(self) -> float:
+        """Gain that would suit this frame alone: the key value, unless the highlights would burn out."""
+        return min(KEY_VALUE / self.log_average, 1.0 / self.highlight)
+
+
+def statistics(radiance: np.ndarray) -> Statistics:
+    """Statistics of one frame of linear radiance [H, W, 3] (the contents of its half-float EXR).
+
+    Both scale with the radiance, so that twice the light means exactly half the gain.
+    """
+    radiance = np.maximum(np.asarray(radiance, np.float64), 0.0)
+    highlight = float(np.percentile(radiance.max(axis=-1), HIGHLIGHT_PERCENTILE))
+    if not highlight > 0.0:
+        highlight = float(radiance.max())
+    if not highlight > 0.0:
+        return Statistics(np.nan, np.nan)
+    luminance = np.maximum(radiance @ _LUMINANCE, FLOOR * highlight)
+    return Statistics(float(np.exp(np.log(luminance).mean())), highlight)
+
+
+def is_constant(setting: str | float, output: str) -> bool:
+    """Whether the gain is known before any frame is rendered."""
+    return not isinstance(setting, str) or (setting == "constant" and output == "B")
+
+
+def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
+    """Gain [N] of every frame of one camera.
+
+    Args:
+        setting: A number: that gain. ``constant``: 1 for B, the median over the sequence for A. ``adaptive``:
+            follows the light, smoothed over time.
+        output: ``A`` or ``B``.
+        time_s: Time [N] of each frame, ascending [s].
+        frames: Statistics [N] of each frame.
+    """
+    count = len(time_s)
+    if not isinstance(setting, str):
+        return np.full(count, float(setting))
+    if is_constant(setting, output):
+        return np.full(count, CONSTANT_GAIN_B)
+    target = np.log([frame.target_gain for frame in frames])
+    if np.isnan(target).all():
+        return np.ones(count)
+    if setting == "constant":
+        return np.full(count, float(np.exp(np.nanmedian(target))))
+    return np.exp(_smooth(np.asarray(time_s, float), target))
+
+
+def _smooth(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Gaussian mean of ``values`` [N] over time; black frames (NaN) take what the nearest ones say."""
+    known = ~np.isnan(values)
+    time_known, values_known = time_s[known], values[known]
+    result = np.empty_like(values)
+    for k, t in enumerate(time_s):
+        distance = np.square((time_known - t) / TIME_CONSTANT_S) / 2.0
+        weight = np.exp(distance.min() - distance)  # relative to the nearest, so that a long gap does not underflow
+        result[k] = weight @ values_known / weight.sum()
+    return result

@@ -1,0 +1,129 @@
+"""THE table of image types A, B, C and D: what each holds, how it becomes the pixels of a file, and back.
+
+A and B: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
+C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535] (paper eq. (1) and 4.1).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+HALF_MAX = 65504.0
+"""Largest finite half float."""
+DEPTH_LEVELS = 65535
+"""Highest value of D: at or beyond the end of the depth range, or nothing hit."""
+
+
+def srgb_oetf(linear: np.ndarray) -> np.ndarray:
+    """Linear light in [0, 1] to the sRGB curve (IEC 61966-2-1); what lies outside is clipped."""
+    linear = np.clip(linear, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+
+
+def srgb_eotf(encoded: np.ndarray) -> np.ndarray:
+    """Inverse of `srgb_oetf`."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
+    """Half floats of linear radiance, and how many values above 65504 were cut to it.
+
+    Raises:
+        ValueError: If a value is NaN.
+    """
+    _refuse_nan(radiance)
+    clamped = int(np.count_nonzero(np.abs(radiance) > HALF_MAX))
+    return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
+
+
+def encode_color(radiance: np.ndarray, gain: float) -> np.ndarray:
+    """uint8 [H, W, 3] of linear radiance [H, W, 3] after exposure with ``gain``."""
+    _refuse_nan(radiance)
+    with np.errstate(over="ignore"):
+        return np.rint(255.0 * srgb_oetf(np.asarray(radiance, np.float32) * np.float32(gain))).astype(np.uint8)
+
+
+def decode_color(pixels: np.ndarray, gain: float) -> np.ndarray:
+    """Linear radiance float32 [H, W, 3] of an 8 bit image; exact to its rounding, 255 stands for anything above."""
+    return (srgb_eotf(pixels / 255.0) / gain).astype(np.float32)
+
+
+def encode_normal(normal: np.ndarray, _scale: None = None) -> np.ndarray:
+    """uint8 [H, W, 3] of world normals; where nothing was hit (the zero vector) it is (0, 0, 0)."""
+    _refuse_nan(normal)
+    pixels = np.rint((np.clip(normal, -1.0, 1.0) + 1.0) * 127.5).astype(np.uint8)
+    pixels[~np.any(normal, axis=-1)] = 0
+    return pixels
+
+
+def decode_normal(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
+    """Unit world normals float32 [H, W, 3], good to about 0.4 degrees; zero where nothing was hit."""
+    normal = pixels / 127.5 - 1.0
+    normal[~np.any(pixels, axis=-1)] = 0.0
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return (normal / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+
+
+def encode_depth(depth: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:
+    """uint16 [H, W] of distances [m] (paper eq. (1)): 0..65535 over the range, what lies outside is clamped."""
+    _refuse_nan(depth)
+    start, end = depth_range_m
+    share = np.clip((np.asarray(depth, float) - start) / (end - start), 0.0, 1.0)
+    return np.rint(share * DEPTH_LEVELS).astype(np.uint16)
+
+
+def decode_depth(pixels: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:
+    """Distances [m] float32 [H, W], good to half a step of eq. (1); inf at or beyond the end of the range."""
+    start, end = depth_range_m
+    depth = start + pixels.astype(float) * ((end - start) / DEPTH_LEVELS)
+    return np.where(pixels == DEPTH_LEVELS, np.inf, depth).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Output:
+    """One row of the table."""
+
+    letter: str
+    content: str
+    """The paper's words (table 6)."""
+    channels: int
+    dtype: type
+    """Of the PNG (table 4)."""
+    is_color: bool
+    """Linear radiance, which has an EXR and an exposure."""
+    encode: Callable[..., np.ndarray]
+    """(image, scale) -> pixels; the scale is the gain of A and B, the depth range of D, None for C."""
+    decode: Callable[..., np.ndarray]
+    """(pixels, scale) -> image."""
+
+
+OUTPUTS = {row.letter: row for row in (
+    Output("A", "RGB image with water", 3, np.uint8, True, encode_color, decode_color),
+    Output("B", "RGB image without water", 3, np.uint8, True, encode_color, decode_color),
+    Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
+    Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
+)}
+
+
+def linear_channels(image, layers: bool = True) -> dict[str, np.ndarray]:
+    """Channels of the float32 EXR of A as it was rendered: RGB, ``stderr.R`` ... and a triple for each layer.
+
+    Args:
+        image: What the renderer returns: ``radiance`` and ``stderr`` [H, W, 3] and ``layers``.
+        layers: Whether the layers are written as well.
+    """
+    triples = {"": image.radiance, "stderr.": image.stderr}
+    if layers:
+        triples |= {f"{name}.": layer for name, layer in (getattr(image, "layers", None) or {}).items()}
+    channels = {}
+    for prefix, values in triples.items():
+        _refuse_nan(values)
+        channels |= {f"{prefix}{c}": np.ascontiguousarray(values[..., i], np.float32) for i, c in enumerate("RGB")}
+    return channels
+
+
+def _refuse_nan(image: np.ndarray) -> None:
+    if np.isnan(image).any():
+        first = ", ".join(map(str, np.argwhere(np.isnan(image))[0]))
+        raise ValueError(f"the image has {np.isnan(image).sum()} NaN values, the first at [{first}]")
