@@ -1,0 +1,71 @@
+"""Image B: the scene without water in uniform ambient light of radiance 1."""
+
+import warp as wp
+
+from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.film import Film, deviation_product
+from varos_warp.kernels.intersect import SceneData, first_hit, hit_reflectance, shading_normal
+from varos_warp.kernels.light import brightest
+from varos_warp.kernels.sampling import sample_cosine, uniforms
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def ambient_radiance(scene: SceneData, o: wp.vec3, d: wp.vec3, max_bounces: int, key: wp.uint32, pixel: int, sample: int):
+    """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
+    throughput = wp.vec3(1.0)
+    origin = o
+    direction = d
+    bounces = int(0)
+    while bounces <= max_bounces:
+        hit = first_hit(scene, origin, direction)
+        if hit.face < 0:
+            return throughput
+        n = shading_normal(scene, hit)
+        throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n))
+        bounces += 1
+        u = uniforms(key, pixel, sample, bounces)
+        direction = sample_cosine(n, u[0], u[1])
+        origin = hit.p
+        survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
+        if u[2] >= survival:
+            return wp.vec3(0.0)
+        # around a smoothed normal some directions dip into the surface: mirrored out, no light is lost
+        below = wp.min(wp.dot(direction, hit.n), 0.0)
+        direction = direction - 2.0 * below * hit.n
+        throughput /= survival
+    return wp.vec3(0.0)
+
+
+@wp.kernel(enable_backward=False)
+def trace_ambient(
+    scene: SceneData,
+    camera: Camera,
+    first_row: int,
+    spp: int,
+    max_bounces: int,
+    key: wp.uint32,
+    # out
+    film: Film,
+):
+    """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
+    tile_row, col, stratum = wp.tid()
+    row = first_row + tile_row
+    pixel = row * film.m2.shape[2] + col
+    strata = film.m2.shape[0]
+    mean = wp.vec3(0.0)
+    m2 = wp.vec3(0.0)
+    count = float(0.0)
+    for sample in range(stratum * spp / strata, (stratum + 1) * spp / strata):
+        u = uniforms(key, pixel, sample, 0)
+        ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
+        L = ambient_radiance(scene, ray.o, ray.d, max_bounces, key, pixel, sample)
+        count += 1.0
+        before = mean
+        mean += (L - mean) / count
+        m2 += deviation_product(L, before, mean)
+    film.direct[stratum, row, col] = mean
+    film.single[stratum, row, col] = wp.vec3(0.0)
+    film.multiple[stratum, row, col] = wp.vec3(0.0)
+    film.m2[stratum, row, col] = m2

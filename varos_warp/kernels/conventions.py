@@ -1,0 +1,19 @@
+"""What every kernel agrees on.
+
+Lengths [m] in float32 relative to the scene's local origin; ``p`` points, ``d`` unit directions of travel of the ray
+(from the camera outwards), ``n`` unit normals, ``t`` distance along a ray, ``u`` uniform random numbers in [0, 1).
+Light travels against the rays. A scattering cosine is between the propagation directions before and after, so +1 is
+straight on: light coming from ``d_light`` (unit, towards the light) into the ray ``d`` has cos_theta = dot(d, d_light).
+Radiance is linear, in W/sr/m^2 per channel.
+"""
+
+import warp as wp
+
+FAR = wp.constant(1.0e9)
+"""Length of a ray that hits nothing [m]."""
+
+NEAR = wp.constant(1.0e-6)
+"""Smallest distance between a ray and a light that is told apart from zero [m]."""
+
+ALL = 1 << 30
+"""As a bound on scatterings or bounces: none."""

@@ -1,0 +1,115 @@
+"""Random numbers and the distributions drawn from them. Functions take ``u`` and return values; nothing has a state."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def pcg4d(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32):
+    """Hash four words to four words (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering", JCGT 9(3))."""
+    m = wp.uint32(1664525)
+    k = wp.uint32(1013904223)
+    x = a * m + k
+    y = b * m + k
+    z = c * m + k
+    w = d * m + k
+    x += y * w
+    y += z * x
+    z += x * y
+    w += y * z
+    s = wp.uint32(16)
+    x = x ^ (x >> s)
+    y = y ^ (y >> s)
+    z = z ^ (z >> s)
+    w = w ^ (w >> s)
+    x += y * w
+    y += z * x
+    z += x * y
+    w += y * z
+    return x, y, z, w
+
+
+@wp.func
+def to_unit(x: wp.uint32):
+    """The upper 24 bits of a word as a float in [0, 1)."""
+    return float(x >> wp.uint32(8)) * 5.9604644775390625e-08
+
+
+@wp.func
+def uniforms(key: wp.uint32, pixel: int, sample: int, dimension: int):
+    """Four numbers in [0, 1) that depend on nothing but the arguments; ``key`` holds seed, frame and camera."""
+    x, y, z, w = pcg4d(wp.uint32(pixel), wp.uint32(sample), wp.uint32(dimension), key)
+    return wp.vec4(to_unit(x), to_unit(y), to_unit(z), to_unit(w))
+
+
+@wp.func
+def from_polar(axis: wp.vec3, cos_theta: float, sin_theta: float, phi: float):
+    """Unit vector at angle theta from ``axis`` (frame of Duff et al. 2017, JCGT 6(1))."""
+    s = wp.where(axis[2] < 0.0, -1.0, 1.0)
+    a = -1.0 / (s + axis[2])
+    b = axis[0] * axis[1] * a
+    e1 = wp.vec3(1.0 + s * axis[0] * axis[0] * a, s * b, -s * axis[0])
+    e2 = wp.vec3(b, s + axis[1] * axis[1] * a, -axis[1])
+    return wp.normalize(sin_theta * wp.cos(phi) * e1 + sin_theta * wp.sin(phi) * e2 + cos_theta * axis)
+
+
+@wp.func
+def sample_cosine(n: wp.vec3, u: float, v: float):
+    """Direction around ``n`` with density cos(theta)/pi."""
+    return from_polar(n, wp.sqrt(1.0 - u), wp.sqrt(u), wp.tau * v)
+
+
+@wp.func
+def sample_disk(u: float, v: float):
+    """Point in the unit disk."""
+    r = wp.sqrt(u)
+    return wp.vec2(r * wp.cos(wp.tau * v), r * wp.sin(wp.tau * v))
+
+
+@wp.func
+def equiangular_angle(h: float, ya: float, yb: float):
+    """Angle [rad] over h [m] under which a point at distance ``h`` from a line sees the line from ya to yb.
+
+    It is the integral of 1/(h^2 + y^2), and it stays finite as h -> 0 while ya and yb have one sign.
+    """
+    small = h * (yb - ya)
+    large = h * h + ya * yb
+    if large > 0.0 and small < 1.0e-4 * large:
+        return (yb - ya) / large
+    return wp.atan2(small, large) / h
+
+
+@wp.func
+def sample_equiangular(h: float, ya: float, yb: float, u: float):
+    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle (Kulla and Fajardo 2012).
+
+    The rational form keeps its digits as h -> 0; the usual one is used where the foot of the light is in between.
+    """
+    angle = equiangular_angle(h, ya, yb)
+    if ya * yb < 0.0:
+        y = h * wp.tan(wp.atan2(ya, h) + u * angle * h)
+    else:
+        x = u * angle * h
+        s = wp.where(x < 1.0e-4, u * angle, wp.tan(x) / h)
+        # 1 - ya s, without cancellation where it matters: y = (ya + h^2 s) / (1 - ya s)
+        y = (ya + h * h * s) / (1.0 - ya * s)
+    return wp.clamp(y, ya, yb)
+
+
+@wp.func
+def joint_pdf(cos_gamma: float):
+    """Density [1/sr] of directions around a light, proportional to (pi - gamma)/sin(gamma).
+
+    That is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et al. 2013): sampling it and
+    then the point on the ray equiangularly leaves no singularity in double scattering.
+    """
+    gamma = wp.acos(wp.clamp(cos_gamma, -1.0, 1.0))
+    return (wp.pi - gamma) / (wp.max(wp.sin(gamma), 1.0e-4) * wp.pi * wp.pi * wp.pi)
+
+
+@wp.func
+def sample_joint(to_light: wp.vec3, u: float, v: float):
+    """Direction with density joint_pdf around ``to_light``."""
+    gamma = wp.pi * (1.0 - wp.sqrt(1.0 - u))
+    return from_polar(to_light, wp.cos(gamma), wp.sin(gamma), wp.tau * v)

@@ -1,0 +1,67 @@
+"""Light that a lamp sends into a ray with one event: off the surface at its end, or scattered once on the way."""
+
+import warp as wp
+
+from varos_warp.kernels.conventions import NEAR
+from varos_warp.kernels.intersect import Hit, SceneData, visible
+from varos_warp.kernels.light import Light, LitInterval, falloff
+from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.phase import hg_eval
+from varos_warp.kernels.sampling import sample_equiangular
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def irradiance_unoccluded(scene: SceneData, light: Light, p: wp.vec3, n: wp.vec3):
+    """Irradiance [W/m^2] from one lamp through the water, as if nothing stood between."""
+    offset = light.position - p
+    distance = wp.max(wp.length(offset), NEAR)
+    to_light = offset / distance
+    cosine = wp.dot(n, to_light)
+    if cosine <= 0.0:
+        return wp.vec3(0.0)
+    share = cosine * falloff(light, -wp.dot(to_light, light.axis)) / (distance * distance)
+    return share * wp.cw_mul(light.intensity, transmittance(scene.medium, distance))
+
+
+@wp.func
+def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
+    """Radiance of a white Lambertian surface at ``hit`` lit by one lamp."""
+    E = irradiance_unoccluded(scene, light, hit.p, n)
+    if wp.max(E) <= 0.0 or wp.dot(light.position - hit.p, hit.n) <= 0.0:
+        return wp.vec3(0.0)
+    if not visible(scene, hit.p, light.position):
+        return wp.vec3(0.0)
+    return E / wp.pi
+
+
+@wp.func
+def one_minus_cos_at(y: float, h: float, distance: float):
+    """1 - cos(theta) = 1 + y/distance for scattering at y from a lamp's foot, without cancellation before the foot."""
+    if y < 0.0:
+        return h * h / (distance * (distance - y))
+    return 1.0 + y / distance
+
+
+@wp.func
+def in_scattered(scene: SceneData, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float):
+    """Estimate of the radiance that one lamp's light adds to a ray by scattering once in the lit interval.
+
+    Unbiased with one equiangular sample ``u`` (Kulla and Fajardo 2012) restricted to the cone: the distance law cancels
+    against the density, and ``lit.angle`` = 1/(pdf d^2) is all that remains.
+    """
+    if lit.angle <= 0.0:
+        return wp.vec3(0.0)
+    y = sample_equiangular(lit.h, lit.ya, lit.yb, u)
+    t = wp.max(lit.foot + y, 0.0)
+    p = o + t * d
+    distance = wp.sqrt(lit.h * lit.h + y * y)
+    weight = lit.angle * hg_eval(one_minus_cos_at(y, lit.h, distance), scene.medium.g)
+    weight *= falloff(light, wp.dot(p - light.position, light.axis) / distance)
+    if weight <= 0.0:
+        return wp.vec3(0.0)
+    if not visible(scene, p, light.position):
+        return wp.vec3(0.0)
+    T = transmittance(scene.medium, t + distance)
+    return weight * wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), T)

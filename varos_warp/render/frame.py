@@ -1,0 +1,223 @@
+"""One frame: the radiance of A and B, the normals of C and the depth of D from one pose of the vehicle."""
+
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from varos_warp.errors import InputError
+from varos_warp.kernels.ambient import trace_ambient
+from varos_warp.kernels.aov import trace_first_hits
+from varos_warp.kernels.conventions import ALL
+from varos_warp.kernels.film import Film, merge_strata
+from varos_warp.kernels.path import PathSpec, make_path_kernel
+from varos_warp.scene.description import Scene
+from varos_warp.scene.device import DeviceScene, resolve_device
+from varos_warp.scene.geometry import Part
+
+LAYERS = ("direct", "single", "multiple")
+TILE_ROWS = 8
+"""Rows of a CPU tile: enough tiles to keep every core busy to the end."""
+GPU_THREADS = 1 << 19
+"""Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
+
+
+@dataclass(frozen=True)
+class RadianceImage:
+    """Linear radiance [W/sr/m^2] before denoising and exposure, float32 [H, W, 3]."""
+
+    radiance: np.ndarray
+    stderr: np.ndarray
+    """Standard error of the mean; inf for one sample."""
+    layers: dict[str, np.ndarray] = field(default_factory=dict)
+    """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
+
+
+@dataclass(frozen=True)
+class NormalImage:
+    """World normals towards the camera, float32 [H, W, 3]; zeros where nothing is hit."""
+
+    normal: np.ndarray
+
+
+@dataclass(frozen=True)
+class DepthImage:
+    """Distances [m] of the pixel centres' first hits, float32 [H, W]; inf where nothing is hit."""
+
+    depth: np.ndarray
+    """Planar, along the camera's z axis."""
+    range: np.ndarray
+    """Along the ray."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What was asked for of one pose; the rest is None."""
+
+    A: RadianceImage | None = None
+    B: RadianceImage | None = None
+    C: NormalImage | None = None
+    D: DepthImage | None = None
+
+
+def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
+    """32-bit key of the random numbers of one image; pixel and sample are added in the kernel."""
+    words = [seed, frame, *camera.encode(), *output.encode()]
+    return int(np.random.SeedSequence(words).generate_state(1)[0])
+
+
+class FrameRenderer:
+    """Renders frames of one scene on one device; uploads and compiles once.
+
+    Args:
+        scene: the scene.
+        device: ``auto``, ``cpu`` or ``cuda:N``.
+        parts: its geometry, where it is built already.
+        threads: CPU threads; absent: all that the process may use. Does not change a byte of the result.
+    """
+
+    def __init__(self, scene: Scene, device: str = "auto", parts: list[Part] | None = None, threads: int | None = None):
+        self.scene = scene
+        self.device = resolve_device(device)
+        self.device_name = wp.get_device(self.device).name
+        if parts is None:
+            from varos_warp.scene.meshes import build_parts
+
+            parts = build_parts(scene)
+        self.world = DeviceScene(scene, parts, self.device)
+        self.origin = self.world.origin
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.compile_seconds = 0.0
+        self._films: dict[tuple[int, int, int], Film] = {}
+        self._loaded: set = set()
+        self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
+
+    def render(self, T_w_v, camera: str | None = None, outputs="ABCD", *, spp: int | None = None, spp_b: int | None = None,
+               max_scatterings: int | None = None, max_bounces: int | None = None, layers=LAYERS,
+               seed: int | None = None, frame: int = 0) -> Frame:
+        """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
+
+        Args:
+            T_w_v: pose of the vehicle in the world.
+            camera: id of a camera of the scene; absent: the first.
+            outputs: any of A, B, C, D.
+            spp: samples per pixel of A; absent: the scene's, or 64.
+            spp_b: samples per pixel of B; absent: the scene's.
+            max_scatterings: most scatterings in the water on a path; None: no bound.
+            max_bounces: most reflections on surfaces; None: no bound.
+            layers: which of direct, single, multiple to render.
+            seed: of the random numbers; absent: the scene's.
+            frame: number of the frame, which keys the random numbers too.
+        """
+        view = self._camera(camera)
+        seed = self.scene.seed if seed is None else seed
+        T_w_v = np.asarray(T_w_v, np.float64)
+        images = {}
+        if "A" in outputs:
+            spp = spp or self.scene.render.spp or 64
+            bounds = (ALL if bound is None else bound for bound in (max_scatterings, max_bounces))
+            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, stream_key(seed, frame, view.id, "A"))
+        if "B" in outputs:
+            key = stream_key(seed, frame, view.id, "B")
+            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, key)
+        if "C" in outputs or "D" in outputs:
+            normals, depths = self._render_first_hits(view, T_w_v)
+            images |= {name: image for name, image in (("C", normals), ("D", depths)) if name in outputs}
+        return Frame(**images)
+
+    def _camera(self, name: str | None):
+        if name is None:
+            return self.scene.vehicle.cameras[0]
+        if name not in self._cameras:
+            raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(self._cameras)}.")
+        return self._cameras[name]
+
+    # ------------------------------------------------------------------------------------------------- the images
+
+    def _render_water(self, view, T_w_v, spp, max_scatterings, max_bounces, layers, key) -> RadianceImage:
+        if not (self.world.has_surfaces or self.world.water.sigma_s.any()) or not self.scene.vehicle.lights:
+            black = np.zeros((*view.resolution[::-1], 3), np.float32)
+            return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
+        medium = bool(self.world.water.sigma_s.any())
+        spec = PathSpec(self.world.has_surfaces, medium, "direct" in layers, "single" in layers, "multiple" in layers)
+        self.world.pose_lights(T_w_v)
+        film = self._film(view, spp)
+        self._launch(make_path_kernel(spec), view, film,
+                     [self.world.data, self.world.camera(view, T_w_v)],
+                     [spp, max_scatterings, max_bounces, wp.uint32(key), film])
+        return self._develop(film, spp, layers)
+
+    def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
+        if not self.world.has_surfaces:
+            shape = (*view.resolution[::-1], 3)
+            return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
+        film = self._film(view, spp)
+        self._launch(trace_ambient, view, film, [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],
+                     [spp, ALL, wp.uint32(key), film])
+        image = self._develop(film, spp, ("direct",))
+        return RadianceImage(image.radiance, image.stderr)
+
+    def _render_first_hits(self, view, T_w_v) -> tuple[NormalImage, DepthImage]:
+        width, height = view.resolution
+        if not self.world.has_surfaces:
+            nothing = np.full((height, width), np.inf, np.float32)
+            return NormalImage(np.zeros((height, width, 3), np.float32)), DepthImage(nothing, nothing.copy())
+        normal = wp.empty((height, width), dtype=wp.vec3, device=self.device)
+        depth = wp.empty((height, width), dtype=float, device=self.device)
+        distance = wp.empty((height, width), dtype=float, device=self.device)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        self._launch(trace_first_hits, view, None, [self.world.data, camera], [normal, depth, distance])
+        return NormalImage(normal.numpy()), DepthImage(depth.numpy(), distance.numpy())
+
+    # ---------------------------------------------------------------------------------------------- films, launches
+
+    def _film(self, view, spp: int) -> Film:
+        """Buffers for an image, kept from frame to frame; the strata depend on nothing but device kind, size and spp."""
+        width, height = view.resolution
+        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
+        shape = (strata, height, width)
+        if shape not in self._films:
+            film = Film()
+            for name in ("direct", "single", "multiple", "m2"):
+                setattr(film, name, wp.empty(shape, dtype=wp.vec3, device=self.device))
+            self._films[shape] = film
+        return self._films[shape]
+
+    def _develop(self, film: Film, spp: int, layers) -> RadianceImage:
+        shape = film.m2.shape[1:]
+        images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in (*LAYERS, "radiance", "stderr")}
+        wp.launch(merge_strata, dim=shape, inputs=[film, spp], outputs=list(images.values()), device=self.device)
+        arrays = {name: image.numpy() for name, image in images.items()}
+        return RadianceImage(arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers})
+
+    def _launch(self, kernel, view, film, before, after):
+        """Run a kernel over the image: at once on a GPU, in tiles of rows from a thread pool on the CPU."""
+        self._load(kernel)
+        width, height = view.resolution
+        strata = () if film is None else (film.m2.shape[0],)
+        if self.device != "cpu":
+            wp.launch(kernel, dim=(height, width, *strata), inputs=[*before, 0, *after], device=self.device)
+            return
+
+        def launch_tile(row):
+            rows = min(TILE_ROWS, height - row)
+            wp.launch(kernel, dim=(rows, width, *strata), inputs=[*before, row, *after], device="cpu")
+
+        rows = range(0, height, TILE_ROWS)
+        if self.threads == 1:
+            for row in rows:
+                launch_tile(row)
+            return
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(launch_tile, rows))
+
+    def _load(self, kernel):
+        """Compile a kernel before threads need it, and count the time apart."""
+        if kernel not in self._loaded:
+            start = time.perf_counter()
+            kernel.module.load(self.device)
+            self.compile_seconds += time.perf_counter() - start
+            self._loaded.add(kernel)

@@ -1,0 +1,122 @@
+"""A scene in device memory: one mesh with its BVH, materials, lights and water, in a local float32 world."""
+
+import numpy as np
+import warp as wp
+
+from varos_warp.errors import InputError
+from varos_warp.kernels.camera import Camera as CameraData
+from varos_warp.kernels.intersect import SceneData
+from varos_warp.kernels.light import Light as LightData
+from varos_warp.kernels.medium import Medium
+from varos_warp.kernels.texture import Material
+from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry import Part
+from varos_warp.scene.materials import device_material
+from varos_warp.scene.normals import corner_normals, face_normals
+from varos_warp.scene.water import optical_properties
+
+
+def resolve_device(name: str = "auto") -> str:
+    """``auto`` is the first CUDA device, else the CPU; an unknown name is an InputError."""
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING) if hasattr(wp, "LOG_WARNING") else wp.config.log_level
+    known = [str(device) for device in wp.get_devices()]
+    if name == "auto":
+        return next((device for device in known if device.startswith("cuda")), "cpu")
+    name = "cuda:0" if name == "cuda" else name
+    if name not in known:
+        raise InputError("no such device here", key="--device", value=name, remedy=f"Use auto or one of: {', '.join(known)}.")
+    return name
+
+
+class DeviceScene:
+    """Owns everything that kernels read of a scene; ``data`` holds the handles.
+
+    World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
+    """
+
+    def __init__(self, scene: Scene, parts: list[Part], device: str):
+        self.scene, self.device = scene, device
+        self.origin = local_origin(scene, parts)
+        self.water = optical_properties(scene)
+        self.has_surfaces = bool(parts)
+        self.data = SceneData()
+        self.data.medium = self._medium()
+        if parts:
+            self._upload_geometry(parts)
+        self.lights = wp.zeros(len(scene.vehicle.lights), dtype=LightData, device=device)
+        self.data.lights = self.lights
+
+    def _medium(self) -> Medium:
+        medium = Medium()
+        medium.sigma_s = wp.vec3(*self.water.sigma_s)
+        medium.sigma_t = wp.vec3(*self.water.sigma_t)
+        medium.g = self.water.g
+        return medium
+
+    def _upload_geometry(self, parts: list[Part]):
+        starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+        vertices = np.concatenate([part.vertices for part in parts]) - self.origin
+        faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+        self.face_count = len(faces)
+
+        def upload(array, dtype):
+            return wp.array(array, dtype=dtype, device=self.device)
+
+        self.mesh = wp.Mesh(points=upload(vertices.astype(np.float32), wp.vec3),
+                            indices=upload(faces.ravel().astype(np.int32), wp.int32))
+        counts = [len(part.faces) for part in parts]
+        self.face_material = upload(np.repeat(np.arange(len(parts), dtype=np.int32), counts), wp.int32)
+        self.materials = wp.array([device_material(part, self.scene.seed) for part in parts], dtype=Material, device=self.device)
+        smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
+        self.smooth_normals = upload(np.concatenate(smooth).reshape(-1, 3).astype(np.float32), wp.vec3)
+        self.data.mesh = self.mesh.id
+        self.data.face_material, self.data.materials = self.face_material, self.materials
+        self.data.smooth_normals = self.smooth_normals
+        if any(part.smooth_shading for part in parts):
+            lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
+                   for part, normals in zip(parts, smooth, strict=True)]
+            self.shading_normals = upload(np.concatenate(lit).reshape(-1, 3).astype(np.float32), wp.vec3)
+            self.data.shading_normals, self.data.has_shading_normals = self.shading_normals, 1
+
+    def pose_lights(self, T_w_v: np.ndarray):
+        """Put the vehicle's lights where a pose of the vehicle has them."""
+        records = []
+        for light in self.scene.vehicle.lights:
+            record = LightData()
+            record.position = wp.vec3(*(T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - self.origin))
+            record.intensity = wp.vec3(*light.intensity)
+            record.cos_half = -1.0
+            record.axis = wp.vec3(0.0, 0.0, 1.0)
+            if light.kind == "spot":
+                axis = T_w_v[:3, :3] @ np.asarray(light.direction)
+                record.axis = wp.vec3(*(axis / np.linalg.norm(axis)))
+                record.cos_half = float(np.cos(np.radians(light.cone_deg) / 2)) if light.cone_deg < 360.0 else -1.0
+                record.blend = light.blend
+            records.append(record)
+        if records:
+            self.lights.assign(wp.array(records, dtype=LightData, device=self.device))
+
+    def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:
+        """Camera record for a pose of the vehicle; ``pinhole`` leaves out the depth of field."""
+        T_w_c, K = camera_pose(camera, T_w_v), intrinsics(camera)
+        record = CameraData()
+        record.position = wp.vec3(*(T_w_c[:3, 3] - self.origin))
+        record.right, record.down, record.forward = (wp.vec3(*T_w_c[:3, axis]) for axis in range(3))
+        record.fx, record.fy, record.cx, record.cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+        open_lens = camera.f_stop > 0.0 and not pinhole
+        record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
+        record.focus = camera.focus_m if open_lens else 1.0
+        return record
+
+
+def local_origin(scene: Scene, parts: list[Part]) -> np.ndarray:
+    """Whole metres near the middle of what is rendered, float64 [3]: float32 then resolves the scene's own size."""
+    if parts:
+        low = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
+        high = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
+    else:
+        trajectory = scene.trajectory
+        positions = np.array([pose.position for pose in trajectory.waypoints or trajectory.poses])
+        low, high = positions.min(axis=0), positions.max(axis=0)
+    return np.round((low + high) / 2)
