@@ -96,6 +96,16 @@ def test_a_black_image_and_a_noise_free_image_pass(method):
     np.testing.assert_allclose(denoise(grey, black, method), 0.3, rtol=0.02)
 
 
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_one_sample_per_pixel_of_unknown_error_is_denoised_too(method):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+    truth, noisy, _ = scene(spp=1)
+    result = denoise(noisy, np.full_like(noisy, np.inf), method)
+    assert np.isfinite(result).all()
+    assert rmse(result, truth) < rmse(noisy, truth) / 2
+
+
 def test_none_changes_nothing():
     _, noisy, stderr = scene()
     assert denoise(noisy, stderr, "none").tobytes() == noisy.tobytes()

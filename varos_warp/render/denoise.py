@@ -78,9 +78,13 @@ _BLUR_PX = 4.0
 
 
 def _sigma_of_root(radiance: np.ndarray, stderr: np.ndarray) -> float:
-    """Typical standard error of the square root of the radiance, from the pixels that have light and noise."""
+    """Typical standard error of the square root of the radiance, from the pixels that have light and noise.
+
+    One sample per pixel has no known error (inf); its noise is taken to be as large as its radiance.
+    """
     from scipy.ndimage import uniform_filter
 
+    stderr = np.where(np.isfinite(stderr), stderr, radiance)
     mean = uniform_filter(np.maximum(radiance, 0.0).astype(np.float64), size=(5, 5, 1))
     variance = uniform_filter(np.square(stderr, dtype=np.float64), size=(5, 5, 1))
     noisy = (mean > 1e-6 * mean.max()) & (variance > 0.0)

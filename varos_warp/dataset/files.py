@@ -1,0 +1,214 @@
+"""One file at a time: written under a hidden name and renamed when complete, and read back with clear errors."""
+
+import contextlib
+import csv
+import errno
+import io
+import itertools
+import json
+import os
+import re
+import socket
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError
+
+_HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
+_counter = itertools.count()
+
+
+# ------------------------------------------------------------------------------------------------------------ writing
+
+
+@contextlib.contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """A hidden name beside ``path`` to write to; it becomes ``path`` on success and is removed on anything else.
+
+    Raises:
+        InputError: If the disk is full, or the folder cannot be made or written to.
+    """
+    temp = path.with_name(f".{path.name}.{_HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temp
+            os.replace(temp, path)
+    finally:
+        with contextlib.suppress(OSError):
+            temp.unlink()
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """What the disk refuses becomes one message for the user."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path,
+                         remedy="Free some space, mend the permissions or choose another folder with -o.") from error
+
+
+def write_bytes(path: Path, data: bytes) -> bool:
+    """Write a whole file; one that holds these bytes already stays as it is. Returns whether it was written."""
+    with contextlib.suppress(OSError):
+        if path.stat().st_size == len(data) and path.read_bytes() == data:
+            return False
+    with atomic(path) as temp:
+        temp.write_bytes(data)
+    return True
+
+
+def write_json(path: Path, content) -> bool:
+    """Write indented JSON; NaN and infinity are refused, since JSON has no word for them."""
+    return write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def write_csv(path: Path, header: list[str], *columns) -> bool:
+    """Write columns ([N] or [N, k] each) with full precision: 17 digits read back to the same float64."""
+    series = [c for column in columns for c in np.atleast_2d(np.asarray(column).T).tolist()]
+    if len(series) != len(header):
+        raise ValueError(f"{path}: {len(header)} names for {len(series)} columns")
+    lines = [",".join(header)]
+    lines += [",".join(x if isinstance(x, str) else repr(x) for x in row) for row in zip(*series, strict=True)]
+    return write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def write_png(path: Path, pixels: np.ndarray) -> bool:
+    """Write uint8 [H, W, 3] or uint16 [H, W] losslessly."""
+    from PIL import Image
+
+    data = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(data, "PNG", compress_level=4)
+    return write_bytes(path, data.getvalue())
+
+
+def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    """Write float16 or float32 channels [H, W] (or ``RGB`` [H, W, 3]), ZIP compressed."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with atomic(path) as temp:
+        try:
+            OpenEXR.File(header, dict(channels)).write(str(temp))  # it changes the dict
+        except RuntimeError as error:  # the library's word for a full disk
+            raise OSError(str(error)) from error
+        if not is_complete(temp, ".exr"):  # when a disk fills up with the last buffer, the library says nothing
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def sweep(folder: Path) -> None:
+    """Remove what killed processes of this host left behind under hidden names."""
+    for temp in folder.rglob(".*.tmp"):
+        match = re.search(rf"\.{_HOST}-(\d+)-\d+\.tmp$", temp.name)
+        if match and not _alive(int(match[1])):
+            temp.unlink(missing_ok=True)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+# ------------------------------------------------------------------------------------------------------------ reading
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        raise InputError("there is no such file", file=path) from error
+    except (OSError, ValueError, SyntaxError, RuntimeError, IndexError, KeyError, struct.error) as error:
+        raise InputError(f"cannot be read: {error}", file=path,
+                         remedy="The file is damaged; delete it and `run` again to make it anew.") from error
+
+
+def read_json(path: Path) -> dict:
+    """Contents of a JSON file."""
+    with _reading(path):
+        return json.loads(path.read_text(encoding="utf-8"))
+
+
+def read_csv(path: Path) -> dict[str, np.ndarray]:
+    """Columns by name: int64 where every entry is an integer, else float64, else text."""
+    with _reading(path):
+        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+        header, body = rows[0], rows[1:]
+        if any(len(row) != len(header) for row in body):
+            raise ValueError(f"a row has not {len(header)} entries")
+        return {name: _typed([row[i] for row in body]) for i, name in enumerate(header)}
+
+
+def _typed(entries: list[str]) -> np.ndarray:
+    for dtype in (np.int64, np.float64):
+        with contextlib.suppress(ValueError, OverflowError):
+            return np.array([int(e) for e in entries] if dtype is np.int64 else entries, dtype)
+    return np.array(entries)
+
+
+def read_png(path: Path) -> np.ndarray:
+    """Pixels of a PNG: uint8 [H, W, 3] or uint16 [H, W]."""
+    from PIL import Image
+
+    with _reading(path):
+        _refuse_incomplete(path)
+        with Image.open(path) as image:
+            return np.array(image)
+
+
+def read_exr(path: Path) -> dict[str, np.ndarray]:
+    """Channels [H, W] of an EXR by name."""
+    import OpenEXR
+
+    with _reading(path):
+        _refuse_incomplete(path)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def _refuse_incomplete(path: Path) -> None:
+    if not is_complete(path):
+        raise ValueError(f"it is not a whole {path.suffix[1:].upper()}") if path.exists() else FileNotFoundError(path)
+
+
+def is_complete(path: Path, suffix: str | None = None) -> bool:
+    """Whether an image file is there and has its end; costs two small reads, so thousands can be asked."""
+    try:
+        with path.open("rb") as file:
+            return _png_has_end(file) if (suffix or path.suffix) == ".png" else _exr_has_end(file)
+    except (OSError, ValueError, IndexError, struct.error):
+        return False
+
+
+def _png_has_end(file) -> bool:
+    start = file.read(8)
+    file.seek(-12, os.SEEK_END)
+    return start == b"\x89PNG\r\n\x1a\n" and file.read(12) == b"\0\0\0\0IEND\xaeB`\x82"
+
+
+def _exr_has_end(file) -> bool:
+    """Whether the last block of scan lines that the table of a single-part EXR names ends where the file ends."""
+    head = file.read(4096)
+    if head[:4] != b"\x76\x2f\x31\x01":
+        return False
+    at = 8
+    while head[at]:  # attributes: name, type, size, value
+        at = head.index(b"\0", head.index(b"\0", at) + 1) + 1
+        at += 4 + struct.unpack_from("<i", head, at)[0]
+    first = struct.unpack_from("<Q", head, at + 1)[0]
+    file.seek(at + 1)
+    last = max(struct.unpack(f"<{(first - at - 1) // 8}Q", file.read(first - at - 1)))
+    file.seek(last)
+    size = struct.unpack("<ii", file.read(8))[1]
+    return file.seek(0, os.SEEK_END) == last + 8 + size
