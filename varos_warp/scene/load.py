@@ -1,0 +1,343 @@
+"""Scene files: read YAML into a ``Scene``, say plainly what is wrong with it, and write a scene back."""
+
+import difflib
+import re
+import typing
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+
+DATA = resources.files("varos_warp") / "data"
+"""Scenes that come with the package: ``demo.yaml`` and ``starter.yaml``."""
+
+
+def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+    """Read a scene file.
+
+    Args:
+        path: YAML file; the files that it names are relative to its folder.
+        overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``.
+
+    Raises:
+        InputError: The file cannot be read, is not YAML, repeats a key, or says something no scene can say.
+    """
+    path = Path(path)
+    source = _parse(_read_text(path), path)
+    for override in overrides:
+        _apply_override(source, override)
+    return _validate(source, path.parent)
+
+
+def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
+    """Scene from the data of a scene file, such as ``scene_to_dict`` gives; files are relative to ``base_dir``."""
+    return _validate(_Source(data=data), Path(base_dir))
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """The whole scene with every default filled in, as plain JSON types; ``scene_from_dict`` gives it back."""
+    return scene.model_dump(mode="json")
+
+
+def dump_scene(scene: Scene) -> str:
+    """The whole scene, every default filled in, as the text of a scene file."""
+    return yaml.safe_dump(scene_to_dict(scene), sort_keys=False, allow_unicode=True, width=120)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the scene file."""
+    return Scene.model_json_schema()
+
+
+def starter_scene() -> str:
+    """A commented scene file to begin with; it loads and renders without any mesh file."""
+    return (DATA / "starter.yaml").read_text(encoding="utf-8")
+
+
+def demo_scene_path() -> Path:
+    """The scene of ``varos-warp demo``."""
+    return Path(str(DATA / "demo.yaml"))
+
+
+# --------------------------------------------------------------------------------------------------------------- YAML
+
+
+@dataclass
+class _Source:
+    """What a scene file says, and where."""
+
+    data: Any
+    file: Path | None = None
+    lines: dict[tuple, int] = field(default_factory=dict)
+    """Line of every key, by its path."""
+    overridden: dict[tuple, str] = field(default_factory=dict)
+    """The override that set a key, by its path."""
+
+    def where(self, path: tuple) -> dict[str, Any]:
+        """File, line and key for a message about ``path``, or about the nearest block around it that has a line."""
+        key = ".".join(str(part) for part in path) or None
+        for end in range(len(path), -1, -1):
+            if path[:end] in self.overridden:
+                return {"file": f"--set {self.overridden[path[:end]]}", "key": key}
+            if path[:end] in self.lines:
+                return {"file": self.file, "line": self.lines[path[:end]], "key": key}
+        return {"file": self.file, "key": key}
+
+
+def _read_text(path: Path) -> str:
+    remedy = "Give the path of a scene file; `varos-warp init` writes one to begin with."
+    if not path.is_file():
+        problem = "is a folder, not a scene file" if path.is_dir() else "there is no such scene file"
+        raise InputError(problem, file=path, remedy=remedy)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError("is not a text file in UTF-8", file=path, remedy=remedy) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
+
+
+def _parse(text: str, path: Path) -> _Source:
+    """Data and line numbers of a scene file."""
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        lines: dict[tuple, int] = {}
+        if node is not None:
+            _collect_lines(node, (), lines, path, set())
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
+                         remedy="Check indentation, colons and brackets there.") from None
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # such as a date that does not exist
+        raise InputError(f"is not valid YAML: {error}", file=path, remedy="Quote the value if it is text.") from None
+    if data is None:
+        raise InputError("the scene file is empty", file=path, remedy="`varos-warp init` writes one to begin with.")
+    if not isinstance(data, dict):
+        raise InputError(f"a scene file is a mapping of keys to values, this is a {type(data).__name__}", file=path,
+                         remedy="`varos-warp init` writes one to begin with.")
+    return _Source(data, path, lines)
+
+
+def _collect_lines(node, path, lines, file, seen):
+    """Note the line of every key under a YAML node; a key given twice is an error, for the first would be lost."""
+    if id(node) in seen:  # an alias
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            lines[*path, i] = item.start_mark.line + 1
+            _collect_lines(item, (*path, i), lines, file, seen)
+    elif isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            inner, line = (*path, key.value), key.start_mark.line + 1
+            if inner in lines and key.value != "<<":
+                raise InputError("is given twice", file=file, line=line, key=".".join(map(str, inner)),
+                                 remedy=f"Keep one; the first is in line {lines[inner]}.")
+            lines[inner] = line
+            _collect_lines(value, inner, lines, file, seen)
+
+
+# ---------------------------------------------------------------------------------------------------------- overrides
+
+
+def _apply_override(source: _Source, override: str) -> None:
+    """Set one key of the data, making the blocks on the way to it."""
+    key, equals, text = override.partition("=")
+    path = tuple(int(part) if part.isdigit() else part for part in key.strip().split("."))
+    where = f"--set {override}"
+    if not equals or "" in path:
+        raise InputError("is not of the form key.path=value", file=where, remedy="For example render.spp=64.")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        problem = getattr(error, "problem", None) or "cannot be parsed"
+        raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
+                         remedy="Quote it if it is text; lists are written [1, 2, 3].") from None
+    block = source.data
+    for depth, part in enumerate(path[:-1]):
+        block = _child(block, part, path[:depth], where)
+    if isinstance(block, list):
+        _child(block, path[-1], path[:-1], where)
+    elif not isinstance(block, dict):
+        raise InputError("is no block that holds keys", file=where, key=".".join(map(str, path[:-1])), value=block,
+                         remedy="Set the whole value instead.")
+    block[path[-1]] = value
+    source.overridden[path] = override
+
+
+def _child(block, part, path, where):
+    """Item ``part`` of a list, or block ``part`` of a mapping, made where it is missing."""
+    here = ".".join(map(str, path)) or "the scene"
+    if isinstance(block, list):
+        if not isinstance(part, int) or part >= len(block):
+            raise InputError(f"is a list of {len(block)}", file=where, key=here,
+                             remedy=f"Name an item by its number, 0 to {len(block) - 1}, not '{part}'.")
+        return block[part]
+    if not isinstance(block, dict):
+        raise InputError("is no block that holds keys", file=where, key=here, value=block,
+                         remedy="Set the whole value instead.")
+    if block.get(part) is None:
+        block[part] = {}
+    return block[part]
+
+
+# --------------------------------------------------------------------------------------------------------- validation
+
+
+def _validate(source: _Source, base_dir: Path) -> Scene:
+    try:
+        scene = Scene.model_validate(source.data)
+    except ValidationError as error:
+        raise _input_error(error, source) from None
+    scene._base_dir = Path(base_dir).resolve()
+    return scene
+
+
+def _input_error(error: ValidationError, source: _Source) -> InputError:
+    """The first problem of a scene, and how many more there are."""
+    problems = _most_specific([(_key_path(e["loc"], source.data), e) for e in error.errors()])
+    # A misspelt key is most likely what makes another one missing.
+    problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
+    path, first = problems[0]
+    problem, remedy = _explain(path, first, source)
+    named = re.match(r"([\w.]+): ", problem)
+    if not path and named:  # a check of the whole scene that names a key itself
+        path = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
+        problem = problem[named.end():]
+    if len(problems) > 1:
+        also = ", ".join(dict.fromkeys(".".join(map(str, p)) for p, _ in problems[1:4]))
+        count = len(problems) - 1
+        remedy += f" ({count} more problem{'s' * (count > 1)}: {also}{', ...' * (count > 3)})"
+    value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
+    if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
+        value = None
+    return InputError(problem, value=value, remedy=remedy or None, **source.where(path))
+
+
+def _key_path(loc: tuple, data: Any) -> tuple:
+    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between."""
+    path: list = []
+    for i, part in enumerate(loc):
+        exists = (isinstance(data, dict) and part in data) or (isinstance(data, list) and isinstance(part, int)
+                                                               and part < len(data))
+        if exists and not _is_tag(part, loc[i + 1:], data):
+            path.append(part)
+            data = data[part]
+        elif isinstance(part, int) or (i == len(loc) - 1 and isinstance(data, dict) and _is_key(part)):
+            path.append(part)  # a missing key or item
+            data = None
+    return tuple(path)
+
+
+def _is_tag(part, rest, data):
+    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too."""
+    return isinstance(data, dict) and data.get("kind") == part and len(rest) > 0 and not isinstance(data[part], dict)
+
+
+def _is_key(part) -> bool:
+    return isinstance(part, str) and part.isidentifier() and any(part in model.model_fields for model in _all_models())
+
+
+def _most_specific(problems):
+    """Without what pydantic says about the other branches of a union, of which the user meant only one."""
+    paths = [path for path, _ in problems]
+    kept: dict[tuple, Any] = {}
+    for path, e in problems:
+        deeper = any(len(other) > len(path) and other[:len(path)] == path for other in paths)
+        if not deeper or e["type"] == "extra_forbidden":
+            kept.setdefault(path, e)
+    return list(kept.items())
+
+
+_REMEDIES = {
+    "missing": "Add it.",
+    "float_type": "Give a number.",
+    "float_parsing": "Give a number.",
+    "int_type": "Give a whole number.",
+    "int_parsing": "Give a whole number.",
+    "int_from_float": "Give a whole number.",
+    "tuple_type": "Give a list, such as [1, 2, 3].",
+    "list_type": "Give a list, such as [1, 2, 3].",
+    "model_type": "Give a block of keys, indented under it.",
+    "dict_type": "Give a block of keys, indented under it.",
+    "model_attributes_type": "Give a block of keys, indented under it.",
+    "string_type": "Put quotes around it if it is text.",
+    "finite_number": "Give a finite number.",
+    "too_short": "Give as many items as are asked for.",
+    "too_long": "Give as many items as are asked for.",
+}
+
+
+def _explain(path: tuple, e: dict, source: _Source) -> tuple[str, str]:
+    """Problem and remedy in plain words."""
+    kind, context = e["type"], e.get("ctx", {})
+    if kind == "extra_forbidden":
+        return "unknown key", _suggest(str(path[-1]), _known_keys(path[:-1], source.data))
+    if kind == "missing":
+        return "is missing", _REMEDIES["missing"]
+    if kind == "union_tag_invalid":
+        known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+        return f"unknown kind '{context['tag']}'", _suggest(str(context["tag"]), known)
+    if kind == "literal_error":
+        known = [tag.strip(" '") for tag in context["expected"].replace(" or ", ",").split(",")]
+        return "is not one of the choices", _suggest(str(e["input"]), known)
+    message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    message = re.sub(r"valid dictionary.*", "block of keys", message)
+    bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
+              "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}
+    if kind in bounds:
+        name, word = bounds[kind]
+        return message, f"Give a number that is {word} {context[name]:g}."
+    return message, _REMEDIES.get(kind, "")
+
+
+def _suggest(word: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(word, known, 1)
+    listing = f"known here: {', '.join(known)}" if known else "nothing can be set here"
+    return f"Did you mean '{near[0]}'?" if near else f"{listing[0].upper()}{listing[1:]}."
+
+
+def _known_keys(path: tuple, data: Any) -> list[str]:
+    """Keys that a block at ``path`` may have."""
+    models: list = [Scene]
+    for part in path:
+        data = data[part] if isinstance(data, dict | list) else None
+        annotations = [m.model_fields[part].annotation for m in models if part in getattr(m, "model_fields", {})]
+        if annotations:
+            models = [model for annotation in annotations for model in _models_in(annotation)]
+        if isinstance(data, dict) and "kind" in data:
+            chosen = [m for m in models if data["kind"] in typing.get_args(_kind(m))]
+            models = chosen or models
+    return list(dict.fromkeys(name for model in models for name in model.model_fields))
+
+
+def _kind(model):
+    return model.model_fields["kind"].annotation if "kind" in model.model_fields else None
+
+
+def _models_in(annotation) -> list[type[BaseModel]]:
+    """All models that a type annotation mentions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in typing.get_args(annotation) for model in _models_in(inner)]
+
+
+def _all_models(model=Scene, found=None) -> set[type[BaseModel]]:
+    found = set() if found is None else found
+    if model not in found:
+        found.add(model)
+        for info in model.model_fields.values():
+            for inner in _models_in(info.annotation):
+                _all_models(inner, found)
+    return found

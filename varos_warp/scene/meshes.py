@@ -1,0 +1,210 @@
+"""Mesh files and parametric objects become parts of the world: float64 vertices, z up, metres, placed."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from varos_warp.errors import InputError
+from varos_warp.scene import assets, procedural, terrain
+from varos_warp.scene.description import Diffuse, MeshObject, ProceduralTerrain, Scene
+from varos_warp.scene.frames import euler_to_matrix
+from varos_warp.scene.geometry import Part
+
+FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+
+TO_Z_UP = {
+    "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+"""Rotations from COLLADA's X_UP, Y_UP and Z_UP (right, up, in: -y x z; x y z; x z -y) to z up."""
+
+
+def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices float64 [V, 3] [m, z up] and faces int32 [F, 3] of a mesh file, its scene graph flattened.
+
+    DAE's ``<up_axis>`` and ``<unit>`` are obeyed, glTF is y up (but for files that trimesh wrote, which does not
+    rotate); OBJ, PLY, STL and OFF do not say and are taken as they are, in metres. Equal vertices are merged.
+
+    Args:
+        path: The file.
+        key: The scene file's key that names it, for messages.
+        up_axis: Overrides which axis of the file points up: x, y or z.
+
+    Raises:
+        InputError: The file is missing, empty, unreadable, without triangles, or holds vertices that are not finite.
+    """
+    path = Path(path)
+    _check_file(path, key)
+    try:
+        vertices, faces, axis = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path)
+    except Exception as error:  # every format's reader raises its own kinds
+        problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
+        raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
+    _check_mesh(vertices, faces, path, key)
+    mesh = trimesh.Trimesh(vertices @ TO_Z_UP[up_axis or axis].T, faces, process=False)
+    mesh.merge_vertices()
+    mesh.remove_unreferenced_vertices()
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)
+
+
+def build_parts(scene: Scene) -> list[Part]:
+    """Everything solid in the scene, in world coordinates (float64): the terrain, then the objects in file order."""
+    parts = [] if scene.terrain is None else [_part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))]
+    for i, block in enumerate(scene.objects):
+        key = f"objects.{i}"
+        if isinstance(block, MeshObject):
+            mesh = load_mesh(scene.resolve(block.file), f"{key}.file", block.up_axis)
+        else:
+            mesh = assets.make_asset(block, key)
+        parts.append(_part(scene, block, key, *mesh))
+    return parts
+
+
+def _terrain_mesh(scene):
+    block = scene.terrain
+    if isinstance(block, ProceduralTerrain):
+        return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.rockiness, block.seed)
+    files = [block.file] if isinstance(block.file, str) else block.file
+    meshes = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis) for file in files]
+    vertices, faces = terrain.join(meshes)
+    if block.preprocess is not None:
+        options = block.preprocess.model_dump()
+        vertices, faces = terrain.preprocess(vertices, faces, **options, key="terrain.preprocess")
+    if block.detail is not None:
+        vertices = procedural.add_detail(vertices, **block.detail.model_dump())
+    return vertices, faces
+
+
+def _part(scene, block, key, vertices, faces):
+    """A mesh where its block places it: scaled, turned, moved."""
+    placed = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T + np.asarray(block.position)
+    return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
+                material=scene.materials[block.material] if block.material is not None else Diffuse(),
+                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
+                smooth_shading=block.shading == "smooth")
+
+
+# -------------------------------------------------------------------------------------------------------------- checks
+
+
+def _check_file(path, key):
+    """A file of a known format that is there and not empty."""
+    if not path.is_file():
+        problem = "there is no such mesh file" if not path.exists() else "is a folder, not a mesh file"
+        raise InputError(problem, file=path, key=key, remedy="Paths are relative to the scene file; correct the path.")
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
+                         remedy=f"Use one of {', '.join(FORMATS)}.")
+    if path.stat().st_size == 0:
+        raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
+                         remedy="Copy or export it again; the transfer may have broken off.")
+
+
+def _check_mesh(vertices, faces, path, key):
+    """Triangles, all between vertices that exist and are finite."""
+    if len(faces) == 0:
+        raise InputError("the mesh has no triangles", file=path, key=key,
+                         remedy="Point clouds and lines cannot be rendered; export a surface.")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"a face names vertex {faces.max()} of {len(vertices)}", file=path, key=key,
+                         remedy="The file is damaged; export it again.")
+    bad = ~np.isfinite(vertices).all(axis=1)
+    if bad.any():
+        number = int(np.flatnonzero(bad)[0])
+        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite (the first is number {number})",
+                         file=path, key=key, remedy="Remove them in a mesh editor and export again.")
+
+
+# ------------------------------------------------------------------------------------------------------------- readers
+
+
+def _read_with_trimesh(path):
+    """Vertices, faces and up axis of a file that trimesh reads in double precision."""
+    loaded = trimesh.load_scene(path, process=False, **({"skip_materials": True} if path.suffix == ".obj" else {}))
+    meshes = []
+    for node in loaded.graph.nodes_geometry:
+        matrix, name = loaded.graph[node]
+        mesh = loaded.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh):
+            meshes.append(_transformed(mesh.vertices, mesh.faces, matrix))
+    vertices, faces = terrain.join(meshes)
+    return vertices, faces, "y" if _gltf_is_y_up(path) else "z"
+
+
+def _transformed(vertices, faces, matrix):
+    """A mesh moved by an affine [4, 4]; a mirroring one turns the faces, so that outside stays outside."""
+    moved = np.asarray(vertices, float) @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved, np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else np.asarray(faces)
+
+
+def _gltf_is_y_up(path):
+    """By section 3.4 of glTF 2.0, +y is up. trimesh writes whatever it holds, unrotated, and signs as the generator."""
+    data = path.read_bytes() if path.suffix.lower() in (".glb", ".gltf") else b""
+    if data[:4] == b"glTF":
+        data = data[20:20 + struct.unpack_from("<I", data, 12)[0]]
+    return bool(data) and "trimesh" not in json.loads(data).get("asset", {}).get("generator", "")
+
+
+def _read_dae(path):
+    """COLLADA through pycollada, but positions and node transforms from the text, in double precision.
+
+    pycollada keeps float32, in which UTM coordinates move by half a metre, and it turns NaN into 0.
+    """
+    import collada
+
+    ignored = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+    document = collada.Collada(str(path), ignore=ignored)
+    meshes = []
+    for node in document.scene.nodes if document.scene is not None else []:
+        _walk_dae(node, np.eye(4), meshes)
+    vertices, faces = terrain.join(meshes)
+    unit = document.assetInfo.unitmeter
+    return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower()
+
+
+def _walk_dae(node, matrix, meshes):
+    """Append (vertices, faces) of every geometry under a COLLADA node, in the axes of the document."""
+    import collada
+
+    if isinstance(node, collada.scene.GeometryNode):
+        for primitive in node.geometry.primitives:
+            if hasattr(primitive, "triangleset"):
+                primitive = primitive.triangleset()
+            if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive.index):
+                source = primitive.sources["VERTEX"][0][4].xmlnode
+                positions = _numbers(next(e for e in source.iter() if str(e.tag).endswith("float_array")))
+                meshes.append(_transformed(positions.reshape(-1, 3), primitive.vertex_index, matrix))
+    elif isinstance(node, collada.scene.Node):
+        inner = node.node if isinstance(node, collada.scene.NodeNode) else node
+        for step in inner.transforms:
+            matrix = matrix @ _dae_matrix(step)
+        for child in inner.children:
+            _walk_dae(child, matrix, meshes)
+
+
+def _dae_matrix(step):
+    """Matrix [4, 4] of one COLLADA transform element; only ``lookat`` keeps pycollada's single precision."""
+    kind = str(step.xmlnode.tag).rpartition("}")[2]
+    values = _numbers(step.xmlnode)
+    T = np.eye(4)
+    if kind == "matrix":
+        return values.reshape(4, 4)
+    if kind == "translate":
+        T[:3, 3] = values
+    elif kind == "scale":
+        T[:3, :3] = np.diag(values)
+    elif kind == "rotate":
+        axis = values[:3] / np.linalg.norm(values[:3])
+        T[:3, :3] = Rotation.from_rotvec(np.radians(values[3]) * axis).as_matrix()
+    else:
+        return np.asarray(step.matrix, float)
+    return T
+
+
+def _numbers(element):
+    return np.array((element.text or "").split(), float)

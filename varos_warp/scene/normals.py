@@ -1,0 +1,94 @@
+"""Normals of triangle meshes: flat, and smoothed over edges that are not sharp (Blender's auto smooth)."""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Normal of what has none: a degenerate face, which no ray can hit."""
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals float64 [F, 3], counter-clockwise faces seen from outside; degenerate faces get +z."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return _unit(np.cross(b - a, c - a))
+
+
+def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.ndarray:
+    """Normals per face corner, smoothed over edges whose faces meet at no more than ``angle`` (paper, image type C).
+
+    The corners around a vertex that are joined through smooth edges share one normal: the mean of their faces'
+    normals, weighted with the corner's angle (Thuermer and Wuethrich 1998). Edges of one face only, of more than two,
+    or of two that disagree about their outside, are sharp.
+
+    Args:
+        vertices: float64 [V, 3].
+        faces: int [F, 3].
+        angle: Largest angle between the normals of two faces that are smoothed over [rad].
+
+    Returns:
+        Unit vectors, float64 [F, 3, 3]: face, corner, axis.
+    """
+    faces = np.asarray(faces)
+    vertices = np.asarray(vertices, float)
+    if len(faces) == 0:
+        return np.zeros((0, 3, 3))
+    flat = face_normals(vertices, faces)
+    weights = _corner_angles(vertices, faces)
+    group = _smooth_groups(vertices, faces, flat, angle)
+    total = np.empty((group.max() + 1, 3))
+    for axis in range(3):
+        total[:, axis] = np.bincount(group, (weights * flat[:, None, axis]).ravel(), minlength=len(total))
+    smooth = total[group].reshape(-1, 3, 3)
+    length = np.linalg.norm(smooth, axis=2, keepdims=True)
+    # Opposite faces of a fin cancel, and degenerate faces weigh nothing: those corners stay flat.
+    return np.where(length > 1e-12, smooth / np.maximum(length, 1e-12), flat[:, None, :])
+
+
+def _unit(vectors):
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    safe = np.where(length > 0.0, length, 1.0)
+    return np.where(length > 0.0, vectors / safe, UP)
+
+
+def _corner_angles(vertices, faces):
+    """Inner angles [F, 3]; zero in degenerate faces."""
+    corners = vertices[faces]
+    to_next = np.roll(corners, -1, axis=1) - corners
+    to_previous = np.roll(corners, 1, axis=1) - corners
+    double_area = np.linalg.norm(np.cross(to_next[:, 0], to_previous[:, 0]), axis=1, keepdims=True)
+    angles = np.arctan2(double_area, np.einsum("fij,fij->fi", to_next, to_previous))
+    return np.where(double_area > 0.0, angles, 0.0)
+
+
+def _smooth_groups(vertices, faces, flat, angle):
+    """Label [3 F] of the smooth fan that each corner belongs to; corner i of face f is number 3 f + i."""
+    start = faces.ravel()
+    end = np.roll(faces, -1, axis=1).ravel()
+    one, two = _paired_half_edges(start, end)
+    face_one, face_two = one // 3, two // 3
+    # A tolerance of 1e-7 rad, so that an edge of exactly ``angle`` is smooth whatever the rounding.
+    cosine = np.einsum("ij,ij->i", flat[face_one], flat[face_two])
+    sine = np.linalg.norm(np.cross(flat[face_one], flat[face_two]), axis=1)
+    has_area = _corner_angles(vertices, faces).any(axis=1)
+    smooth = (np.arctan2(sine, cosine) <= angle + 1e-7) & has_area[face_one] & has_area[face_two]
+    one, two = one[smooth], two[smooth]
+    # Half-edge k runs from corner k to the face's next corner; its twin runs the other way.
+    rows, columns = np.concatenate([one, _next(one)]), np.concatenate([_next(two), two])
+    count = len(start)
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _next(corner):
+    return corner - corner % 3 + (corner + 1) % 3
+
+
+def _paired_half_edges(start, end):
+    """Numbers of the two half-edges of every edge between exactly two faces that agree about their outside."""
+    key = np.minimum(start, end).astype(np.int64) * (int(max(start.max(), end.max())) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    one, two = order[first[count == 2]], order[first[count == 2] + 1]
+    opposed = start[one] == end[two]
+    return one[opposed], two[opposed]

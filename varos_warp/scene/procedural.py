@@ -1,0 +1,89 @@
+"""Sea floors and relief from a seed: fractal height fields, and a bottom of sand flats with rocky outcrops."""
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+ROUGHNESS = 2.2
+"""Spectral slope: the amplitude of a feature of wavenumber k falls as k to the power of minus this."""
+
+
+def fractal_field(resolution: int, seed: int, cycles: float = 2.0, roughness: float = ROUGHNESS) -> np.ndarray:
+    """Periodic fractal noise, float64 [resolution, resolution], zero mean and unit variance.
+
+    Spectral synthesis (Saupe, in "The Science of Fractal Images", 1988): random phases under a power law.
+
+    Args:
+        resolution: Samples along a side.
+        seed: Seed of the phases.
+        cycles: Wavenumber, in cycles over the side, below which the spectrum stays level.
+        roughness: Exponent of the power law.
+    """
+    rng = np.random.default_rng(seed)
+    k = np.fft.fftfreq(resolution) * resolution
+    wavenumber = np.hypot(k[:, None], k[None, :])
+    amplitude = np.maximum(wavenumber, cycles) ** -roughness
+    amplitude[0, 0] = 0.0
+    field = np.fft.ifft2(np.fft.fft2(rng.standard_normal((resolution, resolution))) * amplitude).real
+    return field / max(field.std(), 1e-300)
+
+
+def grid_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, keep: np.ndarray | None = None):
+    """Vertices [N, 3] and faces [F, 3] of heights z [len(y), len(x)], normals up; only where ``keep`` is true."""
+    vertices = np.column_stack([g.ravel() for g in (*np.meshgrid(x, y), z)])
+    number = np.arange(z.size).reshape(z.shape)
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    if keep is None:
+        return vertices, faces.astype(np.int32)
+    faces = faces[keep.ravel()[faces].all(axis=1)]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
+
+
+def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: float = 2.0, rockiness: float = 0.4,
+                     seed: int = 1):
+    """A square sea floor around the origin: sand flats, and outcrops of steep rock on ``rockiness`` of the area.
+
+    Args:
+        size_m: Side [m].
+        resolution: Vertices along a side.
+        relief_m: From the lowest to the highest point [m].
+        rockiness: Share of the area that is rock, 0 to 1.
+        seed: Same seed, same terrain.
+
+    Returns:
+        Vertices float64 [resolution^2, 3] and faces int32 [F, 3], normals up.
+    """
+    seeds = np.random.SeedSequence(seed).spawn(4)
+    wide = max(size_m / 25.0, 1.0)
+    swell = fractal_field(resolution, seeds[0], wide, 3.0)
+    where = fractal_field(resolution, seeds[1], 1.5 * wide, 2.6)
+    blocks = fractal_field(resolution, seeds[2], size_m / 6.0, 2.3)
+    ripples = fractal_field(resolution, seeds[3], size_m / 1.5, 2.6)
+    # Rock rises in steps: a narrow transition makes steep flanks, on which `slope_blend` shows rock.
+    edge = np.quantile(where, 1.0 - rockiness)
+    rock = _smoothstep((where - edge) / 0.5)
+    height = 0.25 * swell + rock * (0.9 + 0.55 * np.abs(blocks) + 0.25 * blocks) + 0.02 * (1.0 - rock) * ripples
+    height -= height.min()
+    height *= relief_m / max(height.max(), 1e-300)
+    axis = np.linspace(-0.5 * size_m, 0.5 * size_m, resolution)
+    return grid_mesh(axis, axis, height - np.median(height))
+
+
+def add_detail(vertices: np.ndarray, relief_m: float, feature_m: float, seed: int) -> np.ndarray:
+    """Vertices [V, 3] of a terrain raised and lowered by fractal noise of ``relief_m`` in all; mean height unchanged.
+
+    The noise is sampled at the vertices, so it shows features down to about twice the mesh's edges.
+    """
+    low, span = vertices[:, :2].min(axis=0), np.ptp(vertices[:, :2], axis=0).max()
+    resolution = 1024
+    field = fractal_field(resolution, seed, max(span / feature_m, 1.0), 2.0)
+    where = (vertices[:, :2] - low) / max(span, 1e-300) * (resolution - 1)
+    noise = map_coordinates(field, where.T[::-1], order=1, mode="nearest")
+    scale = relief_m / max(np.ptp(noise), 1e-300)
+    return vertices + np.array([0.0, 0.0, 1.0]) * ((noise - noise.mean()) * scale)[:, None]
+
+
+def _smoothstep(t):
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)

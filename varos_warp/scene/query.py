@@ -1,0 +1,88 @@
+"""Questions to triangle meshes in float64: heights under points, what lies overhead, distances to the surface."""
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+
+def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
+    """Heights z [m] at which the vertical lines through the points ``xy`` [N, 2] cross the mesh, ascending, per point.
+
+    A line through an edge or a vertex crosses one of the faces that meet there (half-open edges), so that the number
+    of crossings above a point tells inside from outside.
+    """
+    triangles = np.asarray(vertices, float)[faces]
+    low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+    crossings = []
+    for x, y in np.atleast_2d(xy):
+        near = (low[:, 0] <= x) & (x <= high[:, 0]) & (low[:, 1] <= y) & (y <= high[:, 1])
+        candidates = triangles[near]
+        crossings.append(np.sort(_plane_heights(candidates[_covers(candidates, x, y)], x, y)))
+    return crossings
+
+
+def surface_height(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Height [N] of the highest surface at points ``xy`` [N, 2] [m]; NaN beside the mesh."""
+    return np.array([z[-1] if len(z) else np.nan for z in heights_at(vertices, faces, xy)])
+
+
+def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether points [N, 3] lie inside a closed mesh or under an open terrain, bool [N]: parity of what is overhead."""
+    points = np.atleast_2d(points)
+    overhead = heights_at(vertices, faces, points[:, :2])
+    return np.array([np.count_nonzero(z > p[2]) % 2 == 1 for z, p in zip(overhead, points, strict=True)], bool)
+
+
+def surface_distance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance [N] from points [N, 3] to the nearest point of the mesh [m].
+
+    Exact: a triangle can only be nearest if its bounding sphere comes nearer than the nearest vertex. Triangles are
+    sorted into trees by size, so that few large ones do not spoil the search among many small ones.
+    """
+    points = np.atleast_2d(np.asarray(points, float))
+    used = np.asarray(vertices, float)[np.unique(faces)]
+    best = cKDTree(used).query(points)[0]
+    triangles = np.asarray(vertices, float)[faces]
+    centre = 0.5 * (triangles.min(axis=1) + triangles.max(axis=1))
+    radius = np.linalg.norm(triangles - centre[:, None], axis=2).max(axis=1)
+    size = np.frexp(radius)[1]
+    for exponent in np.unique(size):
+        members = np.flatnonzero(size == exponent)
+        tree = cKDTree(centre[members])
+        for chunk in np.array_split(np.arange(len(points)), max(1, len(points) // 256)):
+            best[chunk] = _nearer(tree, triangles, members, radius[members].max(), points[chunk], best[chunk])
+    return best
+
+
+def _nearer(tree, triangles, members, radius, points, best):
+    """``best`` [n], lowered where one of the ``members`` of a size class lies nearer to the points [n, 3]."""
+    found = tree.query_ball_point(points, best + radius)
+    counts = [len(f) for f in found]
+    if not sum(counts):
+        return best
+    which = np.repeat(np.arange(len(points)), counts)
+    candidates = members[np.concatenate([f for f in found if f]).astype(int)]
+    nearest = trimesh.triangles.closest_point(triangles[candidates], points[which])
+    best = best.copy()
+    np.minimum.at(best, which, np.linalg.norm(nearest - points[which], axis=1))
+    return best
+
+
+def _covers(triangles, x, y):
+    """Even-odd rule in the horizontal plane; each edge is evaluated from its lower end, alike for both its faces."""
+    inside = np.zeros(len(triangles), bool)
+    for i in range(3):
+        a, b = triangles[:, i, :2], triangles[:, (i + 1) % 3, :2]
+        swap = (a[:, 1] > b[:, 1]) | ((a[:, 1] == b[:, 1]) & (a[:, 0] > b[:, 0]))
+        a, b = np.where(swap[:, None], b, a), np.where(swap[:, None], a, b)
+        spans = (a[:, 1] <= y) & (y < b[:, 1])
+        rise = np.where(spans, b[:, 1] - a[:, 1], 1.0)
+        inside ^= spans & (x < a[:, 0] + (y - a[:, 1]) / rise * (b[:, 0] - a[:, 0]))
+    return inside
+
+
+def _plane_heights(triangles, x, y):
+    """Height of each triangle's plane at one point of the horizontal plane [n]."""
+    a = triangles[:, 0]
+    n = np.cross(triangles[:, 1] - a, triangles[:, 2] - a)
+    return a[:, 2] - (n[:, 0] * (x - a[:, 0]) + n[:, 1] * (y - a[:, 1])) / n[:, 2]
