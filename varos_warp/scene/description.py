@@ -52,8 +52,10 @@ class Detail(Block):
 
     relief_m: Positive = 0.5
     """From the lowest to the highest point of what is added [m]."""
-    feature_m: Positive = 8.0
-    """Size of the largest features [m]."""
+    feature_m: Positive = 25.0
+    """Size of the widest forms [m]."""
+    rockiness: Unit = 0.4
+    """Share of the area that is rock."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
 
@@ -91,6 +93,8 @@ class ProceduralTerrain(Placed):
     """Vertices along a side."""
     relief_m: NonNegative = 2.0
     """From the lowest to the highest point [m]."""
+    feature_m: Positive = 25.0
+    """Size of the widest forms [m]."""
     rockiness: Unit = 0.4
     """Share of the area that is rock."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1

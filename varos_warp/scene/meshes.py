@@ -48,7 +48,10 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -
     _check_mesh(vertices, faces, path, key)
     mesh = trimesh.Trimesh(vertices @ TO_Z_UP[up_axis or axis].T, faces, process=False)
     mesh.merge_vertices()
+    mesh.update_faces(mesh.area_faces > 0.0)
     mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) == 0:
+        raise InputError("all triangles of the mesh have zero area", file=path, key=key, remedy="Export it anew.")
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)
 
 
@@ -68,7 +71,8 @@ def build_parts(scene: Scene) -> list[Part]:
 def _terrain_mesh(scene):
     block = scene.terrain
     if isinstance(block, ProceduralTerrain):
-        return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.rockiness, block.seed)
+        return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
+                                           block.rockiness, block.seed)
     files = [block.file] if isinstance(block.file, str) else block.file
     meshes = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis) for file in files]
     vertices, faces = terrain.join(meshes)

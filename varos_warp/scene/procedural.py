@@ -40,48 +40,56 @@ def grid_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, keep: np.ndarray | No
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
 
 
-def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: float = 2.0, rockiness: float = 0.4,
-                     seed: int = 1):
-    """A square sea floor around the origin: sand flats, and outcrops of steep rock on ``rockiness`` of the area.
+def sea_floor(size_m: float, resolution: int, feature_m: float, rockiness: float, seed: int) -> np.ndarray:
+    """Heights in 0..1, float64 [resolution, resolution]: sand flats, and outcrops on ``rockiness`` of the area.
+
+    Outcrops are about half of ``feature_m`` wide and broken into blocks of a quarter of it; the sand is rippled.
+    """
+    seeds = np.random.SeedSequence(seed).spawn(4)
+    cycles = max(size_m / feature_m, 1.0)
+    swell = fractal_field(resolution, seeds[0], cycles, 3.0)
+    where = fractal_field(resolution, seeds[1], 1.5 * cycles, 2.6)
+    blocks = fractal_field(resolution, seeds[2], 4.0 * cycles, 2.3)
+    ripples = fractal_field(resolution, seeds[3], 16.0 * cycles, 2.6)
+    # Rock rises over a narrow transition: steep flanks, on which `slope_blend` shows rock.
+    edge = np.quantile(where, 1.0 - rockiness) if rockiness > 0.0 else np.inf
+    rock = _smoothstep((where - edge) / 0.5)
+    height = 0.25 * swell + rock * (0.9 + 0.55 * np.abs(blocks) + 0.25 * blocks) + 0.02 * (1.0 - rock) * ripples
+    height -= height.min()
+    return height / max(height.max(), 1e-300)
+
+
+def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: float = 2.0, feature_m: float = 25.0,
+                     rockiness: float = 0.4, seed: int = 1):
+    """A square sea floor around the origin, its median height 0; same seed, same terrain.
 
     Args:
         size_m: Side [m].
         resolution: Vertices along a side.
         relief_m: From the lowest to the highest point [m].
+        feature_m: Size of the widest forms [m].
         rockiness: Share of the area that is rock, 0 to 1.
-        seed: Same seed, same terrain.
+        seed: Seed of everything random.
 
     Returns:
         Vertices float64 [resolution^2, 3] and faces int32 [F, 3], normals up.
     """
-    seeds = np.random.SeedSequence(seed).spawn(4)
-    wide = max(size_m / 25.0, 1.0)
-    swell = fractal_field(resolution, seeds[0], wide, 3.0)
-    where = fractal_field(resolution, seeds[1], 1.5 * wide, 2.6)
-    blocks = fractal_field(resolution, seeds[2], size_m / 6.0, 2.3)
-    ripples = fractal_field(resolution, seeds[3], size_m / 1.5, 2.6)
-    # Rock rises in steps: a narrow transition makes steep flanks, on which `slope_blend` shows rock.
-    edge = np.quantile(where, 1.0 - rockiness)
-    rock = _smoothstep((where - edge) / 0.5)
-    height = 0.25 * swell + rock * (0.9 + 0.55 * np.abs(blocks) + 0.25 * blocks) + 0.02 * (1.0 - rock) * ripples
-    height -= height.min()
-    height *= relief_m / max(height.max(), 1e-300)
+    height = relief_m * sea_floor(size_m, resolution, feature_m, rockiness, seed)
     axis = np.linspace(-0.5 * size_m, 0.5 * size_m, resolution)
     return grid_mesh(axis, axis, height - np.median(height))
 
 
-def add_detail(vertices: np.ndarray, relief_m: float, feature_m: float, seed: int) -> np.ndarray:
-    """Vertices [V, 3] of a terrain raised and lowered by fractal noise of ``relief_m`` in all; mean height unchanged.
+def add_detail(vertices: np.ndarray, relief_m: float, feature_m: float, rockiness: float, seed: int) -> np.ndarray:
+    """Vertices [V, 3] of a terrain with the forms of ``sea_floor`` on top, their median height 0.
 
-    The noise is sampled at the vertices, so it shows features down to about twice the mesh's edges.
+    They are sampled at the vertices, so the mesh must have edges as short as what is to be seen.
     """
     low, span = vertices[:, :2].min(axis=0), np.ptp(vertices[:, :2], axis=0).max()
-    resolution = 1024
-    field = fractal_field(resolution, seed, max(span / feature_m, 1.0), 2.0)
+    resolution = 1025
+    field = sea_floor(span, resolution, feature_m, rockiness, seed)
     where = (vertices[:, :2] - low) / max(span, 1e-300) * (resolution - 1)
-    noise = map_coordinates(field, where.T[::-1], order=1, mode="nearest")
-    scale = relief_m / max(np.ptp(noise), 1e-300)
-    return vertices + np.array([0.0, 0.0, 1.0]) * ((noise - noise.mean()) * scale)[:, None]
+    height = relief_m * map_coordinates(field - np.median(field), where.T[::-1], order=1, mode="nearest")
+    return vertices + height[:, None] * np.array([0.0, 0.0, 1.0])
 
 
 def _smoothstep(t):
