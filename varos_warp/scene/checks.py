@@ -1,0 +1,216 @@
+"""What a person should know before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
+
+import numpy as np
+import trimesh
+
+from varos_warp.scene.description import Scene, SpotLight
+from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix
+from varos_warp.scene.geometry import Part
+from varos_warp.scene.query import is_inside, surface_distance
+from varos_warp.scene.water import optical_properties
+
+WATER_DENSITY = 1025.0
+"""[kg/m^3]; gives the radius of the neutrally buoyant sphere."""
+CHANNELS = ("red", "green", "blue")
+
+
+def check_scene(scene: Scene, parts: list[Part], positions: np.ndarray | None = None) -> list[str]:
+    """Warnings, one sentence each, of things that look wrong.
+
+    Args:
+        scene: The scene.
+        parts: Its geometry, from ``build_parts``.
+        positions: Where the vehicle is simulated to go, float64 [N, 3]; absent: its waypoints or poses.
+    """
+    poses = [pose_matrix(pose) for pose in scene.trajectory.waypoints or scene.trajectory.poses]
+    stops = np.array([T[:3, 3] for T in poses])
+    path = stops if positions is None else np.atleast_2d(positions)
+    return [*_check_water(scene), *_check_sizes(parts), *_check_cameras(scene), *_check_lights(scene, poses),
+            *_check_inside(scene, parts, poses), *_check_clearance(scene, parts, path, positions is None)]
+
+
+def scene_info(scene: Scene, parts: list[Part]) -> dict:
+    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
+    waypoints = scene.trajectory.waypoints
+    return {
+        "name": scene.name,
+        "water": water_info(scene),
+        "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
+        "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
+        "meshes": [{"name": part.name, "vertices": len(part.vertices), "triangles": len(part.faces),
+                    "bounds_m": np.stack([part.vertices.min(axis=0), part.vertices.max(axis=0)]).tolist()}
+                   for part in parts],
+        "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene)},
+        "trajectory": {"kind": "poses" if waypoints is None else "waypoints",
+                       "count": len(scene.trajectory.poses if waypoints is None else waypoints)},
+    }
+
+
+def water_info(scene: Scene) -> dict:
+    """Absorption a, scattering b, extinction c [1/m], albedo b / c, mean free path 1 / c and 10 % range [m] by channel.
+
+    At the 10 % range, ln(10) / c, a tenth of the light is left. Infinite lengths are None.
+    """
+    water = optical_properties(scene)
+    c = water.sigma_t
+
+    def lengths(x):
+        return [float(x / value) if value > 0.0 else None for value in c]
+
+    return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
+            "albedo": [float(s / t) if t > 0.0 else 0.0 for s, t in zip(water.sigma_s, c, strict=True)],
+            "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
+
+
+def camera_info(camera) -> dict:
+    """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees]."""
+    K = intrinsics(camera)
+    fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
+    return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
+            "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
+            "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
+            "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1]}
+
+
+def vehicle_radius(scene: Scene) -> float:
+    """Radius [m] of the sphere of the vehicle's mass that floats neutrally in sea water."""
+    return float((3.0 * scene.vehicle.mass_kg / WATER_DENSITY / (4.0 * np.pi)) ** (1.0 / 3.0))
+
+
+# -------------------------------------------------------------------------------------------------------------- checks
+
+
+def looks_like_transmission(coefficients) -> bool:
+    """Whether three coefficients [1/m] look like transmissions over a metre, exp(-c), given by mistake.
+
+    Water's transmission lies near 1 and rises from red to blue; its coefficients fall from red to blue, but in the
+    murkiest types, where they exceed 1. So: all between 0.3 and 1, and rising. (Seen in the field: Jerlov I as
+    (0.905, 0.961, 0.982), which as coefficients would make the clearest ocean the murkiest.)
+    """
+    c = np.asarray(coefficients, float)
+    return bool(((c >= 0.3) & (c < 1.0)).all() and (np.diff(c) > 0.0).all())
+
+
+def _check_water(scene):
+    water = optical_properties(scene)
+    if not water.sigma_t.any():
+        return []
+    for name, values in (("sigma_a", water.sigma_a), ("sigma_s + sigma_a", water.sigma_t)):
+        if looks_like_transmission(values):
+            meant = ", ".join(f"{-np.log(v):.3g}" for v in values)
+            return [f"water: {name} = {_list(values)} looks like a transmission per metre, which falls as exp(-c); "
+                    f"as a coefficient that would be [{meant}] 1/m"]
+    best = np.log(10.0) / water.sigma_t[water.sigma_t > 0.0].min()
+    if water.sigma_t.all() and best < 0.5:
+        return [f"water: a tenth of the light is left after {best:.2g} m in the clearest channel: nothing will be seen"]
+    return []
+
+
+def _check_sizes(parts):
+    """Sizes no sea floor and no man-made object has; a factor of 1000 says millimetres."""
+    warnings = []
+    for part in parts:
+        size = float(np.ptp(part.vertices, axis=0).max())
+        largest, smallest = (50e3, 1.0) if part.name == "terrain" else (100.0, 2e-3)
+        if size > largest:
+            warnings.append(f"{part.name}: {size:.4g} m across; if its file is in millimetres, give scale: 0.001")
+        elif size < smallest:
+            warnings.append(f"{part.name}: only {size:.3g} m across; if its file is in kilometres, give scale: 1000")
+    return warnings
+
+
+def _check_cameras(scene):
+    warnings = []
+    for i, camera in enumerate(scene.vehicle.cameras):
+        key, K = f"vehicle.cameras.{i} ({camera.id})", intrinsics(camera)
+        if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005:
+            warnings.append(f"{key}: pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and "
+                            "sensor_mm differ in shape")
+        fov = camera_info(camera)["horizontal_fov_deg"]
+        if not 5.0 <= fov <= 130.0:
+            warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check focal_mm and sensor_mm")
+        if 0.0 < camera.f_stop < 0.7:
+            warnings.append(f"{key}: no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")
+        if camera.f_stop > 0.0 and 1e3 * camera.focus_m <= camera.focal_mm:
+            warnings.append(f"{key}: focus_m lies within the focal length; it is in metres")
+    for name, value in scene.render.exposure:
+        if isinstance(value, float) and not 1e-4 <= value <= 1e4:
+            warnings.append(f"render.exposure.{name}: a gain of {value:g} makes the picture black or white")
+    return warnings
+
+
+def _check_lights(scene, poses):
+    lights = scene.vehicle.lights
+    if "A" in scene.render.outputs and not any(any(light.intensity) for light in lights):
+        return ["vehicle.lights: there is no light, so A will be black"]
+    warnings = []
+    for i, light in enumerate(lights):
+        if scene.water != "none" and any((T @ (*light.position, 1.0))[2] > scene.surface_depth_m for T in poses):
+            warnings.append(f"vehicle.lights.{i}: is above the sea surface (z = {scene.surface_depth_m:g} m) on the "
+                            "way; light and camera are taken to be in water everywhere")
+        if isinstance(light, SpotLight) and light.direction[1] < 0.0:
+            warnings.append(f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)")
+    return warnings
+
+
+def _check_inside(scene, parts, poses):
+    """Cameras within rock or objects, and above the surface."""
+    warnings = []
+    solids = [part for part in parts if part.name == "terrain" or _is_closed(part)]
+    for i, camera in enumerate(scene.vehicle.cameras):
+        world = [np.eye(4)] if camera.mount == "world" else poses
+        points = np.array([camera_pose(camera, T)[:3, 3] for T in world])
+        stop = "" if camera.mount == "world" else f" at {_stop(scene)}"
+        for part in solids:
+            inside = np.flatnonzero(is_inside(part.vertices, part.faces, points))
+            if len(inside):
+                where = f"{stop} {_numbers(inside)}" if stop else ""
+                what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
+                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}")
+        if scene.water != "none" and (points[:, 2] > scene.surface_depth_m).any():
+            warnings.append(f"vehicle.cameras.{i} ({camera.id}): is above the sea surface "
+                            f"(z = {scene.surface_depth_m:g} m){stop}")
+    return warnings
+
+
+def _check_clearance(scene, parts, points, are_stops):
+    """Places of the vehicle under the terrain, or nearer to anything than its radius."""
+    warnings, radius = [], vehicle_radius(scene)
+    name = _stop(scene) if are_stops else "position"
+    for part in parts:
+        # Far from the part's bounding box there is nothing to compute.
+        low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+        over = ((points[:, :2] >= low[:2] - radius) & (points[:, :2] <= high[:2] + radius)).all(axis=1)
+        near = np.flatnonzero(over & (points[:, 2] <= high[2] + radius))
+        if len(near) == 0:
+            continue
+        under = np.zeros(len(points), bool)
+        if part.name == "terrain" or _is_closed(part):
+            under[near] = is_inside(part.vertices, part.faces, points[near])
+        distance = np.full(len(points), np.inf)
+        distance[near] = surface_distance(part.vertices, part.faces, points[near])
+        what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
+        if under.any():
+            warnings.append(f"trajectory: {name} {_numbers(np.flatnonzero(under))} is {what}")
+        close = (distance < radius) & ~under
+        if close.any():
+            worst = int(np.argmin(np.where(close, distance, np.inf)))
+            warnings.append(f"trajectory: {name} {_numbers(np.flatnonzero(close))} is nearer to {part.name} than the "
+                            f"vehicle's radius of {radius:.2f} m ({distance[worst]:.2f} m)")
+    return warnings
+
+
+def _is_closed(part):
+    return trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight
+
+
+def _stop(scene):
+    return "pose" if scene.trajectory.waypoints is None else "waypoint"
+
+
+def _numbers(indices):
+    return ", ".join(map(str, indices[:5])) + (f" and {len(indices) - 5} more" if len(indices) > 5 else "")
+
+
+def _list(values):
+    return "[" + ", ".join(f"{v:.3g}" for v in values) + "]"
