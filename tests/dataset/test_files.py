@@ -48,7 +48,7 @@ def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path):
 def test_a_full_disk_is_bad_input_for_png_and_exr_alike(tmp_path, monkeypatch, name):
     """The hidden file is made a link to a device that is always full."""
     monkeypatch.setattr(files, "_counter", itertools.count())
-    (tmp_path / f".{name}.{files._HOST}-{os.getpid()}-0.tmp").symlink_to("/dev/full")
+    (tmp_path / f".{name}.{files.HOST}-{os.getpid()}-0.tmp").symlink_to("/dev/full")
     with pytest.raises(InputError, match=r"No space left on device.*Free some space"):  # noqa: PT012
         if name == "x.png":
             files.write_png(tmp_path / name, np.random.default_rng(0).integers(0, 255, (99, 99, 3)).astype(np.uint8))

@@ -17,7 +17,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 
-_HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
+HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
 _counter = itertools.count()
 
 
@@ -31,7 +31,7 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises:
         InputError: If the disk is full, or the folder cannot be made or written to.
     """
-    temp = path.with_name(f".{path.name}.{_HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    temp = path.with_name(f".{path.name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 def sweep(folder: Path) -> None:
     """Remove what killed processes of this host left behind under hidden names."""
     for temp in folder.rglob(".*.tmp"):
-        match = re.search(rf"\.{_HOST}-(\d+)-\d+\.tmp$", temp.name)
+        match = re.search(rf"\.{HOST}-(\d+)-\d+\.tmp$", temp.name)
         if match and not _alive(int(match[1])):
             temp.unlink(missing_ok=True)
 

@@ -53,9 +53,11 @@ def statistics(radiance: np.ndarray) -> Statistics:
     return Statistics(float(np.exp(np.log(luminance).mean())), highlight)
 
 
-def is_constant(setting: str | float, output: str) -> bool:
-    """Whether the gain is known before any frame is rendered."""
-    return not isinstance(setting, str) or (setting == "constant" and output == "B")
+def known_gain(setting: str | float, output: str) -> float | None:
+    """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B."""
+    if not isinstance(setting, str):
+        return float(setting)
+    return CONSTANT_GAIN_B if (setting, output) == ("constant", "B") else None
 
 
 def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
@@ -68,11 +70,9 @@ def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[St
         time_s: Time [N] of each frame, ascending [s].
         frames: Statistics [N] of each frame.
     """
-    count = len(time_s)
-    if not isinstance(setting, str):
-        return np.full(count, float(setting))
-    if is_constant(setting, output):
-        return np.full(count, CONSTANT_GAIN_B)
+    count, known = len(time_s), known_gain(setting, output)
+    if known is not None:
+        return np.full(count, known)
     target = np.log([frame.target_gain for frame in frames])
     if np.isnan(target).all():
         return np.ones(count)

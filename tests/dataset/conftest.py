@@ -1,0 +1,22 @@
+"""The dataset is tested with stand-ins for what makes its contents."""
+
+import pytest
+import standins
+
+from varos_warp.dataset.produce import produce
+
+
+@pytest.fixture(autouse=True)
+def stand_ins(monkeypatch):
+    """Flat floor, exact course: see standins.py."""
+    standins.install(monkeypatch)
+
+
+@pytest.fixture(scope="session")
+def written(tmp_path_factory):
+    """A complete dataset; read it, do not change it."""
+    out = tmp_path_factory.mktemp("dataset")
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        produce(standins.make_scene(), out, quiet=True)
+    return out

@@ -1,0 +1,125 @@
+"""A vehicle on an exact course over a flat floor, rendered by ray casting in numpy: quick, and every truth is known."""
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix, transform
+from varos_warp.scene.load import scene_from_dict
+
+FLOOR_Z = -3.0
+
+
+def scene_dict(**changes):
+    """A scene of one second with a stereo pair; ``changes`` replace whole blocks."""
+    return {
+        "name": "test", "seed": 3, "surface_depth_m": 80.0,
+        "water": {"coefficients": {"sigma_s": [0.01, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.0]}},
+        "vehicle": {
+            "lights": [{"kind": "spot", "position": [0.15, -0.1, 0.0], "direction": [0, 1, -0.2], "blend": 0.15}],
+            "cameras": [{"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]}
+                        for name, x in (("L0", -0.1), ("R0", 0.1))],
+            "imu": {"position": [0.1, 0.2, 0.05], "rotation_euler_deg": [5, 10, 15]},
+            "depth_gauge": {"position": [0.0, 0.3, 0.1]},
+        },
+        "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        "render": {"frame_rate_hz": 10, "spp": 8, "denoise": "nlm"},
+    } | changes
+
+
+def make_scene(render=None, **changes):
+    """A scene; ``render`` adds to its block."""
+    data = scene_dict(**changes)
+    data["render"] |= render or {}
+    return scene_from_dict(data)
+
+
+def simulate(scene, progress=None):
+    """A vehicle that sways and turns, with closed forms for every derivative (world axes, small yaw only)."""
+    seconds, rate = 1.0, 200
+    ticks = np.arange(int(seconds * rate) + 1)
+    t = ticks / rate
+    w = 2.0
+    position = np.column_stack([0.3 * np.sin(w * t), 0.5 * t, 0.1 * np.cos(w * t)])
+    velocity = np.column_stack([0.3 * w * np.cos(w * t), np.full_like(t, 0.5), -0.1 * w * np.sin(w * t)])
+    acceleration = np.column_stack([-0.3 * w**2 * np.sin(w * t), np.zeros_like(t), -0.1 * w**2 * np.cos(w * t)])
+    yaw = 0.4 * np.sin(t)
+    rotation = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0])
+    omega = np.column_stack([np.zeros_like(t), np.zeros_like(t), 0.4 * np.cos(t)])
+    alpha = np.column_stack([np.zeros_like(t), np.zeros_like(t), -0.4 * np.sin(t)])
+    time_ns = ticks.astype(np.int64) * 5_000_000
+
+    def T_w_v(k):
+        return transform(rotation[int(k)].as_matrix(), position[k])
+
+    imu = SimpleNamespace(time_ns=time_ns)
+    R_v_s = pose_matrix(scene.vehicle.imu)[:3, :3]
+    lever = np.array(scene.vehicle.imu.position)
+    body = rotation.inv().apply(acceleration + [0, 0, scene.gravity])
+    body = body + np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
+    imu.acceleration, imu.angular_velocity = body @ R_v_s, omega @ R_v_s
+    gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
+    return SimpleNamespace(
+        trajectory=SimpleNamespace(
+            time_ns=time_ns, position=position, velocity=velocity, acceleration=acceleration,
+            quaternion=rotation.as_quat(canonical=True, scalar_first=True), angular_velocity=omega,
+            angular_acceleration=alpha, T_w_v=T_w_v),
+        frame_ticks=np.arange(0, len(ticks) - 1, 20), imu=imu,
+        depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[])
+
+
+class FlatFloorRenderer:
+    """Stands in for a FrameRenderer: a floor at z = -3 with a checker pattern and noise keyed as the real one's."""
+
+    device, device_name, compile_seconds = "cpu", "numpy", 0.0
+
+    def __init__(self, scene, device="auto"):
+        self.scene, self.calls, self.stop_after = scene, [], None
+
+    def render(self, T_w_v, camera, outputs, *, spp, max_scatterings, max_bounces, layers, frame):
+        if self.stop_after is not None and len(self.calls) >= self.stop_after:
+            raise KeyboardInterrupt
+        self.calls.append((frame, camera, outputs))
+        view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        T_w_c, K = camera_pose(view, T_w_v), intrinsics(view)
+        width, height = view.resolution
+        col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(K).T
+        down = (ray @ T_w_c[:3, :3].T)[..., 2]
+        with np.errstate(divide="ignore"):
+            z = np.where(down < 0, (FLOOR_Z - T_w_c[2, 3]) / down, np.inf)
+        hit = np.isfinite(z)
+        point = np.where(hit[..., None], ray * np.where(hit, z, 0)[..., None], 0) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+        tone = np.where(hit, 0.3 + 0.3 * (np.floor(point[..., 0]) + np.floor(point[..., 1])) % 2, 0.02)
+        light = tone / np.where(hit, np.maximum(z, 1), 1) ** 2
+        clean = light[..., None] * np.array([0.4, 0.7, 1.0])
+        rng = np.random.default_rng([self.scene.seed, frame, *camera.encode()])
+        noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
+        error = (clean / np.sqrt(spp)).astype(np.float32)
+        A = SimpleNamespace(radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
+        B = SimpleNamespace(radiance=(tone[..., None] * np.ones(3)).astype(np.float32), stderr=error * 0, layers={})
+        C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))
+        D = SimpleNamespace(depth=z.astype(np.float32), range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))
+        return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D}.items() if k in outputs})
+
+
+def plan_render(scene, renderer, poses):
+    plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings, "reasons": ["a test"]}
+    return SimpleNamespace(**plan, to_dict=lambda: plan)
+
+
+def install(monkeypatch):
+    """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
+    for name, members in {"sim.trajectory": {"simulate": simulate}, "render.plan": {"plan_render": plan_render},
+                          "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
+        module = ModuleType(name)
+        module.__dict__.update(members)
+        monkeypatch.setitem(sys.modules, f"varos_warp.{name}", module)
+
+
+def tree(root):
+    """Bytes of every file of a dataset by its path, without the log of who rendered when."""
+    return {p.relative_to(root).as_posix(): p.read_bytes() for p in sorted(root.rglob("*"))
+            if p.is_file() and "log" not in p.relative_to(root).parts}

@@ -1,0 +1,70 @@
+"""How far a long job is: a bar on a terminal, a line now and then in a log, nothing when quiet. All on stderr."""
+
+import sys
+import time
+
+LINE_SECONDS = 15.0
+"""At most one line in this time where there is no terminal."""
+
+
+class Progress:
+    """Counts steps of a job; use it in a ``with`` statement.
+
+    Args:
+        label: What is counted.
+        total: Steps of the whole job.
+        unit: Of one step, in the plural.
+        quiet: Say nothing.
+    """
+
+    def __init__(self, label: str, total: int, unit: str = "frames", quiet: bool = False):
+        self.label, self.total, self.unit, self.quiet = label, total, unit, quiet
+        self.done = 0
+        self._bar = None
+
+    def __enter__(self) -> "Progress":
+        self._start = self._last = time.monotonic()
+        if self.quiet or not self.total or not sys.stderr.isatty():
+            return self
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+                        TextColumn("{task.fields[rate]}"), TextColumn("elapsed"), TimeElapsedColumn(),
+                        TextColumn("left"), TimeRemainingColumn(), console=Console(stderr=True))
+        self._bar.start()
+        self._task = self._bar.add_task(self.label, total=self.total, rate="")
+        return self
+
+    def __exit__(self, kind, value, trace) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+        elif not self.quiet and self.total and kind is None:
+            self._say()
+
+    @property
+    def rate(self) -> float:
+        """Steps per second so far."""
+        return self.done / max(time.monotonic() - self._start, 1e-9)
+
+    def advance(self) -> None:
+        """Count one step."""
+        self.done += 1
+        if self._bar is not None:
+            self._bar.update(self._task, advance=1, rate=f"{self.rate:.3g} {self.unit}/s")
+        elif not self.quiet and self.done < self.total and time.monotonic() - self._last >= LINE_SECONDS:
+            self._last = time.monotonic()
+            self._say()
+
+    def _say(self) -> None:
+        left = (self.total - self.done) / self.rate if self.done else float("nan")
+        tail = f", {_clock(left)} left" if self.done < self.total else f" in {_clock(time.monotonic() - self._start)}"
+        print(f"{self.label}: {self.done}/{self.total} {self.unit}, {self.rate:.3g} {self.unit}/s{tail}",
+              file=sys.stderr, flush=True)
+
+
+def _clock(seconds: float) -> str:
+    minutes, seconds = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
