@@ -343,6 +343,25 @@ class Mounted(Block):
     rate_hz: Positive = 200.0
 
 
+class ImuNoise(Block):
+    """White noise and random walk of the bias, in Kalibr's units; all zero is no noise."""
+
+    accelerometer_noise_density: NonNegative = 0.0
+    """[m/s^2/sqrt(Hz)]"""
+    accelerometer_random_walk: NonNegative = 0.0
+    """[m/s^3/sqrt(Hz)]"""
+    gyroscope_noise_density: NonNegative = 0.0
+    """[rad/s/sqrt(Hz)]"""
+    gyroscope_random_walk: NonNegative = 0.0
+    """[rad/s^2/sqrt(Hz)]"""
+
+
+class Imu(Mounted):
+    """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
+
+    noise: ImuNoise | None = None
+
+
 class Controller(Block):
     """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
 
@@ -363,7 +382,7 @@ class Current(Block):
 
 
 class Vehicle(Block):
-    """A neutrally buoyant sphere with thrusters; what is absent follows from the preset nearest in mass."""
+    """A neutrally buoyant sphere with thrusters; what is absent follows from its mass (between presets)."""
 
     id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
     mass_kg: Positive = 40.0
@@ -382,10 +401,16 @@ class Vehicle(Block):
     """[N]"""
     max_torque: Positive | None = None
     """[N m]"""
+    actuator_frame: Literal["world", "body"] = "world"
+    """Axes in which the thrusters lag: world keeps rotation and translation apart (paper 3.3.2), body is a real ROV."""
+    net_buoyancy: float = 0.0
+    """Buoyancy less weight [N]; 0 is neutral."""
+    metacentric_height: NonNegative = 0.0
+    """How far the centre of buoyancy lies above the centre of mass [m]; 0 is no righting moment."""
     controller: Controller = Controller()
     lights: list[Light] = []
     cameras: list[Camera] = [Camera()]
-    imu: Mounted | None = Mounted()
+    imu: Imu | None = Imu()
     depth_gauge: Mounted | None = Mounted()
 
     @field_validator("cameras")
@@ -401,7 +426,10 @@ class Vehicle(Block):
 
 
 class Waypoint(Block):
-    """A pose to pass by; ``strict`` ones are reached exactly."""
+    """A pose to pass by; ``strict`` ones are reached exactly.
+
+    Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
+    """
 
     position: Vec3
     look_at: Vec3 | None = None
@@ -410,12 +438,13 @@ class Waypoint(Block):
     """Speed of the leg that ends here [m/s]."""
     strict: bool = False
     dwell_s: NonNegative | None = None
+    """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
 
 class Pose(Block):
-    """An exact pose at a time; no dynamics."""
+    """An exact pose at a time; no dynamics. Attitude as for a waypoint."""
 
     time_s: NonNegative = 0.0
     position: Vec3
@@ -441,7 +470,7 @@ class Trajectory(Block):
     dwell_s: NonNegative = 0.25
     """Rest at a strict waypoint."""
     duration_s: Positive | None = None
-    """Length of the sequence; absent: until the last waypoint or pose."""
+    """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose."""
 
     @model_validator(mode="after")
     def _one_form(self):

@@ -1,0 +1,75 @@
+"""Water current: a uniform drift plus a few seeded sinusoids, so that every derivative exists.
+
+A free neutral sphere inherits the acceleration of the water; a rougher current would put white noise into the IMU.
+"""
+
+import numpy as np
+
+from varos_warp.scene import description
+from varos_warp.sim.quaternion import Vector
+
+WAVES = 8
+BLOCK_TICKS = 1000
+
+
+class Current:
+    """Velocity of the water, the same everywhere, as a function of time.
+
+    Attributes:
+        drift: Mean velocity [3] [m/s].
+        amplitude: Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed.
+        frequency: [WAVES] [rad/s], within an octave of the asked period on either side.
+        phase: [WAVES] [rad]
+    """
+
+    def __init__(self, current: description.Current, seed: int):
+        rng = np.random.default_rng([seed, 0x63757272])
+        direction = rng.normal(size=(WAVES, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        self.drift = np.asarray(current.velocity, float)
+        self.amplitude = current.fluctuation * np.sqrt(2.0 / WAVES) * direction
+        self.frequency = 2.0 * np.pi / current.period_s * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
+        self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
+
+    def velocity(self, t) -> np.ndarray:
+        """Velocity [n, 3] [m/s] at the times ``t`` [n] [s]."""
+        return self.drift + np.sin(np.multiply.outer(t, self.frequency) + self.phase) @ self.amplitude
+
+    def acceleration(self, t) -> np.ndarray:
+        """Its time derivative [n, 3] [m/s^2]."""
+        return (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
+
+    @property
+    def is_steady(self) -> bool:
+        """No fluctuation at all."""
+        return not self.amplitude.any()
+
+    @property
+    def max_speed(self) -> float:
+        """A bound on the speed at any time [m/s]."""
+        return float(np.linalg.norm(self.drift) + np.linalg.norm(self.amplitude, axis=1).sum())
+
+
+class SampledCurrent:
+    """The current at the stages of the integrator, tabulated in blocks because single NumPy calls are slow."""
+
+    def __init__(self, current: Current, tick_s: float, per_tick: int):
+        self._current, self._dt, self._per_tick = current, tick_s / per_tick, per_tick
+        self._first, self._rows = -1, []
+        still = (tuple(current.drift.tolist()), (0.0, 0.0, 0.0))
+        self._constant = [still] * (per_tick + 1) if current.is_steady else None
+
+    def stages(self, tick: int) -> list[tuple[Vector, Vector]]:
+        """(velocity, acceleration) at ``per_tick + 1`` evenly spaced times, from this tick to the next."""
+        if self._constant is not None:
+            return self._constant
+        if not 0 <= tick - self._first < BLOCK_TICKS or self._first < 0:
+            self._fill(tick)
+        start = (tick - self._first) * self._per_tick
+        return self._rows[start:start + self._per_tick + 1]
+
+    def _fill(self, tick: int) -> None:
+        self._first = tick
+        t = (tick * self._per_tick + np.arange(BLOCK_TICKS * self._per_tick + 1)) * self._dt
+        velocity, acceleration = self._current.velocity(t), self._current.acceleration(t)
+        self._rows = [(tuple(v), tuple(a)) for v, a in zip(velocity.tolist(), acceleration.tolist(), strict=True)]

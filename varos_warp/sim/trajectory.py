@@ -1,0 +1,251 @@
+"""From a scene to what happens in it: `simulate` runs the vehicle along its waypoints, 200 times per second."""
+
+import warnings
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import floor, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+from varos_warp.scene.frames import transform
+from varos_warp.sim import advice
+from varos_warp.sim.clock import TICK_S, frame_count, ticks_per_sample, times_ns
+from varos_warp.sim.control import Regulator
+from varos_warp.sim.current import Current
+from varos_warp.sim.dynamics import Dynamics, State
+from varos_warp.sim.guidance import Guidance, plan
+from varos_warp.sim.poses import pose_times, through_poses
+from varos_warp.sim.sensors import DepthGauge, Imu, measure_depth, measure_imu
+from varos_warp.sim.vehicle import sphere
+
+REPORT_TICKS = 200
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Motion of the vehicle, one row per tick of 5 ms, float64.
+
+    Attributes:
+        time_ns: int64 [N], from 0.
+        position: [N, 3] [m], world axes, as are velocity and acceleration.
+        velocity: [N, 3] [m/s].
+        acceleration: [N, 3] [m/s^2], from the force balance, never from differences.
+        quaternion: [N, 4] Hamilton (w, x, y, z), vehicle to world, w >= 0.
+        angular_velocity: [N, 3] [rad/s], vehicle axes.
+        angular_acceleration: [N, 3] [rad/s^2], vehicle axes.
+    """
+
+    time_ns: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    quaternion: np.ndarray
+    angular_velocity: np.ndarray
+    angular_acceleration: np.ndarray
+
+    def rotation(self) -> Rotation:
+        """Attitude of all rows, vehicle to world."""
+        return self._rotation
+
+    @cached_property
+    def _rotation(self) -> Rotation:
+        return Rotation.from_quat(self.quaternion, scalar_first=True)
+
+    def T_w_v(self, k: int) -> np.ndarray:
+        """Pose [4, 4] at row ``k``, vehicle to world."""
+        return transform(self._rotation[k].as_matrix(), self.position[k])
+
+    def euler(self) -> np.ndarray:
+        """Angles [N, 3] [rad] about the fixed world axes x, then y, then z, each in (-pi, pi]."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # at ty = +-90 deg only tx -+ tz is defined; tz is then 0
+            angles = self._rotation.as_euler("xyz")
+        return np.where(angles <= -np.pi, np.pi, angles)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A trajectory, the ticks of its frames and what the sensors read.
+
+    Attributes:
+        trajectory: Motion of the vehicle, up to one IMU sample after the last frame.
+        frame_ticks: Rows of the trajectory at which frames are taken, int [n_frames], from tick 0.
+        imu, depth_gauge: Readings, or None where the vehicle has none.
+        messages: Warnings and events in plain words.
+        reference_position: What the controller was asked to follow [N, 3] [m]; the position itself for exact poses.
+        waypoint: Index of the waypoint (or pose) that the reference heads for, int [N].
+    """
+
+    trajectory: Trajectory
+    frame_ticks: np.ndarray
+    imu: Imu | None
+    depth_gauge: DepthGauge | None
+    messages: list[str]
+    reference_position: np.ndarray
+    waypoint: np.ndarray
+
+
+class PathSamples(NamedTuple):
+    """Where a vehicle is and was meant to be, densely enough to check clearances."""
+
+    time_ns: np.ndarray
+    position: np.ndarray
+    reference: np.ndarray
+    waypoint: np.ndarray
+
+
+def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples:
+    """Rows of a simulation thinned so that neither path moves more than ``spacing_m`` between two of them.
+
+    Both ends are kept. Steps longer than the spacing (a vehicle faster than 10 m/s at 5 cm) are left as they are.
+    """
+    def travelled(path):
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+
+    trajectory = simulation.trajectory
+    distance = np.column_stack([travelled(trajectory.position), travelled(simulation.reference_position)])
+    keep, last = [0], distance[0]
+    while keep[-1] < len(distance) - 1:
+        # the furthest row that is still within the spacing of the last one kept, by both paths
+        within = min(np.searchsorted(distance[:, j], last[j] + spacing_m, side="right") - 1 for j in range(2))
+        keep.append(max(int(within), keep[-1] + 1))
+        last = distance[keep[-1]]
+    return PathSamples(trajectory.time_ns[keep], trajectory.position[keep], simulation.reference_position[keep],
+                       simulation.waypoint[keep])
+
+
+# --------------------------------------------------------------------------------------------------------- simulation
+
+
+def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -> Simulation:
+    """Move the scene's vehicle and read its sensors. The same scene gives the same bytes.
+
+    Args:
+        scene: Waypoints to follow with the vehicle's dynamics, or exact poses.
+        progress: Called now and then with the share of the work done, 0 to 1.
+
+    Raises:
+        InputError: A rate does not divide 200 Hz, poses are out of order, or parameters cannot be simulated.
+    """
+    step = ticks_per_sample(scene.render.frame_rate_hz, "render.frame_rate_hz")
+    run = _follow_poses(scene, step) if scene.trajectory.waypoints is None else _follow_waypoints(scene, step, progress)
+    vehicle, trajectory = scene.vehicle, run.trajectory
+    if progress is not None:
+        progress(1.0)
+    return Simulation(
+        trajectory, np.arange(run.frames) * step,
+        measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
+        measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge else None,
+        run.messages, run.reference, run.waypoint)
+
+
+class Run(NamedTuple):
+    """What either way of moving hands to `simulate`."""
+
+    trajectory: Trajectory
+    frames: int
+    messages: list[str]
+    reference: np.ndarray
+    waypoint: np.ndarray
+
+
+COLUMNS = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
+           "angular_acceleration": 3, "reference": 3, "waypoint": 1}
+"""What the loop writes down at each tick, in this order."""
+
+
+def _rows(scene: Scene, frames: int, step: int) -> int:
+    """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
+    imu = scene.vehicle.imu
+    every = ticks_per_sample(imu.rate_hz, "vehicle.imu.rate_hz") if imu else 1
+    return ((frames - 1) * step // every + 1) * every + 1
+
+
+def _trajectory(columns: dict[str, np.ndarray]) -> Trajectory:
+    q = columns["quaternion"]
+    columns["quaternion"] = np.where(q[:, :1] < 0.0, -q, q)
+    return Trajectory(times_ns(len(q)), **columns)
+
+
+def _follow_poses(scene: Scene, step: int) -> Run:
+    poses, duration = scene.trajectory.poses, scene.trajectory.duration_s
+    times = pose_times(poses)
+    last = times[-1] if len(poses) > 1 else 0.0
+    frames = frame_count(duration, step) if duration else floor(last / step) + 1
+    rows = _rows(scene, frames, step)
+    trajectory = _trajectory(through_poses(poses, rows))
+    pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
+    return Run(trajectory, frames, advice.on_poses(poses, (frames - 1) * step * TICK_S), trajectory.position, pose)
+
+
+def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
+    course, duration = plan(scene.trajectory), scene.trajectory.duration_s
+    body, current = sphere(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
+    regulator = Regulator(body, scene.vehicle.controller)
+    # relative to the first waypoint: far from the world's origin the same course is driven to the same digits
+    origin = course.positions[0]
+    guidance = Guidance(replace(course, positions=course.positions - origin))
+    dynamics = Dynamics(body, current, actuator_frame=scene.vehicle.actuator_frame)
+    frames = frame_count(duration, step) if duration else None
+
+    log, end = _fly(guidance, regulator, dynamics,
+                    rows=_rows(scene, frames, step) if frames else None,
+                    rows_after=lambda tick: _rows(scene, tick // step + 1, step),
+                    tell=_teller(progress, duration or course.duration))
+    frames = frames or end // step + 1
+    columns = dict(zip(COLUMNS, np.split(log, np.cumsum(list(COLUMNS.values()))[:-1], axis=1), strict=True))
+    reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint")[:, 0].astype(int)
+    columns = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    columns["position"] += origin
+    messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
+                *advice.on_run(scene, course, guidance, end, frames * step, regulator.saturated_ticks)]
+    return Run(_trajectory(columns), frames, messages, reference, waypoint)
+
+
+def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: int | None,
+         rows_after: Callable[[int], int], tell: Callable[[int], None]) -> tuple[np.ndarray, int | None]:
+    """The loop: guidance, control, thrusters, body. From rest at the first waypoint.
+
+    Args:
+        guidance: Walks through the course.
+        regulator: Commands the thrusters.
+        dynamics: Moves the vehicle.
+        rows: How many ticks to simulate; None to go on until the course ends.
+        rows_after: Ticks to simulate in all when the course ends at this one.
+        tell: Called with the tick.
+
+    Returns:
+        Table [rows, 23] with the columns of `COLUMNS`, and the tick at which the course ended, if it did.
+    """
+    state, end, tick, log = State(q=guidance.start), None, 0, array("d")
+    while rows is None or tick < rows:
+        reference = guidance.reference(tick, state.p, state.q)
+        if guidance.finished and end is None:
+            end, rows = tick, rows or rows_after(tick)
+        acceleration, angular_acceleration = dynamics.accelerations(state, tick)
+        for values in (state.p, state.v, acceleration, state.q, state.omega, angular_acceleration,
+                       reference.position, (guidance.leg + 1.0,)):
+            log.extend(values)
+        force, torque = regulator.command(reference, state, dynamics.thrust(state))
+        state = dynamics.advance(state, force, torque, tick)
+        tick += 1
+        if tick % REPORT_TICKS == 0:
+            tell(tick)
+            _check_finite(state)
+    return np.frombuffer(log).reshape(tick, -1), end
+
+
+def _teller(progress: Callable[[float], None] | None, expected_s: float) -> Callable[[int], None]:
+    return lambda tick: progress(min(1.0, tick * TICK_S / expected_s)) if progress is not None else None
+
+
+def _check_finite(state: State) -> None:
+    if not all(isfinite(x) for vector in state for x in vector):
+        raise InputError("the simulated vehicle ran away", key="vehicle",
+                         remedy="Check its drag, mass and thrusters, and the weights of vehicle.controller")
