@@ -1,0 +1,183 @@
+"""Scene files: what is read, and what is said about files that cannot be."""
+
+import os
+from pathlib import Path
+
+import pytest
+import yaml
+
+from varos_warp.errors import InputError
+from varos_warp.scene.load import (
+    demo_scene_path,
+    dump_scene,
+    json_schema,
+    load_scene,
+    scene_from_dict,
+    scene_to_dict,
+    starter_scene,
+)
+from varos_warp.scene.meshes import build_parts
+
+ROOT = Path(__file__).parents[2]
+CONTRACT = ROOT.parent / "shared" / "contract" / "scene.yaml"
+
+SMALL = """\
+name: small
+objects:
+  - {kind: pipe, radius: 0.15, length: 2.0, material: steel}
+  - {kind: bolt, size: M24}
+materials:
+  steel: {reflectance: [0.4, 0.4, 0.4]}
+water:
+  principled: {density: 0.125, color: [0.1, 0.2, 0.3], absorption_color: [0, 0.4, 1], anisotropy: 0.8}
+vehicle:
+  mass_kg: 40
+trajectory:
+  waypoints:
+    - {position: [0, 0, 0], look_at: [0, 5, 0]}
+render: {spp: 8, denoise: none}
+"""
+
+
+def write(tmp_path, text) -> Path:
+    path = tmp_path / "scene.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def refusal(tmp_path, text, overrides=()) -> InputError:
+    with pytest.raises(InputError) as caught:
+        load_scene(write(tmp_path, text), overrides)
+    return caught.value
+
+
+def test_relative_files_are_relative_to_the_scene_file(tmp_path):
+    scene = load_scene(write(tmp_path, SMALL))
+    assert scene.resolve("a/b.ply") == tmp_path.resolve() / "a" / "b.ply"
+    assert scene.resolve("/a/b.ply") == Path("/a/b.ply")
+
+
+def test_a_resolved_scene_reads_back_to_an_equal_scene(tmp_path):
+    scene = load_scene(write(tmp_path, SMALL.replace("vehicle:\n", "vehicle:\n  imu: null\n")))
+    assert scene.vehicle.imu is None
+    assert scene_from_dict(scene_to_dict(scene), tmp_path) == scene
+    (tmp_path / "again.yaml").write_text(dump_scene(scene))
+    assert load_scene(tmp_path / "again.yaml") == scene
+
+
+@pytest.mark.parametrize("path", [ROOT / "examples/munkholmen/scene.yaml", demo_scene_path(), CONTRACT],
+                         ids=["munkholmen", "demo", "contract"])
+def test_the_scenes_that_come_with_us_load_and_read_back(path):
+    if not path.exists() and path == CONTRACT and not os.environ.get("CI"):
+        pytest.skip("the contract is not beside this checkout")
+    scene = load_scene(path)
+    assert scene_from_dict(scene_to_dict(scene), path.parent) == scene
+
+
+def test_the_starter_scene_builds_without_any_file(tmp_path):
+    parts = build_parts(load_scene(write(tmp_path, starter_scene())))
+    assert [part.name for part in parts] == ["terrain", "objects.0", "objects.1", "objects.2"]
+
+
+def test_the_schema_names_every_block():
+    assert {"terrain", "objects", "materials", "water", "vehicle", "trajectory", "render"} <= set(
+        json_schema()["properties"])
+
+
+# ------------------------------------------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(("old", "new", "key", "line", "says"), [
+    ("name: small", "nmae: small", "nmae", 1, "Did you mean 'name'?"),
+    ("density: 0.125", "densty: 0.125", "water.principled.densty", 8, "Did you mean 'density'?"),
+    ("radius: 0.15", "raduis: 0.15", "objects.0.raduis", 3, "Did you mean 'radius'?"),
+    ("spp: 8", "zzz: 8", "render.zzz", 14, "Known here: frame_rate_hz, outputs"),
+    ("density: 0.125", "density: -0.1", "water.principled.density", 8, "-0.1"),
+    ("anisotropy: 0.8", "anisotropy: 1.0", "water.principled.anisotropy", 8, "below 1"),
+    ("anisotropy: 0.8", "anisotropy: -1", "water.principled.anisotropy", 8, "above -1"),
+    ("mass_kg: 40", "mass_kg: .nan", "vehicle.mass_kg", 10, "finite"),
+    ("mass_kg: 40", "mass_kg: heavy", "vehicle.mass_kg", 10, "Give a number"),
+    ("length: 2.0", "length: 0", "objects.0.length", 3, "above 0"),
+    (", length: 2.0", "", "objects.0.length", 3, "is missing"),
+    ("kind: pipe", "kind: pip", "objects.0", 3, "Did you mean 'pipe'?"),
+    ("material: steel", "material: stel", "objects.0.material", 3, "no material named 'stel'"),
+    ("size: M24", "size: 24", "objects.1.size", 4, "quotes"),
+    ("denoise: none", "denoise: oind", "render.denoise", 14, "Did you mean 'oidn'?"),
+    ("    - {position: [0, 0, 0], look_at: [0, 5, 0]}", "    []", "trajectory", 11, "at least one waypoint"),
+    ("look_at: [0, 5, 0]", "look_at: [0, 0, 0]", "trajectory.waypoints.0", 13, "must differ"),
+    ("look_at: [0, 5, 0]", "look_at: [0, 5, 0], rotation_euler_deg: [0, 0, 9]", "trajectory.waypoints.0", 13, "not both"),
+    ("position: [0, 0, 0]", "position: [0, 0]", "trajectory.waypoints.0.position.2", 13, "is missing"),
+])
+def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):
+    assert SMALL.count(old) == 1
+    error = refusal(tmp_path, SMALL.replace(old, new))
+    assert Path(error.file).name == "scene.yaml"
+    assert (error.key, error.line) == (key, line)
+    assert says in error.message
+    assert "\n" not in error.message
+
+
+def test_three_forms_of_water_at_once_are_refused(tmp_path):
+    error = refusal(tmp_path, SMALL.replace("water:\n", "water:\n  jerlov: {type: II}\n"))
+    assert error.key == "water"
+    assert "exactly one" in error.message
+
+
+def test_the_first_problem_is_told_and_the_others_are_counted(tmp_path):
+    error = refusal(tmp_path, SMALL.replace("0.125", "-1").replace("mass_kg: 40", "mass_kg: 0"))
+    assert "(1 more problem: vehicle.mass_kg)" in error.message
+
+
+def test_a_key_given_twice_is_refused_since_yaml_would_drop_one(tmp_path):
+    error = refusal(tmp_path, SMALL + "render: {spp: 9}\n")
+    assert (error.key, error.line) == ("render", 15)
+    assert "line 14" in error.message
+
+
+@pytest.mark.parametrize(("text", "says"), [
+    ("", "is empty"), ("# nothing\n", "is empty"), ("- 1\n- 2\n", "is a list"), ("hello", "is a str"),
+    ("a: [1, 2", "not valid YAML"), ("a: b: c", "not valid YAML"), ("\ta: 1", "not valid YAML"),
+    (b"\x89PNG\r\n\x1a\n\xff\xfe", "not a text file"), (b"a: \x00", "not valid YAML"),
+    ("a: 2021-13-45", "not valid YAML"), ("a: !!python/object:os.system {}", "not valid YAML"),
+    ("a: &x [*x]", "unknown key"),
+])
+def test_what_is_no_scene_file_is_refused_in_one_line(tmp_path, text, says):
+    error = refusal(tmp_path, text)
+    assert says in error.message
+    assert "\n" not in error.message
+
+
+def test_a_missing_scene_file_and_a_folder_are_refused(tmp_path):
+    for path in (tmp_path / "nowhere.yaml", tmp_path):
+        with pytest.raises(InputError, match="scene file"):
+            load_scene(path)
+
+
+# ------------------------------------------------------------------------------------------------------- overrides
+
+
+def test_overrides_reach_into_blocks_and_lists_and_make_blocks(tmp_path):
+    scene = load_scene(write(tmp_path, SMALL), ["objects.0.scale=2", "render.exposure.A=constant", "water=none",
+                                                "vehicle.cameras=[{id: L0}, {id: R0, position: [0.1, 0, 0]}]"])
+    assert scene.objects[0].scale == 2.0
+    assert scene.render.exposure.A == "constant"
+    assert scene.water == "none"
+    assert [camera.id for camera in scene.vehicle.cameras] == ["L0", "R0"]
+
+
+@pytest.mark.parametrize(("override", "says"), [
+    ("render.spp", "key.path=value"), ("=3", "key.path=value"), ("render..spp=3", "key.path=value"),
+    ("objects.7.scale=2", "0 to 1"), ("objects.x.scale=2", "0 to 1"), ("objects.7=2", "0 to 1"),
+    ("name.x=1", "no block"), ("name.x.y=1", "no block"), ("render.spp=[1", "not valid YAML"),
+    ("render.ssp=3", "Did you mean 'spp'?"), ("render.spp=0", "at least 1"), ("seed=-1", "at least 0"),
+])
+def test_a_bad_override_is_blamed_itself(tmp_path, override, says):
+    error = refusal(tmp_path, SMALL, [override])
+    assert str(error.file) == f"--set {override}"
+    assert says in error.message
+
+
+def test_values_may_be_anchored_and_merged(tmp_path):
+    text = SMALL.replace("{kind: bolt, size: M24}", "&bolt {kind: bolt, size: M24}\n  - {<<: *bolt, size: M30}")
+    assert [o.size for o in load_scene(write(tmp_path, text)).objects[1:]] == ["M24", "M30"]
+    assert yaml.safe_load(text)["objects"][2]["kind"] == "bolt"
