@@ -105,7 +105,8 @@ def test_the_schema_names_every_block():
     ("denoise: none", "denoise: oind", "render.denoise", 14, "Did you mean 'oidn'?"),
     ("    - {position: [0, 0, 0], look_at: [0, 5, 0]}", "    []", "trajectory", 11, "at least one waypoint"),
     ("look_at: [0, 5, 0]", "look_at: [0, 0, 0]", "trajectory.waypoints.0", 13, "must differ"),
-    ("look_at: [0, 5, 0]", "look_at: [0, 5, 0], rotation_euler_deg: [0, 0, 9]", "trajectory.waypoints.0", 13, "not both"),
+    ("look_at: [0, 5, 0]", "look_at: [0, 5, 0], rotation_euler_deg: [0, 0, 9]", "trajectory.waypoints.0", 13,
+     "not both"),
     ("position: [0, 0, 0]", "position: [0, 0]", "trajectory.waypoints.0.position.2", 13, "is missing"),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):

@@ -413,6 +413,13 @@ class Vehicle(Block):
     imu: Imu | None = Imu()
     depth_gauge: Mounted | None = Mounted()
 
+    @field_validator("lights", mode="before")
+    @classmethod
+    def _spot_by_default(cls, lights: Any):
+        if not isinstance(lights, list):
+            return lights
+        return [{"kind": "spot", **x} if isinstance(x, dict) and "kind" not in x else x for x in lights]
+
     @field_validator("cameras")
     @classmethod
     def _distinct_ids(cls, cameras):

@@ -41,7 +41,8 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -
     path = Path(path)
     _check_file(path, key)
     try:
-        vertices, faces, axis = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path)
+        with np.errstate(invalid="ignore"):  # infinite vertices are refused below
+            vertices, faces, axis = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path)
     except Exception as error:  # every format's reader raises its own kinds
         problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
         raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error

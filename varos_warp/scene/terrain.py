@@ -21,6 +21,8 @@ from varos_warp.scene.procedural import grid_mesh
 from varos_warp.scene.query import surface_distance
 
 DISTANCE_SAMPLES = 4000
+ROUNDING = 1e-7
+"""In grid steps and barycentric coordinates: what float64 loses at UTM coordinates on a grid of centimetres."""
 
 
 def join(meshes) -> tuple[np.ndarray, np.ndarray]:
@@ -188,6 +190,8 @@ def shrinkwrap(vertices, faces, resolution: int, region=None):
     low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
     if region is not None:
         low, high = np.maximum(low, region[:2]), np.minimum(high, region[2:])
+    if not (high > low).all():  # a wall
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     step = (high - low).max() / (resolution - 1)
     x, y = (np.linspace(low[i], high[i], max(2, round((high[i] - low[i]) / step) + 1)) for i in range(2))
     z = rasterise(vertices, faces, x, y)
@@ -205,10 +209,10 @@ def rasterise(vertices, faces, x, y, chunk: int = 2_000_000):
     """
     z = np.full((len(y), len(x)), -np.inf)
     triangles = vertices[faces]
-    origin, step = np.array([x[0], y[0]]), np.array([x[1] - x[0], y[1] - y[0]])
+    origin, step = np.array([x[0], y[0]]), np.array([np.ptp(x) / (len(x) - 1), np.ptp(y) / (len(y) - 1)])
     flat = (triangles[..., :2] - origin) / step
-    first = np.clip(np.ceil(flat.min(axis=1) - 1e-9), 0, None).astype(np.int64)
-    last = np.minimum(np.floor(flat.max(axis=1) + 1e-9), (len(x) - 1, len(y) - 1)).astype(np.int64)
+    first = np.clip(np.ceil(flat.min(axis=1) - ROUNDING), 0, None).astype(np.int64)
+    last = np.minimum(np.floor(flat.max(axis=1) + ROUNDING), (len(x) - 1, len(y) - 1)).astype(np.int64)
     span = np.maximum(last - first + 1, 0)
     count = span.prod(axis=1)
     bounds = np.searchsorted(np.cumsum(count), np.arange(0, count.sum() + chunk, chunk))
@@ -230,7 +234,7 @@ def _raster_chunk(z, flat, heights, first, span, count, members):
     safe = np.where(area == 0.0, 1.0, area)
     v = (p[:, 0] * ac[:, 1] - p[:, 1] * ac[:, 0]) / safe
     w = (ab[:, 0] * p[:, 1] - ab[:, 1] * p[:, 0]) / safe
-    hit = (area != 0.0) & (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9)
+    hit = (area != 0.0) & (v >= -ROUNDING) & (w >= -ROUNDING) & (v + w <= 1.0 + ROUNDING)
     h = heights[which]
     np.maximum.at(z, (row[hit], column[hit]), (h[:, 0] + v * (h[:, 1] - h[:, 0]) + w * (h[:, 2] - h[:, 0]))[hit])
 

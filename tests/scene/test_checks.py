@@ -1,0 +1,164 @@
+import json
+
+import numpy as np
+import pytest
+
+from varos_warp.scene.checks import camera_info, check_scene, looks_like_transmission, scene_info, vehicle_radius
+from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict
+from varos_warp.scene.meshes import build_parts
+from varos_warp.scene.terrain import write_ply
+
+TABLE_1 = {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345], "absorption_color": [0.0, 0.394, 1.0],
+                          "anisotropy": 0.8}}
+LAMP = {"position": [0.15, -0.1, 0.0]}
+
+
+def scene(tmp_path=".", waypoints=((0, 0, 1),), vehicle=None, **blocks):
+    return scene_from_dict({
+        "trajectory": {"waypoints": [{"position": list(p)} for p in waypoints]}, "surface_depth_m": 80.0,
+        "vehicle": {"lights": [LAMP], **(vehicle or {})}, "water": TABLE_1, **blocks}, tmp_path)
+
+
+def warnings(**blocks):
+    s = scene(**blocks)
+    return check_scene(s, build_parts(s))
+
+
+FLAT = {"kind": "procedural", "resolution": 33, "relief_m": 0.0, "size_m": 20}
+
+
+def test_a_sound_scene_gives_no_warning():
+    assert warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 0, 0.5)]) == []
+    demo = load_scene(demo_scene_path())
+    assert check_scene(demo, build_parts(demo)) == []
+
+
+@pytest.mark.parametrize(("values", "verdict"), [
+    ((0.905, 0.961, 0.982), True),       # Jerlov I's transmission, taken for an attenuation by a published simulator
+    ((0.795, 0.88, 0.93), True),
+    ((0.228, 0.062, 0.018), False),      # Jerlov I's absorption
+    ((0.39, 0.348, 0.943), False),       # Jerlov 9C: murky, but not in order
+    ((2.7, 3.1, 4.4), False), ((0.3, 0.3, 0.3), False), ((0.12500, 0.058, 0.0431), False), ((0.1, 0.2, 0.3), False),
+])
+def test_transmissions_given_as_coefficients_are_noticed(values, verdict):
+    assert looks_like_transmission(values) == verdict
+
+
+def test_the_warning_of_a_transmission_gives_the_coefficient_that_was_meant():
+    water = {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [0.905, 0.961, 0.982]}}
+    (text,) = warnings(water=water)
+    assert "0.0998, 0.0398, 0.0182" in text
+
+
+def test_no_jerlov_type_is_taken_for_a_transmission():
+    for kind in ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"):
+        assert not [w for w in warnings(water={"jerlov": {"type": kind}}) if "transmission" in w], kind
+
+
+def test_water_too_murky_to_see_through_is_noticed():
+    assert "nothing will be seen" in warnings(water={"coefficients": {"sigma_s": [9, 9, 9], "sigma_a": [1, 1, 1]}})[0]
+
+
+def test_waypoints_under_the_terrain_or_too_near_to_it_are_noticed_by_number():
+    texts = warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 1, -1), (2, 2, 0.1)])
+    assert any("waypoint 1 is under the terrain" in t for t in texts)
+    assert any("waypoint 2 is nearer to terrain than the vehicle's radius" in t and "0.10 m" in t for t in texts)
+    assert any("vehicle.cameras.0 (M0): is under the terrain at waypoint 1" in t for t in texts)
+
+
+def test_simulated_positions_are_checked_too():
+    s = scene(terrain=FLAT)
+    parts = build_parts(s)
+    assert check_scene(s, parts, np.array([[0, 0, 1.0], [1, 1, 0.3]])) == []
+    (text,) = check_scene(s, parts, np.array([[0, 0, 1.0], [1, 1, 0.05]]))
+    assert "position 1 is nearer to terrain" in text
+
+
+def test_a_camera_inside_an_object_is_noticed():
+    rock = {"kind": "boulder", "diameter": 4.0, "position": [0, 0, 1]}
+    texts = warnings(objects=[rock])
+    assert any("vehicle.cameras.0 (M0): is inside objects.0 at waypoint 0" in t for t in texts)
+    assert any("waypoint 0 is inside objects.0" in t for t in texts)
+
+
+def test_a_camera_standing_in_the_world_is_checked_where_it_stands():
+    cameras = [{"id": "M0"}, {"id": "M1", "mount": "world", "position": [2, 2, -0.5]}]
+    assert warnings(terrain=FLAT, vehicle={"cameras": cameras}) == ["vehicle.cameras.1 (M1): is under the terrain"]
+
+
+def test_lights_and_cameras_above_the_surface_are_noticed():
+    texts = warnings(surface_depth_m=1.05, waypoints=[(0, 0, 1)], vehicle={"lights": [{"position": [0, 0, 0.1]}]})
+    assert len(texts) == 1
+    assert "vehicle.lights.0: is above the sea surface" in texts[0]
+    texts = warnings(surface_depth_m=0.0)
+    assert [t.split(":")[0] for t in texts] == ["vehicle.lights.0", "vehicle.cameras.0 (M0)"]
+    assert warnings(surface_depth_m=0.0, water="none") == []
+
+
+def test_missing_and_backward_lights_are_noticed():
+    assert "no light" in warnings(vehicle={"lights": []})[0]
+    assert "backwards" in warnings(vehicle={"lights": [{"direction": [0, -1, 0]}]})[0]
+
+
+@pytest.mark.parametrize(("camera", "says"), [
+    ({"resolution": [1280, 960]}, "not square"),
+    ({"focal_mm": 0.5}, "field of view"), ({"focal_mm": 90}, "field of view"),
+    ({"f_stop": 0.1}, "f/0.1"), ({"f_stop": 2, "focus_m": 0.003}, "focus_m"),
+])
+def test_odd_cameras_are_noticed(camera, says):
+    (text,) = warnings(vehicle={"cameras": [camera]})
+    assert says in text
+
+
+def test_odd_exposures_are_noticed():
+    (text,) = warnings(render={"exposure": {"A": 1e6}})
+    assert "render.exposure.A" in text
+
+
+def test_millimetres_taken_for_metres_are_noticed(tmp_path):
+    vertices = 500.0 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) + [0, 0, -30]
+    write_ply(tmp_path / "mm.ply", vertices, np.array([[0, 1, 2]]))
+    (text,) = warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply"}])
+    assert text.startswith("objects.0: 500 m across")
+    assert "scale: 0.001" in text
+    assert "scale: 1000" in warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply", "scale": 1e-6}])[0]
+
+
+# ------------------------------------------------------------------------------------------------------------- info
+
+
+def test_info_gives_the_water_of_table_1_in_oceanographers_terms():
+    info = scene_info(scene(), [])["water"]
+    assert info["b"] == pytest.approx([0.00175, 0.01825, 0.043125])
+    assert info["a"] == pytest.approx([0.12325, 0.0397436, 0.0], rel=1e-5)
+    assert info["c"] == pytest.approx([0.125, 0.0579936, 0.043125], rel=1e-5)
+    assert info["albedo"][2] == 1.0
+    assert info["mean_free_path_m"] == pytest.approx([8.0, 17.2433, 23.1884], rel=1e-4)
+    assert np.exp(-np.multiply(info["c"], info["range_10_percent_m"])) == pytest.approx([0.1] * 3)
+
+
+def test_info_of_no_water_is_infinitely_clear():
+    info = scene_info(scene(water="none"), [])["water"]
+    assert info["c"] == [0.0, 0.0, 0.0]
+    assert info["mean_free_path_m"] == [None] * 3
+
+
+def test_info_gives_the_papers_camera_in_both_pixel_conventions():
+    info = camera_info(scene().vehicle.cameras[0])
+    assert [info["fx"], info["fy"]] == pytest.approx([985.507, 985.507], abs=1e-3)
+    assert [info["cx_colmap"], info["cy_opencv"]] == [640.0, 359.5]
+    assert [info["horizontal_fov_deg"], info["vertical_fov_deg"]] == pytest.approx([66.0, 40.1], abs=0.05)
+
+
+def test_info_lists_meshes_and_is_json():
+    s = scene(terrain=FLAT, objects=[{"kind": "nut", "size": "M8"}])
+    info = json.loads(json.dumps(scene_info(s, build_parts(s)), allow_nan=False))
+    assert [m["name"] for m in info["meshes"]] == ["terrain", "objects.0"]
+    assert info["meshes"][0]["triangles"] == 2 * 32 * 32
+    assert info["meshes"][0]["bounds_m"][1][:2] == [10.0, 10.0]
+    assert info["trajectory"] == {"kind": "waypoints", "count": 1}
+
+
+def test_the_vehicle_displaces_its_mass():
+    s = scene()
+    assert 1025.0 * 4.0 / 3.0 * np.pi * vehicle_radius(s) ** 3 == pytest.approx(40.0)
