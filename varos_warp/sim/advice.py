@@ -77,8 +77,8 @@ def _steady_force(scene: Scene, course: Course, body: Sphere, gains: Gains, curr
     radius = min(gate.radius for gate in course.gates)
     if controller.integral == 0.0 and offset > radius:
         messages.append(f"a steady force keeps the vehicle {offset:.3f} m off its waypoints, more than the "
-                        f"{radius:g} m at which it goes on; every waypoint will time out (set vehicle.controller.integral, "
-                        "e.g. 0.05, or raise trajectory.handover_radius_m)")
+                        f"{radius:g} m at which it goes on; waypoints will time out (set "
+                        "vehicle.controller.integral, e.g. 0.05, or raise trajectory.handover_radius_m)")
     return messages
 
 
