@@ -36,7 +36,7 @@ def make_scene(render=None, **changes):
     return scene_from_dict(data)
 
 
-def simulate(scene, progress=None):
+def simulate(scene, *, progress=None):
     """A vehicle that sways and turns, with closed forms for every derivative (world axes, small yaw only)."""
     seconds, rate = 1.0, 200
     ticks = np.arange(int(seconds * rate) + 1)
@@ -60,6 +60,10 @@ def simulate(scene, progress=None):
     body = rotation.inv().apply(acceleration + [0, 0, scene.gravity])
     body = body + np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
     imu.acceleration, imu.angular_velocity = body @ R_v_s, omega @ R_v_s
+    imu.acceleration_bias = imu.angular_velocity_bias = np.zeros_like(body)
+    if scene.vehicle.imu.noise is not None:
+        imu.acceleration_bias = np.full_like(body, 0.3)
+        imu.acceleration = imu.acceleration + imu.acceleration_bias
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
         trajectory=SimpleNamespace(

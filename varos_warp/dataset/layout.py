@@ -5,7 +5,7 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     dataset.json  README.txt  contact_sheet.png
     vehicle0/cam0/{A,B,C,D}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
-    vehicle0/imu0/imu0_data.csv  imu0_poses/...        vehicle0/depth0/depth0_data.csv  depth0_poses/...
+    vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
     vehicle0/lights0/lights0_poses.csv
 """
@@ -80,6 +80,11 @@ class Layout:
         """Data of ``imu0`` or ``depth0``."""
         return self.vehicle_dir / name / f"{name}_data.csv"
 
+    @property
+    def imu_bias(self) -> Path:
+        """The slowly varying part of the IMU's noise, where it has any."""
+        return self.sensor("imu0").with_name("imu0_bias.csv")
+
     def poses(self, name: str, form: str) -> Path:
         """Poses of a camera id, ``imu0``, ``depth0`` or ``vehicle``; the form is one of `POSE_FORMS`."""
         if name == "vehicle":
@@ -128,7 +133,7 @@ class Dataset:
     """
 
     def __init__(self, root):
-        self.root = Path(root)
+        self.root, self._gains = Path(root), {}
         if not (self.root / "dataset.json").is_file():
             raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
                              remedy="Give the folder that `varos-warp run` wrote to.")
@@ -210,12 +215,19 @@ class Dataset:
 
     def gain(self, output: str, frame: int, camera: str | None = None) -> float:
         """Exposure gain of A or B."""
-        return self.gains(output, camera)[frame]
+        key = output, self._camera(camera)
+        if key not in self._gains:
+            self._gains[key] = self.gains(*key)
+        return self._gains[key][frame]
 
     def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
         """Exposure gain of every frame of A or B."""
         table = files.read_csv(self.layout.camera_file(self._camera(camera), f"_exposure_{output}.csv"))
         return dict(zip(table["frame"].tolist(), table["gain"].tolist(), strict=True))
+
+    @cached_property
+    def _row(self) -> dict[int, int]:
+        return {frame: row for row, frame in enumerate(self.frames)}
 
     # ------------------------------------------------------------------------------------------- poses and sensors
 
@@ -236,7 +248,7 @@ class Dataset:
 
     def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Pose [4, 4] of a camera (OpenCV axes) at a frame."""
-        return self._camera_poses[self._camera(camera)][self.frames.index(frame)]
+        return self._camera_poses[self._camera(camera)][self._row[frame]]
 
     def states(self) -> dict[str, np.ndarray]:
         """The vehicle at every tick.
@@ -255,7 +267,15 @@ class Dataset:
 
     def imu(self) -> dict[str, np.ndarray]:
         """time_ns int64 [N], acceleration (specific force) [m/s^2] and angular_velocity [rad/s] [N, 3]."""
-        table = list(files.read_csv(self.layout.sensor("imu0")).values())
+        return self._imu(self.layout.sensor("imu0"))
+
+    def imu_bias(self) -> dict[str, np.ndarray] | None:
+        """The bias in the readings of `imu`, of the same form; None where they have no noise."""
+        return self._imu(self.layout.imu_bias) if self.meta["sensors"]["imu0"].get("noise") else None
+
+    @staticmethod
+    def _imu(path: Path) -> dict[str, np.ndarray]:
+        table = list(files.read_csv(path).values())
         return {"time_ns": table[0], "acceleration": np.column_stack(table[1:4]),
                 "angular_velocity": np.column_stack(table[4:7])}
 

@@ -71,15 +71,21 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     start = time.monotonic()
     layout = Layout.of(scene, out)
     previous = open_folder(scene, layout)
-    from varos_warp.sim.trajectory import simulate
-
-    job = _Job(scene, layout, simulate(scene), previous, frames, quiet)
+    job = _Job(scene, layout, simulated(scene, quiet), previous, frames, quiet)
     job.write_texts(sensors, images)
     if images:
         job.render(device, shard, renderer)
         job.finish()
     job.summary.seconds = round(time.monotonic() - start, 3)
     return job.summary
+
+
+def simulated(scene, quiet: bool = False):
+    """The scene's `Simulation`, with a progress bar."""
+    from varos_warp.sim.trajectory import simulate
+
+    with Progress("simulating", 100, "%", quiet) as progress:
+        return simulate(scene, progress=progress.reach)
 
 
 # --------------------------------------------------------------------------------------------------------- the folder

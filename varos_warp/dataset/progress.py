@@ -40,7 +40,7 @@ class Progress:
     def __exit__(self, kind, value, trace) -> None:
         if self._bar is not None:
             self._bar.stop()
-        elif not self.quiet and self.total and kind is None:
+        elif not self.quiet and self.done and kind is None and time.monotonic() - self._start >= 1.0:
             self._say()
 
     @property
@@ -57,8 +57,13 @@ class Progress:
             self._last = time.monotonic()
             self._say()
 
+    def reach(self, share: float) -> None:
+        """Count all steps up to a share of the job, 0 to 1."""
+        while self.done < share * self.total:
+            self.advance()
+
     def _say(self) -> None:
-        left = (self.total - self.done) / self.rate if self.done else float("nan")
+        left = (self.total - self.done) / self.rate
         tail = f", {_clock(left)} left" if self.done < self.total else f" in {_clock(time.monotonic() - self._start)}"
         print(f"{self.label}: {self.done}/{self.total} {self.unit}, {self.rate:.3g} {self.unit}/s{tail}",
               file=sys.stderr, flush=True)

@@ -56,6 +56,9 @@ def write_sensors(layout: Layout, scene, simulation) -> None:
         imu = simulation.imu
         files.write_csv(layout.sensor("imu0"), [TIME, *_xyz("a_RS_S", "m s^-2"), *_xyz("w_RS_S", "rad s^-1")],
                         imu.time_ns, imu.acceleration, imu.angular_velocity)
+        if vehicle.imu.noise is not None:
+            files.write_csv(layout.imu_bias, [TIME, *_xyz("b_a_RS_S", "m s^-2"), *_xyz("b_w_RS_S", "rad s^-1")],
+                            imu.time_ns, imu.acceleration_bias, imu.angular_velocity_bias)
         write_poses(layout, "imu0", imu.time_ns, _at(trajectory, poses, imu.time_ns) @ pose_matrix(vehicle.imu))
     if vehicle.depth_gauge is not None:
         gauge = simulation.depth_gauge
@@ -74,7 +77,7 @@ def vehicle_poses(trajectory) -> np.ndarray:
 
 def _at(trajectory, poses: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
     """Poses at the sensor's samples, each of which falls on a tick."""
-    index = np.searchsorted(trajectory.time_ns, time_ns)
+    index = np.searchsorted(trajectory.time_ns, time_ns).clip(max=len(trajectory.time_ns) - 1)
     if not np.array_equal(trajectory.time_ns[index], time_ns):
         raise ValueError("a sensor's sample does not fall on a tick of the simulation")
     return poses[index]
@@ -133,6 +136,13 @@ def describe_camera(layout: Layout, camera) -> dict:
 def describe_light(light) -> dict:
     """A light as the scene file has it, and its pose."""
     return {**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
+
+
+def describe_sensor(sensor) -> dict:
+    """Rate, pose and noise of the IMU or the depth gauge."""
+    noise = getattr(sensor, "noise", None)
+    return {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
+            "noise": noise and noise.model_dump(mode="json")}
 
 
 def describe_water(scene) -> dict:
@@ -227,8 +237,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "depth": describe_depth(scene),
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": render.denoise, "denoise_b": render.denoise_b},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
-        "sensors": {name: {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist()}
-                    for name, sensor in mounted.items() if sensor is not None},
+        "sensors": {name: describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
         "lights": [describe_light(light) for light in vehicle.lights],
         "water": describe_water(scene),
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,

@@ -1,0 +1,186 @@
+"""A sound dataset passes, and every kind of damage is found and named."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from standins import make_scene
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.produce import produce
+from varos_warp.dataset.validate import validate
+from varos_warp.errors import InputError
+
+
+@pytest.fixture
+def copy(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "copy")
+
+
+def problems(root):
+    return "\n".join(validate(root, quiet=True).problems)
+
+
+def edit(path, change):
+    """Change the columns of a CSV and write it back."""
+    table = files.read_csv(path)
+    change(table)
+    files.write_csv(path, list(table), *[c if c.dtype.kind != "U" else c.tolist() for c in table.values()])
+
+
+def test_a_sound_dataset_has_no_problems_and_its_measures_are_far_below_their_limits(written):
+    result = validate(written, quiet=True)
+    assert result.problems == []
+    assert result.files_read == 10 * 2 * 6
+    for measure in result.measures:
+        assert measure["value"] < measure["limit"] / 10, measure
+
+
+def test_a_dataset_of_ranges_along_the_ray_is_sound_too(tmp_path):
+    produce(make_scene(render={"depth_kind": "range", "outputs": ["C", "D"]}), tmp_path, quiet=True)
+    assert problems(tmp_path) == ""
+
+
+def test_a_dataset_without_images_is_sound(tmp_path):
+    produce(make_scene(), tmp_path, images=False, quiet=True)
+    assert problems(tmp_path) == ""
+
+
+def test_noise_in_the_imu_is_allowed_for(tmp_path):
+    noise = {"accelerometer_noise_density": 0.01}
+    scene = make_scene()
+    vehicle = scene.vehicle.model_dump() | {"imu": scene.vehicle.imu.model_dump() | {"noise": noise}}
+    produce(make_scene(vehicle=vehicle), tmp_path, images=False, quiet=True)
+    assert problems(tmp_path) == ""
+
+
+def test_a_missing_image_is_found(copy):
+    next(copy.rglob("*camL0_C-00000004.png")).unlink()
+    assert "camL0_C-00000004.png: there is no such file" in problems(copy)
+
+
+def test_a_damaged_image_is_found(copy):
+    path = next(copy.rglob("*camL0_D-00000004.png"))
+    path.write_bytes(path.read_bytes()[:-30])
+    assert "camL0_D-00000004.png: cannot be read" in problems(copy)
+
+
+def test_an_image_of_the_wrong_size_or_type_is_found(copy):
+    files.write_png(next(copy.rglob("*camL0_D-00000004.png")), np.zeros((27, 48), np.uint8))
+    files.write_png(next(copy.rglob("*camR0_C-00000004.png")), np.zeros((48, 27, 3), np.uint8))
+    text = problems(copy)
+    assert "camL0_D-00000004.png: is uint8 (27, 48), not uint16 (27, 48)" in text
+    assert "camR0_C-00000004.png: is uint8 (48, 27, 3), not uint8 (27, 48, 3)" in text
+
+
+def test_an_image_that_is_not_its_exr_is_found(copy):
+    path = next(copy.rglob("*camL0_A-00000004.png"))
+    pixels = files.read_png(path)
+    pixels[3, 4, 1] ^= 1
+    files.write_png(path, pixels)
+    assert "camL0_A-00000004.png: is not its EXR with the gain" in problems(copy)
+
+
+def test_an_image_of_another_frame_under_this_name_is_found(copy):
+    data = Dataset(copy)
+    shutil.copy(data.layout.png("L0", "A", 3), data.layout.png("L0", "A", 4))
+    assert "camL0_A-00000004.png: is not its EXR" in problems(copy)
+
+
+def test_strays_and_remains_are_found(copy):
+    folder = copy / "vehicle0/cam0/A"
+    shutil.copy(folder / "seq01_veh0_camL0_A-00000004.png", folder / "seq01_veh0_camL0_A-00000099.png")
+    (folder / ".x.png.host-1-2.tmp").write_bytes(b"")
+    text = problems(copy)
+    assert "A-00000099.png: no frame of dataset.json accounts for it" in text
+    assert ".x.png.host-1-2.tmp: remains of an interrupted run" in text
+
+
+def test_depth_of_a_wrong_scale_is_found_between_views(copy):
+    """One view has no scale, but two at a known distance have: half a metre apart and half of it too much."""
+    meta = json.loads((copy / "dataset.json").read_text())
+    meta["depth"]["range_m"][1] *= 1.5
+    (copy / "dataset.json").write_text(json.dumps(meta))
+    text = problems(copy)
+    assert "C against the slopes of D" not in text
+    assert "D of every 9th frame" in text
+
+
+def test_camera_poses_of_another_frame_are_found(copy):
+    data = Dataset(copy)
+
+    def shift(table):
+        for name in list(table)[1:]:
+            table[name] = np.roll(table[name], 1)
+
+    edit(data.layout.poses("L0", "transformation_matrix"), shift)
+    text = problems(copy)
+    assert "L0: attitude, three forms" in text
+    assert "L0: pose against the vehicle's" in text
+
+
+def test_camera_axes_of_another_convention_are_found(copy):
+    """OpenGL axes (y up, z back) in place of OpenCV's, in all three pose files and the calibration."""
+    from varos_warp.dataset import writers
+
+    data, flip = Dataset(copy), np.diag([1.0, -1.0, -1.0, 1.0])
+    for i, camera in enumerate(data.cameras):
+        time_ns, T = data.poses(camera)
+        writers.write_poses(data.layout, camera, time_ns, T @ flip)
+        data.meta["cameras"][i]["T_v_c"] = (np.array(data.meta["cameras"][i]["T_v_c"]) @ flip).tolist()
+    files.write_json(copy / "dataset.json", data.meta)
+    assert "of its normals point away from the camera" in problems(copy)
+
+
+def test_an_accelerometer_with_the_sign_of_gravity_wrong_is_found(copy):
+    def flip(table):
+        for name in list(table)[1:4]:
+            table[name] = -table[name]
+
+    edit(Dataset(copy).layout.sensor("imu0"), flip)
+    assert "imu0: specific force against poses" in problems(copy)
+
+
+def test_a_gyroscope_in_degrees_is_found(copy):
+    def degrees(table):
+        for name in list(table)[4:]:
+            table[name] = np.degrees(table[name])
+
+    edit(Dataset(copy).layout.sensor("imu0"), degrees)
+    assert "imu0: angular velocity against poses" in problems(copy)
+
+
+def test_a_depth_gauge_that_is_off_by_a_millimetre_is_found(copy):
+    edit(Dataset(copy).layout.sensor("depth0"), lambda t: t.update({"d_v_w [m]": t["d_v_w [m]"] + 1e-3}))
+    assert "depth0: against poses" in problems(copy)
+
+
+def test_wrong_time_stamps_are_found(copy):
+    def later(table):
+        table["# timestamp [ns]"] = table["# timestamp [ns]"] + np.arange(10) // 5
+
+    edit(Dataset(copy).layout.camera_file("R0", "_timestamps.csv"), later)
+    assert "camR0_timestamps.csv: row 5 is at 500000001 ns, not 500000000" in problems(copy)
+
+
+def test_an_imu_that_ends_before_the_last_frame_is_found(copy):
+    data = Dataset(copy)
+    for path in [data.layout.sensor("imu0"), *(data.layout.poses("imu0", f) for f in
+                                              ("euler", "quaternion", "transformation_matrix"))]:
+        edit(path, lambda t: t.update({name: column[:100] for name, column in t.items()}))
+    assert "the IMU has no sample after the last frame" in problems(copy)
+
+
+def test_a_missing_table_is_one_problem_and_the_rest_is_still_checked(copy):
+    Dataset(copy).layout.sensor("imu0").unlink()
+    next(copy.rglob("*camL0_C-00000004.png")).unlink()
+    text = problems(copy)
+    assert "imu0_data.csv: there is no such file" in text
+    assert "camL0_C-00000004.png: there is no such file" in text
+
+
+def test_what_is_no_dataset_is_bad_input(tmp_path):
+    with pytest.raises(InputError, match="not a dataset"):
+        validate(tmp_path)
