@@ -27,7 +27,7 @@ def ambient_radiance(scene: SceneData, o: wp.vec3, d: wp.vec3, max_bounces: int,
         bounces += 1
         u = uniforms(key, pixel, sample, bounces)
         direction = sample_cosine(n, u[0], u[1])
-        origin = hit.p
+        origin = hit.start
         survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
         if u[2] >= survival:
             return wp.vec3(0.0)

@@ -15,6 +15,7 @@ class SceneData:
     """Everything that rays meet; in the local world, as handles that the host's DeviceScene owns."""
 
     mesh: wp.uint64
+    """0 in open water."""
     face_material: wp.array(dtype=wp.int32)
     """Material index, shape [F]."""
     materials: wp.array(dtype=Material)
@@ -35,15 +36,21 @@ class Hit:
     face: int
     bary: wp.vec2
     p: wp.vec3
-    """Point a rounding error off the surface, on the side the ray came from."""
+    """Point on the surface."""
+    start: wp.vec3
+    """Where rays leave the surface: a rounding error off it, on the side the ray came from."""
     n: wp.vec3
     """Geometric normal towards the side the ray came from."""
 
 
 @wp.func
-def offset_distance(p: wp.vec3):
-    """A few float32 spacings of the coordinates: how far a secondary ray starts from its surface [m]."""
-    return 1.0e-6 + 4.0e-6 * wp.max(wp.abs(p))
+def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
+    """How far a secondary ray starts from its surface [m]: a few float32 spacings of the coordinates and of the
+    triangle's size, which the intersection test's rounding grows with."""
+    reach = wp.max(wp.abs(p))
+    for i in range(3):
+        reach = wp.max(reach, wp.max(wp.abs(wp.mesh_get_point(mesh, 3 * face + i) - p)))
+    return 1.0e-6 + 4.0e-6 * reach
 
 
 @wp.func
@@ -52,6 +59,8 @@ def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
     hit = Hit()
     hit.t = FAR
     hit.face = -1
+    if scene.mesh == wp.uint64(0):
+        return hit
     query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
     if query.result:
         hit.t = query.t
@@ -59,8 +68,8 @@ def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
         hit.bary = wp.vec2(query.u, query.v)
         hit.n = wp.where(wp.dot(query.normal, d) > 0.0, -query.normal, query.normal)
         # from the triangle, not from o + t d: the rounding does not grow with the ray
-        p = wp.mesh_eval_position(scene.mesh, query.face, query.u, query.v)
-        hit.p = p + offset_distance(p) * hit.n
+        hit.p = wp.mesh_eval_position(scene.mesh, query.face, query.u, query.v)
+        hit.start = hit.p + offset_distance(scene.mesh, query.face, hit.p) * hit.n
     return hit
 
 
@@ -94,6 +103,6 @@ def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
     """Whether nothing stands between two points."""
     offset = q - p
     distance = wp.length(offset)
-    if distance == 0.0:
+    if distance == 0.0 or scene.mesh == wp.uint64(0):
         return True
     return not wp.mesh_query_ray_anyhit(scene.mesh, p, offset / distance, distance)

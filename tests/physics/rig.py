@@ -1,0 +1,114 @@
+"""A camera that looks along one ray, lamps and water around it, and a quadrature to compare with.
+
+The ray starts at the origin along +z of the notes that hold the truths; that is +y of the vehicle. A floor of any
+reflectance may end it at a distance T.
+"""
+
+import numpy as np
+from scipy.integrate import quad
+
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.geometry import Part
+
+RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)
+VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}
+Z = 4.0
+"""Standard errors that a right estimate stays within: one false alarm in 16 000."""
+
+
+def to_vehicle(p):
+    """Point (x right, y up, z along the ray) of the notes in vehicle axes."""
+    return [float(p[0]), float(p[2]), float(p[1])]
+
+
+def point(position, intensity=1.0):
+    return {"kind": "point", "position": to_vehicle(position), "intensity": [intensity] * 3}
+
+
+def spot(position, axis=(0, 0, 1), cone_deg=65.0, blend=0.0):
+    return {"kind": "spot", "position": to_vehicle(position), "direction": to_vehicle(axis), "cone_deg": cone_deg,
+            "blend": blend, "intensity": [1.0, 1.0, 1.0]}
+
+
+VAROS_LAMPS = [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))]
+
+
+def water(sigma_s, sigma_t, g):
+    """The same in all channels."""
+    return {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": g}}
+
+
+def floor(distance, reflectance, size=200.0, offset=(0.0, 0.0, 0.0)):
+    """A square plate across the ray."""
+    corners = np.array([[-size, distance, -size], [size, distance, -size], [size, distance, size], [-size, distance, size]])
+    return Part("floor", corners + offset, np.array([[0, 2, 1], [0, 3, 2]], np.int32), Diffuse(reflectance=[reflectance] * 3))
+
+
+def one_ray_scene(lights, coefficients, direction=(0, 0, 1), pixels=16, **camera):
+    """Every pixel of the camera sees the same ray, to 1e-7 rad."""
+    view = {"id": "M0", "look_at": to_vehicle(direction), "resolution": [pixels, pixels], "sensor_mm": [1e-4, 1e-4],
+            "focal_mm": 1e3, **camera}
+    return Scene(water="none" if coefficients is None else {"coefficients": coefficients},
+                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
+
+
+def radiance(scene, parts=(), layer=None, device="cpu", **how):
+    """Mean over the pixels and its standard error, float64 [3] each; of one layer or of the total."""
+    how = {"spp": 64, "seed": 7} | how
+    if layer:
+        how["layers"] = (layer,)
+    image = FrameRenderer(scene, device, parts=list(parts)).render(np.eye(4), outputs="A", **how).A
+    pixels = image.radiance.reshape(-1, 3).astype(float)
+    return pixels.mean(axis=0), np.sqrt((image.stderr.astype(float) ** 2).sum(axis=(0, 1))) / len(pixels)
+
+
+def line_of_sight(lights, coefficients, T, **how):
+    """radiance of a ray that ends at ``T`` while the water goes on behind it, as no floor can make it.
+
+    The whole open ray less what its part behind T sends through the first T metres; the lamps are moved instead of the
+    camera. ``lights`` is a function of the distance that the camera has gone.
+    """
+    whole = radiance(one_ray_scene(lights(0.0), coefficients), **how)
+    if np.isinf(T):
+        return whole
+    behind = radiance(one_ray_scene(lights(T), coefficients), **how, seed=8)
+    through = np.exp(-T * (np.array(coefficients["sigma_s"]) + np.array(coefficients["sigma_a"])))
+    return whole[0] - through * behind[0], np.hypot(whole[1], through * behind[1])
+
+
+def assert_agrees(estimate, truth, truth_stderr=0.0, precision=0.01):
+    """Within Z standard errors, float32 rounding (2e-5) aside, and with an error small enough to tell (``precision``)."""
+    mean, stderr = estimate
+    truth = np.broadcast_to(np.asarray(truth, float), 3)
+    assert np.all(stderr <= precision * truth), f"too noisy to tell: {stderr / truth}"
+    allowed = Z * np.hypot(stderr, truth_stderr) + 2e-5 * truth
+    assert np.all(np.abs(mean - truth) <= allowed), f"{mean} instead of {truth}: {(mean - truth) / allowed * Z} sigma"
+
+
+def hg(cos_theta, g):
+    return (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cos_theta) ** 1.5)
+
+
+def smoothstep_edge(cos_angle, cone_deg, blend):
+    """Blender's soft edge."""
+    size = np.cos(np.radians(cone_deg) / 2)
+    x = (cos_angle - size) / max(blend * (1 - size), 1e-12)
+    return 0.0 if x < 0 else 1.0 if x >= 1 else x * x * (3 - 2 * x)
+
+
+def single_scattering(p, sigma_s, sigma_t, g, T, axis=None, cone_deg=360.0, blend=0.0, breaks=400):
+    """Radiance along +z from a unit lamp at ``p``, by adaptive quadrature in the equiangular angle over short pieces."""
+    p = np.asarray(p, float)
+    h, foot = np.hypot(p[0], p[1]), p[2]
+
+    def integrand(theta):
+        y = h * np.tan(theta)
+        d = np.hypot(h, y)
+        x = np.array([0, 0, foot + y]) - p
+        edge = 1.0 if axis is None else smoothstep_edge(x @ np.asarray(axis, float) / np.linalg.norm(axis) / d, cone_deg, blend)
+        return edge * sigma_s * hg(-y / d, g) * np.exp(-sigma_t * (foot + y + d)) / h
+
+    end = np.pi / 2 if np.isinf(T) else np.arctan2(T - foot, h)
+    nodes = np.linspace(np.arctan2(-foot, h), end, breaks + 1)
+    return sum(quad(integrand, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in zip(nodes[:-1], nodes[1:], strict=True))

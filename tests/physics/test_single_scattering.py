@@ -1,0 +1,127 @@
+"""Direct light and single scattering against closed forms and 15-digit quadratures."""
+
+import numpy as np
+import pytest
+from rig import (
+    BLUE,
+    GREEN,
+    RED,
+    VAROS_LAMPS,
+    VAROS_WATER,
+    assert_agrees,
+    floor,
+    one_ray_scene,
+    point,
+    radiance,
+    single_scattering,
+    spot,
+    water,
+)
+
+INF = np.inf
+SIDE, VAROS_POINT = (1, 0, 0), (0.15, 0, -0.1)
+
+
+def black_floor(T):
+    return [] if np.isinf(T) else [floor(T, 0.0)]
+
+
+@pytest.mark.parametrize(("sigma_a", "truth"), [(0.125, 0.28650479686019), (0.0579890, 0.559959958773234),
+                                                (0.04, 0.670320046035639), (2.5e-6, 0.999975000312497)])
+def test_absorbing_water_obeys_beer_lambert(sigma_a, truth):
+    """A lamp at the camera and a floor at 5 m: 10 m of water."""
+    scene = one_ray_scene([point((0, 0, 0))], water(0.0, sigma_a, 0.0))
+    assert_agrees(radiance(scene, [floor(5.0, 0.25)]), truth * 0.25 / (np.pi * 25.0))
+
+
+def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law():
+    scene = one_ray_scene([point((3, 0, 0))], None)
+    assert_agrees(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0)
+
+
+@pytest.mark.parametrize(("position", "sigma_s", "sigma_t", "g", "T", "truth"), [
+    (SIDE, 1, 1, 0.0, INF, 0.015382720109353),
+    (SIDE, 1, 1, 0.0, 2, 0.0152954359892282),
+    (SIDE, 1, 1, 0.8, INF, 0.0018073046013872),
+    (SIDE, 1, 1, 0.8, 2, 0.00180157358033412),
+    (SIDE, 0.5, 0.7, -0.5, 3, 0.0143304877593851),
+    (VAROS_POINT, *GREEN, 0.0, 5, 0.00874058838653483),
+    (VAROS_POINT, *GREEN, 0.8, 5, 0.00061849240331754),
+    ((0.01, 0, 1), *GREEN, 0.8, 5, 1.3348754027496),
+    ((1e-4, 0, 1), *GREEN, 0.8, 5, 139.603274201375),
+])
+def test_point_lamp(position, sigma_s, sigma_t, g, T, truth):
+    scene = one_ray_scene([point(position)], water(sigma_s, sigma_t, g))
+    assert_agrees(radiance(scene, black_floor(T), "single", spp=1024), truth)
+
+
+def test_point_lamp_in_water_that_scatters_but_does_not_extinguish():
+    """sigma_t -> 0 in the limit: 1/8 for a lamp at 1 m (A-S3), here per sigma_s = 1e-7."""
+    scene = one_ray_scene([point(SIDE)], water(1e-7, 1e-7, 0.0))
+    assert_agrees(radiance(scene, (), "single", spp=256), 1e-7 / 8)
+
+
+@pytest.mark.parametrize(("T", "g", "truth"), [
+    (2, 0.8, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
+    (5, 0.8, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
+    (10, 0.8, (5.45304161185223e-5, 0.00062519221619206, 0.00151190406588714)),
+    (25, 0.8, (5.45633155963439e-5, 0.000627173268201532, 0.00151897711245271)),
+    (5, 0.0, (0.000838168023095091, 0.00956255858258945, 0.0230789239711541)),
+])
+def test_paper_rig_at_the_centre(T, g, truth):
+    scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
+    assert_agrees(radiance(scene, [floor(T, 0.0)], "single"), truth)
+
+
+def test_paper_rig_off_the_centre():
+    """The floor is put so that the ray ends after 8 m."""
+    direction = np.array([0.4, 0.2, 1.0])
+    scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": 0.8}}, direction)
+    truth = (5.31486891454482e-5, 0.00060670008351821, 0.00146546090975532)
+    assert_agrees(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), truth)
+
+
+@pytest.mark.parametrize(("sigma_s", "sigma_t", "truth"), [(0.8, 1.0, 0.0109644027294663), (1.7, 2.0, 0.0115402319855652)])
+def test_paper_rig_in_turbid_water(sigma_s, sigma_t, truth):
+    scene = one_ray_scene(VAROS_LAMPS, water(sigma_s, sigma_t, 0.8))
+    assert_agrees(radiance(scene, [floor(2, 0.0)], "single"), truth)
+
+
+def test_lamp_beside_the_ray_that_shines_across_it():
+    scene = one_ray_scene([spot((0.01, 0, 1), axis=(-1, 0, 0.3))], water(*GREEN, 0.8))
+    assert_agrees(radiance(scene, [floor(5, 0.0)], "single", spp=256), 0.0209995178097378)
+
+
+@pytest.mark.parametrize("blend", [0.15, 1.0])
+def test_soft_edge(blend):
+    lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
+    scene = one_ray_scene([spot(VAROS_POINT, blend=blend)], water(*BLUE, 0.8))
+    truth = single_scattering(VAROS_POINT, *BLUE, 0.8, 5.0, **lamp)
+    assert_agrees(radiance(scene, [floor(5, 0.0)], "single", spp=256), truth)
+
+
+@pytest.mark.parametrize(("axis", "cone_deg"), [((0, 0, 1), 10), ((0, 0, 1), 120), ((0, 0, 1), 179), ((0, 0, 1), 200),
+                                                ((1, 0, 0.1), 65), ((-1, 0, -1), 40), ((0, 0, -1), 65)])
+def test_cones_of_any_width_and_direction_light_the_right_part_of_the_ray(axis, cone_deg):
+    scene = one_ray_scene([spot(VAROS_POINT, axis, cone_deg)], water(*BLUE, 0.5))
+    truth = single_scattering(VAROS_POINT, *BLUE, 0.5, 5.0, axis, cone_deg, breaks=4000)
+    estimate = radiance(scene, [floor(5, 0.0)], "single", spp=256)
+    if truth == 0.0:
+        assert np.all(estimate[0] == 0.0)
+    else:
+        # the quadrature's pieces end up to one piece off the edge of the cone: 1/4000 of the angle
+        assert_agrees(estimate, truth, truth_stderr=2e-4 * truth)
+
+
+def test_radiance_is_the_sum_over_lamps_and_over_layers():
+    lamps = [spot((-0.15, 0, -0.1)), spot((0.3, 0.2, 0.0), axis=(-0.2, 0, 1), cone_deg=50, blend=0.3)]
+    scenes = [one_ray_scene(chosen, VAROS_WATER | {"phase": {"g": 0.8}}) for chosen in ([lamps[0]], [lamps[1]], lamps)]
+    one, two, both = (radiance(scene, [floor(4.0, 0.3)], spp=128) for scene in scenes)
+    assert_agrees(both, one[0] + two[0], np.hypot(one[1], two[1]), precision=0.05)
+
+
+def test_red_scatters_least():
+    scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": 0.8}})
+    red, green, blue = radiance(scene, [floor(5, 0.0)], "single")[0]
+    assert red < green < blue
+    assert RED[0] < GREEN[0] < BLUE[0]
