@@ -231,7 +231,7 @@ def test_rotation_does_not_disturb_translation_when_thrusters_lag_in_world_axes(
 
 def test_thrusters_that_lag_in_body_axes_push_where_the_vehicle_points():
     """Thrust fixed in the body while it turns at a constant rate, without drag: a circular acceleration."""
-    none = {k: 0.0 for k in ("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag")}
+    none = dict.fromkeys(("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag"), 0.0)
     body, rate, thrust = ball(**none), 0.8, 30.0
     dynamics = Dynamics(body, still(), actuator_frame="body")
     state = State(omega=(0.0, 0.0, rate), force=(thrust, 0.0, 0.0))

@@ -85,8 +85,8 @@ def test_the_depth_gauge_reads_its_own_depth_positive_down():
 # ------------------------------------------------------------------------------------------ against a simulated course
 
 
-COURSE = [dict(position=(0, 0, 0), look_at=(0, 5, -1)), dict(position=(0, 5, 0), rotation_euler_deg=(-10, 0, 40)),
-          dict(position=(3, 6, 0.5), rotation_euler_deg=(15, 10, -60)), dict(position=(0, 9, 1))]
+COURSE = [{"position": (0, 0, 0), "look_at": (0, 5, -1)}, {"position": (0, 5, 0), "rotation_euler_deg": (-10, 0, 40)},
+          {"position": (3, 6, 0.5), "rotation_euler_deg": (15, 10, -60)}, {"position": (0, 9, 1)}]
 
 
 @cache

@@ -91,11 +91,16 @@ def design(c: float, frequency: float, damping: float, q: tuple[float, float], r
     weights = ([integral] if integral > 0.0 else []) + [q[0], q[1], 0.0, 0.0]
     try:
         K, _ = dare_gain(A, B, np.diag(weights), np.array([[r]]), h)
-    except (LinAlgError, ValueError) as error:
-        raise InputError(f"no stabilising gain exists for the weights q = {list(q)}, r = {r:g}", key=key,
-                         remedy="The first weight must be positive, and all within some orders of magnitude") from error
-    gains = tuple(K[0].tolist())
-    return gains if integral > 0.0 else (0.0, *gains)
+        step = expm(np.block([[A, B], [np.zeros((1, len(A) + 1))]]) * h)
+        stable = np.abs(np.linalg.eigvals(step[:-1, :-1] - step[:-1, -1:] @ K)).max() < 1.0
+    except (LinAlgError, ValueError):
+        stable = False
+    if not stable:
+        raise InputError("the weights leave the vehicle without a stabilising gain", key=key, value=list(q),
+                         remedy="The first must be positive, and all (with r and integral) within some orders of "
+                                "magnitude of each other")
+    values = tuple(K[0].tolist())
+    return values if integral > 0.0 else (0.0, *values)
 
 
 def is_slow(frequency: float, k1: float) -> bool:

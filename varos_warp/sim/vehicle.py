@@ -9,9 +9,7 @@ the displaced mass to the translation and nothing to the rotation.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp, inf, pi, sqrt
-
-import numpy as np
+from math import exp, inf, log, pi, sqrt
 
 from varos_warp.errors import InputError
 from varos_warp.scene import description
@@ -35,11 +33,12 @@ PRESETS = {
 
 
 def preset(name: str, mass_kg: float) -> float:
-    """A parameter of a vehicle of this mass: a power law through the two nearest presets, continued outside."""
-    masses, values = np.log(PRESETS["mass_kg"]), np.log(PRESETS[name])
-    upper = int(np.clip(np.searchsorted(masses, np.log(mass_kg)), 1, len(masses) - 1))
-    slope = (values[upper] - values[upper - 1]) / (masses[upper] - masses[upper - 1])
-    return float(np.exp(values[upper - 1] + slope * (np.log(mass_kg) - masses[upper - 1])))
+    """A parameter of a vehicle of this mass: a power law through two neighbouring presets, continued outside."""
+    masses, values = PRESETS["mass_kg"], PRESETS[name]
+    lower = 0 if mass_kg < masses[1] else 1
+    exponent = log(values[lower + 1] / values[lower]) / log(masses[lower + 1] / masses[lower])
+    nearer = min((lower, lower + 1), key=lambda i: abs(mass_kg - masses[i]))
+    return values[nearer] * (mass_kg / masses[nearer]) ** exponent
 
 
 @dataclass(frozen=True)
