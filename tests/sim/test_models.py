@@ -1,0 +1,236 @@
+"""The small parts: parameters, actuator limit, design identities, current, noise, quaternions, clock."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_are
+from scipy.spatial.transform import Rotation
+
+from varos_warp.errors import InputError
+from varos_warp.scene import description
+from varos_warp.scene.description import Scene
+from varos_warp.sim import quaternion
+from varos_warp.sim.actuator import limit
+from varos_warp.sim.clock import frame_count, ticks_per_sample
+from varos_warp.sim.control import care_gain, dare_gain, design, ideal_gain, plant, sampled
+from varos_warp.sim.current import Current, SampledCurrent
+from varos_warp.sim.noise import noise
+from varos_warp.sim.trajectory import simulate
+from varos_warp.sim.vehicle import PRESETS, Sphere, preset, sphere
+
+# ------------------------------------------------------------------------------------------------------------ vehicle
+
+
+@pytest.mark.parametrize(("mass", "radius", "inertia", "speed", "rate"),
+                         [(12, 0.141, 0.0952, 1.24, 143), (40, 0.210, 0.708, 1.45, 124), (100, 0.286, 3.26, 1.54, 94)])
+def test_the_presets_are_the_published_vehicles(mass, radius, inertia, speed, rate):
+    body = sphere(description.Vehicle(mass_kg=mass))
+    assert body.radius == pytest.approx(radius, abs=5e-4)
+    assert body.inertia == pytest.approx(inertia, rel=2e-3)
+    assert body.virtual_mass == pytest.approx(1.5 * mass)
+    assert body.carried == pytest.approx(1.0)
+    assert body.max_speed == pytest.approx(speed, abs=5e-3)
+    assert np.degrees(body.max_angular_speed) == pytest.approx(rate, abs=0.5)
+
+
+@pytest.mark.parametrize("name", [name for name in PRESETS if name != "mass_kg"])
+def test_parameters_between_the_presets_follow_the_mass_smoothly(name):
+    for mass, value in zip(PRESETS["mass_kg"], PRESETS[name], strict=True):
+        assert preset(name, mass) == value
+        assert preset(name, mass * (1 + 1e-9)) == pytest.approx(value, rel=1e-8)
+    values = np.array([preset(name, m) for m in np.geomspace(1.0, 1e4, 200)])
+    assert (values > 0.0).all()
+    assert (np.diff(values) < 0.0).all() if name == "actuator_frequency" else (np.diff(values) > 0.0).all()
+
+
+def test_a_parameter_in_the_scene_wins_over_the_preset():
+    body = sphere(description.Vehicle(mass_kg=40.0, linear_drag=0.0, max_force=7.0))
+    assert (body.linear_drag, body.max_force, body.quadratic_drag) == (0.0, 7.0, 50.0)
+
+
+def test_a_vehicle_without_volume_is_refused():
+    with pytest.raises(InputError, match="net_buoyancy"):
+        sphere(description.Vehicle(mass_kg=10.0, net_buoyancy=-98.2))
+
+
+def test_a_buoyant_vehicle_displaces_more_than_its_mass():
+    body = sphere(description.Vehicle(mass_kg=40.0, net_buoyancy=9.81))
+    assert body.volume * 1025.0 == pytest.approx(41.0)
+
+
+def test_a_righting_moment_turns_the_up_axis_of_the_vehicle_to_that_of_the_world():
+    body = sphere(description.Vehicle(metacentric_height=0.02))
+    for rotation in Rotation.random(5, rng=4):
+        moment = rotation.apply(body.righting_moment(tuple(rotation.as_quat(scalar_first=True))))
+        up = rotation.apply([0.0, 0.0, 1.0])
+        np.testing.assert_allclose(moment, 40.0 * 9.81 * 0.02 * np.cross(up, [0.0, 0.0, 1.0]), atol=1e-13)
+        assert np.dot(np.cross(moment, up), [0.0, 0.0, 1.0]) > 0.0  # the up axis starts to rise
+
+
+def test_limiting_a_vector_keeps_its_direction():
+    assert limit((1.0, 2.0, 2.0), 3.0) == ((1.0, 2.0, 2.0), False)
+    short, limited = limit((3.0, -6.0, 6.0), 3.0)
+    assert limited
+    np.testing.assert_allclose(short, (1.0, -2.0, 2.0), rtol=1e-15)
+
+
+# ------------------------------------------------------------------------------------------------------------- design
+
+
+def test_a_fast_actuator_and_a_short_step_give_the_closed_form_gain():
+    k1, k2 = ideal_gain(0.2, (1.0, 0.5), 1.0)
+    A, B = np.array([[0.0, 1.0], [0.0, -0.2]]), np.array([[0.0], [1.0]])
+    np.testing.assert_allclose(care_gain(A, B, np.diag([1.0, 0.5]), np.eye(1))[0], [[k1, k2]], rtol=1e-14)
+    discrete, _ = dare_gain(A, B, np.diag([1.0, 0.5]), np.eye(1), 1e-4)
+    np.testing.assert_allclose(discrete, [[k1, k2]], rtol=2e-4)  # first order in the step
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(A - B @ [[k1, k2]])), sorted(np.roots([1.0, 0.2 + k2, k1])))
+
+
+def test_the_gains_solve_their_riccati_equations():
+    A, B = plant(5.0 / 18.0, 20.0, 1.0)
+    Q, R = np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1)
+    K, P = care_gain(A, B, Q, R)
+    residual = A.T @ P + P @ A - P @ B @ np.linalg.solve(R, B.T @ P) + Q
+    assert np.abs(residual).max() < 1e-12 * np.abs(P).max() * np.abs(A).max()
+    for h in (0.005, 0.1, 1.0):
+        Ad, Bd, Qd, _, Nd = sampled(A, B, Q, R, h)
+        K, P = dare_gain(A, B, Q, R, h)
+        residual = Ad.T @ P @ Ad - P - (Ad.T @ P @ Bd + Nd) @ K + Qd
+        assert np.abs(residual).max() < 1e-12 * np.abs(P).max()
+
+
+def test_at_200_hz_the_sampled_design_is_close_to_the_continuous_one():
+    A, B = plant(5.0 / 18.0, 20.0, 1.0)
+    K, _ = dare_gain(A, B, np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1), 0.005)
+    assert K[0, 0] == pytest.approx(0.99673, abs=5e-6)
+    Ad, Bd, *_ = sampled(A, B, np.eye(4), np.eye(1), 0.005)
+    poles = np.log(np.linalg.eigvals(Ad - Bd @ K).astype(complex)) / 0.005
+    continuous = np.linalg.eigvals(A - B @ care_gain(A, B, np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1))[0])
+    np.testing.assert_allclose(sorted(poles, key=lambda z: (z.real, z.imag)),
+                               sorted(continuous, key=lambda z: (z.real, z.imag)), rtol=1e-3)
+
+
+def test_the_scalar_discrete_riccati_equation_has_its_closed_form():
+    a, b, q, r = 1.1, 0.4, 2.0, 0.7
+    m = r * (1.0 - a**2) - q * b**2
+    closed = (-m + np.sqrt(m**2 + 4.0 * b**2 * q * r)) / (2.0 * b**2)
+    P = solve_discrete_are(*(np.array([[x]]) for x in (a, b, q, r)))
+    assert P[0, 0] == pytest.approx(closed, rel=1e-13)
+    # and through the sampled design: an integrator's exact sampled cost over h
+    A, B, h = np.zeros((1, 1)), np.ones((1, 1)), 0.3
+    _, _, Qd, Rd, Nd = sampled(A, B, np.array([[q]]), np.array([[r]]), h)
+    np.testing.assert_allclose([Qd[0, 0], Nd[0, 0], Rd[0, 0]], [q * h, q * h**2 / 2, r * h + q * h**3 / 3], rtol=1e-14)
+
+
+@pytest.mark.parametrize("h", [0.005, 2.0])
+def test_the_sampled_cost_of_a_fast_actuator_keeps_its_digits(h):
+    """The exponential of Van Loan alone would have an entry of exp(wn h) and lose them."""
+    A, B = plant(0.2, 400.0, 1.0)
+    Q = np.diag([1.0, 0.5, 0.0, 0.0])
+    whole = sampled(A, B, Q, np.eye(1), h)
+    Ad, Bd, Qd, Rd, Nd = sampled(A, B, Q, np.eye(1), h / 4)
+    x, u, cost = np.array([1.0, -0.5, 0.3, 1.0]), np.array([0.4]), 0.0
+    start = x
+    for _ in range(4):
+        cost += x @ Qd @ x + 2.0 * x @ Nd @ u + u @ Rd @ u
+        x = Ad @ x + Bd @ u
+    assert start @ whole[2] @ start + 2.0 * start @ whole[4] @ u + u @ whole[3] @ u == pytest.approx(cost, rel=1e-12)
+
+
+def test_the_integral_gain_appears_only_when_it_is_weighed():
+    assert design(0.2, 15.0, 1.0, (1.0, 0.5), 1.0)[0] == 0.0
+    assert design(0.2, 15.0, 1.0, (1.0, 0.5), 1.0, integral=0.05)[0] == pytest.approx(np.sqrt(0.05), rel=0.01)
+
+
+# ------------------------------------------------------------------------------------------------------------ current
+
+
+def test_the_current_has_the_asked_drift_and_fluctuation_and_a_consistent_derivative():
+    current = Current(description.Current(velocity=(0.1, 0.0, -0.2), fluctuation=0.3, period_s=10.0), seed=5)
+    t = np.arange(0.0, 20_000.0, 0.5)
+    v = current.velocity(t)
+    # sinusoids averaged over 500 to 2000 of their periods: the rest falls as one over their number
+    np.testing.assert_allclose(v.mean(axis=0), [0.1, 0.0, -0.2], atol=0.3 / 500)
+    assert np.sqrt(((v - current.drift)**2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.02)
+    assert np.linalg.norm(v, axis=1).max() <= current.max_speed
+    h = 1e-3
+    numeric = (current.velocity(t[:50] + h) - current.velocity(t[:50] - h)) / (2.0 * h)
+    np.testing.assert_allclose(current.acceleration(t[:50]), numeric, atol=(h * current.frequency.max())**2 + 1e-12)
+
+
+def test_the_tabulated_current_is_the_current_also_across_blocks():
+    current = Current(description.Current(fluctuation=0.2), seed=1)
+    table = SampledCurrent(current, 0.005, 4)
+    for tick in (0, 1, 999, 1000, 1001, 2500):
+        stages = table.stages(tick)
+        assert len(stages) == 5
+        t = (tick + np.arange(5) / 4) * 0.005
+        np.testing.assert_allclose([s[0] for s in stages], current.velocity(t), atol=1e-14)
+        np.testing.assert_allclose([s[1] for s in stages], current.acceleration(t), atol=1e-14)
+
+
+# -------------------------------------------------------------------------------------------------------------- noise
+
+
+def test_white_noise_and_random_walk_have_the_variances_of_their_densities():
+    count, rate = 100_000, 200.0
+    made = noise(count, rate, 0.02, 0.003, np.random.default_rng(1))
+    standard_error = np.sqrt(2.0 / (3 * count))
+    assert made.white.var() == pytest.approx(0.02**2 * rate, rel=5 * standard_error)
+    assert np.diff(made.bias, axis=0).var() == pytest.approx(0.003**2 / rate, rel=5 * standard_error)
+    assert (made.bias[0] == 0.0).all()
+
+
+def test_imu_noise_is_off_by_default_seeded_and_comes_with_its_bias():
+    def run(seed, noise):
+        return simulate(Scene(trajectory={"poses": [{"position": (0, 0, 0)}], "duration_s": 2.0}, seed=seed,
+                              vehicle={"imu": {"noise": noise}})).imu
+    model = {"accelerometer_noise_density": 0.01, "accelerometer_random_walk": 0.001,
+             "gyroscope_noise_density": 0.001, "gyroscope_random_walk": 1e-4}
+    exact, noisy, again, other = run(1, None), run(1, model), run(1, model), run(2, model)
+    assert (exact.acceleration_bias == 0.0).all()
+    assert noisy.acceleration.tobytes() == again.acceleration.tobytes()
+    assert (noisy.acceleration != other.acceleration).any()
+    rest = noisy.acceleration - exact.acceleration - noisy.acceleration_bias
+    assert rest.std() == pytest.approx(0.01 * np.sqrt(200), rel=5 / np.sqrt(2 * rest.size))
+    assert (run(1, {}).acceleration == exact.acceleration).all()
+
+
+# ------------------------------------------------------------------------------------------------ quaternions and clock
+
+
+angle = st.floats(-10.0, 10.0)
+vector = st.tuples(angle, angle, angle)
+
+
+@given(vector, vector)
+def test_quaternions_agree_with_scipy(a, b):
+    qa, qb = quaternion.exp(a), quaternion.exp(b)
+    ra, rb = Rotation.from_rotvec(a), Rotation.from_rotvec(b)
+    product = Rotation.from_quat(quaternion.multiply(qa, qb), scalar_first=True)
+    assert (product.inv() * (ra * rb)).magnitude() < 1e-14
+    np.testing.assert_allclose(quaternion.rotate(qa, b), ra.apply(b), atol=1e-13)
+    np.testing.assert_allclose(quaternion.rotate_back(qa, b), ra.inv().apply(b), atol=1e-13)
+
+
+@given(vector.filter(lambda v: np.linalg.norm(v) < 3.14), st.sampled_from([1.0, -1.0]), st.floats(-12.0, 0.0))
+def test_log_undoes_exp_for_small_and_large_turns_and_either_sign(v, sign, scale):
+    v = tuple(10.0**scale * x for x in v)
+    q = tuple(sign * x for x in quaternion.exp(v))
+    np.testing.assert_allclose(quaternion.log(q), v, atol=4e-15, rtol=1e-12)
+
+
+def test_rates_that_divide_the_clock_are_taken_also_as_rounded_decimals():
+    assert [ticks_per_sample(rate, "x") for rate in (200, 100, 66.6666666667, 10, 0.5)] == [1, 2, 3, 20, 400]
+    for rate in (30.0, 201.0, 1e9, 150.0):
+        with pytest.raises(InputError):
+            ticks_per_sample(rate, "x")
+
+
+def test_a_duration_has_frames_at_its_start_but_not_at_its_end():
+    assert [frame_count(duration, 20) for duration in (20.0, 0.3, 0.1, 1e-3, 0.25)] == [200, 3, 1, 1, 3]
+
+
+def test_all_parameters_of_the_sphere_are_fields_of_the_scene():
+    assert set(Sphere.__dataclass_fields__) - {"gravity"} <= set(description.Vehicle.model_fields)

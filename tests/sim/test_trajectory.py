@@ -1,0 +1,249 @@
+"""A simulated scene as a whole: time base, frames, sensors, exact poses, repeatability."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+from varos_warp.scene.frames import pose_matrix
+from varos_warp.sim.trajectory import path_samples, simulate
+
+COURSE = [{"position": (0, 0, 0), "look_at": (0, 5, -1)},
+          {"position": (0, 2, 0), "rotation_euler_deg": (-10, 0, 20)},
+          {"position": (1, 3, 0.5), "rotation_euler_deg": (0, 0, -60)}]
+POSES = [{"time_s": 0.0, "position": (0, 0, 0)},
+         {"time_s": 0.5, "position": (1, 0, 0), "rotation_euler_deg": (5, 0, 9)},
+         {"time_s": 0.8, "position": (1, 2, 0), "rotation_euler_deg": (0, 40, 30)},
+         {"time_s": 2.0, "position": (0, 0, 3)}]
+
+
+def driven(**blocks):
+    return simulate(Scene(trajectory={"waypoints": COURSE}, **blocks))
+
+
+def posed(poses, *, duration_s=None, **blocks):
+    return simulate(Scene(trajectory={"poses": poses, "duration_s": duration_s}, **blocks))
+
+
+def columns(trajectory):
+    return [getattr(trajectory, name) for name in trajectory.__dataclass_fields__]
+
+
+# ---------------------------------------------------------------------------------------------------------- time base
+
+
+def test_times_are_whole_ticks_of_five_milliseconds_in_integers():
+    simulation = driven()
+    time = simulation.trajectory.time_ns
+    assert time.dtype == np.int64
+    assert (time == np.arange(len(time)) * 5_000_000).all()
+    assert (np.diff(simulation.frame_ticks) == 20).all()
+    assert simulation.frame_ticks[0] == 0
+
+
+@pytest.mark.parametrize(("frame_rate", "imu_rate"), [(10, 200), (10, 100), (40, 200), (8, 40), (25, 10), (200, 200)])
+def test_exactly_one_imu_row_comes_after_the_last_frame(frame_rate, imu_rate):
+    simulation = driven(render={"frame_rate_hz": frame_rate}, vehicle={"imu": {"rate_hz": imu_rate}})
+    last = simulation.trajectory.time_ns[simulation.frame_ticks[-1]]
+    assert (simulation.imu.time_ns > last).sum() == 1
+    assert simulation.imu.time_ns[-1] == simulation.trajectory.time_ns[-1]
+
+
+@pytest.mark.parametrize(("block", "key"), [
+    ({"render": {"frame_rate_hz": 30.0}}, "render.frame_rate_hz"),
+    ({"vehicle": {"imu": {"rate_hz": 400.0}}}, "vehicle.imu.rate_hz"),
+    ({"vehicle": {"depth_gauge": {"rate_hz": 7}}}, "vehicle.depth_gauge.rate_hz")])
+def test_rates_that_do_not_divide_the_clock_are_refused_with_a_remedy(block, key):
+    with pytest.raises(InputError) as caught:
+        driven(**block)
+    assert caught.value.key == key
+    assert "nearest" in caught.value.remedy
+
+
+def test_a_sensor_of_a_lower_rate_reads_every_so_many_rows():
+    fast, slow = driven(), driven(vehicle={"imu": {"rate_hz": 50}, "depth_gauge": {"rate_hz": 20}})
+    np.testing.assert_array_equal(slow.imu.time_ns[:50], fast.imu.time_ns[:200:4])
+    np.testing.assert_array_equal(slow.imu.acceleration[:50], fast.imu.acceleration[:200:4])
+    np.testing.assert_array_equal(slow.depth_gauge.depth[:20], fast.depth_gauge.depth[:200:10])
+
+
+def test_a_vehicle_without_sensors_has_none():
+    simulation = driven(vehicle={"imu": None, "depth_gauge": None})
+    assert simulation.imu is None
+    assert simulation.depth_gauge is None
+
+
+def test_a_duration_gives_that_many_frames():
+    scene = Scene(trajectory={"waypoints": COURSE, "duration_s": 3.0})
+    simulation = simulate(scene)
+    assert len(simulation.frame_ticks) == 30
+    assert any("on the way to waypoint" in message for message in simulation.messages)
+    long = simulate(Scene(trajectory={"waypoints": COURSE, "duration_s": 60.0}))
+    assert len(long.frame_ticks) == 600
+    assert any("holds the last waypoint" in message for message in long.messages)
+    np.testing.assert_allclose(long.trajectory.position[-1], COURSE[-1]["position"], atol=1e-6)
+
+
+# -------------------------------------------------------------------------------------------------------- the contents
+
+
+def test_the_same_scene_gives_the_same_bytes():
+    blocks = {"current": {"velocity": (0.05, 0, 0), "fluctuation": 0.05}, "seed": 7}
+    one, other = driven(**blocks), driven(**blocks)
+    for a, b in zip(columns(one.trajectory), columns(other.trajectory), strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert driven(**(blocks | {"seed": 8})).trajectory.position.tobytes() != one.trajectory.position.tobytes()
+
+
+def test_a_course_far_from_the_origin_is_driven_alike():
+    shift = np.array([569_000.0, 7_033_000.0, -80.0])
+    moved = [w | {"position": tuple(np.add(w["position"], shift))} for w in COURSE[1:]]
+    moved.insert(0, {"position": tuple(shift), "look_at": tuple(np.add(COURSE[0]["look_at"], shift))})
+    near, far = driven(), simulate(Scene(trajectory={"waypoints": moved}))
+    np.testing.assert_allclose(far.trajectory.position - shift, near.trajectory.position, atol=1e-8)  # ulp of 7e6 m
+    np.testing.assert_allclose(far.trajectory.acceleration, near.trajectory.acceleration, atol=1e-8)
+
+
+def test_quaternions_are_of_unit_length_with_w_not_negative_and_match_the_matrices():
+    trajectory = driven().trajectory
+    q = trajectory.quaternion
+    assert (q[:, 0] >= 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-15)
+    T = trajectory.T_w_v(777)
+    np.testing.assert_allclose(T[:3, :3], trajectory.rotation()[777].as_matrix())
+    np.testing.assert_array_equal(T[:3, 3], trajectory.position[777])
+
+
+def test_euler_angles_are_about_the_fixed_axes_x_then_y_then_z():
+    trajectory = driven().trajectory
+    x, y, z = trajectory.euler()[1500]
+    R = [Rotation.from_rotvec(v).as_matrix() for v in ((x, 0, 0), (0, y, 0), (0, 0, z))]
+    np.testing.assert_allclose(R[2] @ R[1] @ R[0], trajectory.T_w_v(1500)[:3, :3], atol=1e-14)
+    half_turn = posed([{"position": (0, 0, 0), "rotation_euler_deg": (0, 0, -180)}]).trajectory
+    assert half_turn.euler()[0, 2] == np.pi
+
+
+def test_gimbal_lock_on_export_is_silent_and_still_the_same_attitude(recwarn):
+    trajectory = posed([{"position": (0, 0, 0), "rotation_euler_deg": (20, 90, 30)}]).trajectory
+    back = Rotation.from_euler("xyz", trajectory.euler()[0])
+    assert (back.inv() * trajectory.rotation()[0]).magnitude() < 1e-7  # acos near 1 loses half the digits
+    assert not recwarn.list
+
+
+def test_rates_are_the_derivatives_of_the_poses():
+    trajectory, h = driven().trajectory, 0.005
+    velocity = (trajectory.position[2:] - trajectory.position[:-2]) / (2 * h)
+    jerk = np.abs(np.diff(trajectory.acceleration, axis=0)).max() / h
+    np.testing.assert_allclose(trajectory.velocity[1:-1], velocity, atol=jerk * h**2)
+    np.testing.assert_allclose(np.diff(trajectory.velocity, axis=0) / h,
+                               0.5 * (trajectory.acceleration[1:] + trajectory.acceleration[:-1]), atol=jerk * h / 10)
+
+
+@pytest.mark.parametrize(("mass", "speed"), [(12.0, 0.6), (40.0, 0.5), (100.0, 1.0)])
+def test_with_full_feed_forward_the_vehicle_follows_its_reference_closely(mass, speed):
+    scene = Scene(trajectory={"waypoints": COURSE, "speed": speed}, vehicle={"mass_kg": mass})
+    simulation = simulate(scene)
+    error = np.linalg.norm(simulation.trajectory.position - simulation.reference_position, axis=1)
+    jerk = np.abs(np.diff(simulation.trajectory.acceleration, axis=0)).max() / 0.005
+    # what the feed-forward misses is the lag of the thrusters, 2 / wn, which acts on the jerk; 1 / k1 = 1
+    wn = {12.0: 20.0, 40.0: 15.0, 100.0: 10.0}[mass]
+    drag_rate = {12.0: 3.0, 40.0: 2.0, 100.0: 2.0}[mass]  # drag asks for changing thrust as well, of its own slope
+    peak = np.abs(simulation.trajectory.acceleration).max()
+    assert error.max() < 2.0 / wn * (jerk * np.sqrt(3) + drag_rate * peak * np.sqrt(3))
+    assert not simulation.messages
+
+
+def test_progress_rises_to_one():
+    seen = []
+    simulate(Scene(trajectory={"waypoints": COURSE}), progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    assert len(seen) > 5
+
+
+# -------------------------------------------------------------------------------------------------------- exact poses
+
+
+def test_a_single_pose_is_one_still_frame():
+    simulation = posed([{"position": (1, 2, -78), "look_at": (1, 7, -79)}])
+    assert list(simulation.frame_ticks) == [0]
+    block = simulation.trajectory
+    np.testing.assert_allclose(block.T_w_v(0), pose_matrix(Scene(
+        trajectory={"poses": [{"position": (1, 2, -78), "look_at": (1, 7, -79)}]}).trajectory.poses[0]), atol=1e-15)
+    assert (block.velocity == 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(simulation.imu.acceleration, axis=1), 9.81)
+    assert not simulation.messages
+
+
+def test_a_single_pose_with_a_duration_stands_still_for_it():
+    simulation = posed([{"position": (1, 2, -78)}], duration_s=2.0)
+    assert len(simulation.frame_ticks) == 20
+    assert np.ptp(simulation.trajectory.position, axis=0).max() == 0.0
+    assert not simulation.messages
+
+
+def test_every_pose_on_a_frame_tick_is_that_pose_to_the_last_digit():
+    simulation = posed(POSES)
+    trajectory = simulation.trajectory
+    assert len(simulation.frame_ticks) == 21
+    for pose in POSES:
+        tick = round(pose["time_s"] * 200)
+        assert tick in simulation.frame_ticks
+        assert trajectory.position[tick].tolist() == list(map(float, pose["position"]))
+        angles = pose.get("rotation_euler_deg", (0, 40, 30) if tick else (0, 0, 0))  # or that of the pose before
+        expected = Rotation.from_euler("xyz", angles, degrees=True)
+        np.testing.assert_array_equal(trajectory.quaternion[tick], expected.as_quat(canonical=True, scalar_first=True))
+
+
+def test_between_poses_the_rates_are_the_derivatives_of_position_and_attitude():
+    trajectory, h, inside = posed(POSES).trajectory, 0.005, slice(0, 401)
+    p, v, a = (x[inside] for x in (trajectory.position, trajectory.velocity, trajectory.acceleration))
+    jerk = np.abs(np.diff(a, axis=0)).max() / h
+    np.testing.assert_allclose(v[1:-1], (p[2:] - p[:-2]) / (2 * h), atol=jerk * h**2)
+    np.testing.assert_allclose(a[1:-1], (v[2:] - v[:-2]) / (2 * h), atol=jerk * h)
+    turned, omega = trajectory.rotation()[inside], trajectory.angular_velocity[inside]
+    alpha = trajectory.angular_acceleration[inside]
+    angular_jerk = np.abs(np.diff(alpha, axis=0)).max() / h
+    np.testing.assert_allclose(omega[1:-1], (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * h),
+                               atol=(angular_jerk + np.abs(omega).max()**3) * h**2)
+    np.testing.assert_allclose(alpha[1:-1], (omega[2:] - omega[:-2]) / (2 * h), atol=angular_jerk * h)
+
+
+def test_acceleration_is_continuous_at_the_poses():
+    trajectory = posed(POSES).trajectory
+    for values in (trajectory.acceleration, trajectory.angular_acceleration):
+        steps = np.abs(np.diff(values[:400], axis=0)).max(axis=1)
+        around = {k for pose in POSES[1:-1] for k in (round(pose["time_s"] * 200) - 1, round(pose["time_s"] * 200))}
+        elsewhere = max(step for k, step in enumerate(steps) if k not in around)
+        assert max(steps[k] for k in around) <= 1.5 * elsewhere
+
+
+def test_standing_still_around_the_poses_is_reported():
+    late = [pose | {"time_s": pose["time_s"] + 1.0} for pose in POSES]
+    simulation = posed(late, duration_s=5.0)
+    assert sum("stands still" in message for message in simulation.messages) == 2
+    assert (simulation.trajectory.velocity[:199] == 0.0).all()
+    np.testing.assert_array_equal(simulation.trajectory.position[-1], POSES[-1]["position"])
+
+
+@pytest.mark.parametrize("second", [0.0, -0.0, 0.5])
+def test_poses_out_of_time_order_are_refused(second):
+    poses = [{"time_s": 0.5, "position": (0, 0, 0)}, {"time_s": abs(second), "position": (1, 0, 0)}]
+    with pytest.raises(InputError, match=r"trajectory\.poses\.1\.time_s"):
+        posed(poses)
+
+
+# --------------------------------------------------------------------------------------------------------- clearances
+
+
+@pytest.mark.parametrize("spacing", [0.02, 0.05])
+def test_path_samples_leave_no_gap_wider_than_asked_in_either_path(spacing):
+    simulation = driven()
+    samples = path_samples(simulation, spacing)
+    for path in (samples.position, samples.reference):
+        assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= spacing
+    assert samples.time_ns[0] == 0
+    assert samples.time_ns[-1] == simulation.trajectory.time_ns[-1]
+    assert len(samples.time_ns) < len(simulation.trajectory.time_ns) / 3
+    assert set(samples.waypoint) == {1, 2}
