@@ -15,8 +15,8 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR, NEAR
 from varos_warp.kernels.film import Film, deviation_product
-from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal
-from varos_warp.kernels.light import brightest, lit_interval
+from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal, visible
+from varos_warp.kernels.light import Light, LitInterval, brightest, lit_interval
 from varos_warp.kernels.medium import (
     Medium,
     exp3,
@@ -81,6 +81,38 @@ def surface_vertex(scene: SceneData, hit: Hit, d: wp.vec3):
     return vertex
 
 
+# --------------------------------------------------------------------------------------------- one of several lamps
+
+
+@wp.struct
+class Pick:
+    """State of a choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
+
+    u: float
+    """Uniform number, stretched again after each decision."""
+    weight: float
+    """Weight of the candidate held."""
+    taken: int
+    """Whether the last candidate was taken."""
+
+
+@wp.func
+def reservoir(pick: Pick, weight: float, total: float):
+    """Take a candidate of ``weight`` with probability weight/total, where ``total`` includes it."""
+    after = pick
+    after.taken = 0
+    if weight <= 0.0:
+        return after
+    probability = weight / total
+    if pick.u < probability:
+        after.u = pick.u / probability
+        after.weight = weight
+        after.taken = 1
+    else:
+        after.u = (pick.u - probability) / (1.0 - probability)
+    return after
+
+
 # ------------------------------------------------------------------------------------- directions: three lobes, one pdf
 
 
@@ -111,16 +143,17 @@ def lamp_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
 @wp.func
 def sample_lamp_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
     """Direction from ``p`` into the light that lamps scatter: towards a lamp, as the phase function or the joint lobe."""
-    weights = float(0.0)
+    total = float(0.0)
+    pick = Pick()
+    pick.u = u[0]
+    to_light = wp.vec3(0.0)
     for i in range(scene.lights.shape[0]):
-        weights += lamp_weight(scene, i, p)
-    chosen = int(0)
-    below = float(0.0)
-    for i in range(scene.lights.shape[0]):
-        if u[0] * weights >= below:
-            chosen = i
-        below += lamp_weight(scene, i, p)
-    to_light = wp.normalize(scene.lights[chosen].position - p)
+        weight = lamp_weight(scene, i, p)
+        total += weight
+        pick = reservoir(pick, weight, total)
+        if pick.taken == 1:
+            to_light = scene.lights[i].position - p
+    to_light = wp.normalize(to_light)
     if u[1] < 0.5:
         return hg_sample(to_light, scene.medium.g, u[2], u[3])
     return sample_joint(to_light, u[2], u[3])
@@ -223,41 +256,42 @@ def sample_first_scattering(medium: Medium, near: float, t_max: float, u: float,
 def gather_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
     """in_scattered of one lamp, chosen by the integral of 1/d^2 over the interval it lights."""
     total = float(0.0)
+    pick = Pick()
+    pick.u = u
+    lit = LitInterval()
+    light = Light()
     for i in range(scene.lights.shape[0]):
-        total += lit_interval(scene.lights[i], o, d, t_max).angle * brightest(scene.lights[i].intensity)
+        candidate = lit_interval(scene.lights[i], o, d, t_max)
+        weight = candidate.angle * brightest(scene.lights[i].intensity)
+        total += weight
+        pick = reservoir(pick, weight, total)
+        if pick.taken == 1:
+            lit = candidate
+            light = scene.lights[i]
     if total <= 0.0:
         return wp.vec3(0.0)
-    chosen = int(0)
-    probability = float(1.0)
-    below = float(0.0)
-    for i in range(scene.lights.shape[0]):
-        weight = lit_interval(scene.lights[i], o, d, t_max).angle * brightest(scene.lights[i].intensity)
-        if weight > 0.0 and u * total >= below:
-            chosen = i
-            probability = weight / total
-        below += weight
-    light = scene.lights[chosen]
-    return in_scattered(scene, light, lit_interval(light, o, d, t_max), o, d, v) / probability
+    return in_scattered(scene, light, lit, o, d, v) * (total / pick.weight)
 
 
 @wp.func
 def gather_reflected(scene: SceneData, hit: Hit, n: wp.vec3, u: float):
     """Light of one lamp reflected at ``hit``, chosen by its unoccluded irradiance; white surface."""
     total = float(0.0)
+    pick = Pick()
+    pick.u = u
+    E = wp.vec3(0.0)
+    position = wp.vec3(0.0)
     for i in range(scene.lights.shape[0]):
-        total += brightest(irradiance_unoccluded(scene, scene.lights[i], hit.p, n))
-    if total <= 0.0:
+        candidate = irradiance_unoccluded(scene, scene.lights[i], hit, n)
+        weight = brightest(candidate)
+        total += weight
+        pick = reservoir(pick, weight, total)
+        if pick.taken == 1:
+            E = candidate
+            position = scene.lights[i].position
+    if total <= 0.0 or not visible(scene, hit.start, position):
         return wp.vec3(0.0)
-    chosen = int(0)
-    probability = float(1.0)
-    below = float(0.0)
-    for i in range(scene.lights.shape[0]):
-        weight = brightest(irradiance_unoccluded(scene, scene.lights[i], hit.p, n))
-        if weight > 0.0 and u * total >= below:
-            chosen = i
-            probability = weight / total
-        below += weight
-    return reflected(scene, scene.lights[chosen], hit, n) / probability
+    return E * (total / (pick.weight * wp.pi))
 
 
 @wp.func

@@ -13,24 +13,26 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def irradiance_unoccluded(scene: SceneData, light: Light, p: wp.vec3, n: wp.vec3):
-    """Irradiance [W/m^2] from one lamp through the water, as if nothing stood between."""
-    offset = light.position - p
+def irradiance_unoccluded(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
+    """Irradiance [W/m^2] from one lamp through the water at a hit with normal ``n``, as if nothing stood between."""
+    offset = light.position - hit.p
     distance = wp.max(wp.length(offset), NEAR)
     to_light = offset / distance
     cosine = wp.dot(n, to_light)
-    if cosine <= 0.0:
+    if cosine <= 0.0 or wp.dot(hit.n, to_light) <= 0.0:
         return wp.vec3(0.0)
     share = cosine * falloff(light, -wp.dot(to_light, light.axis)) / (distance * distance)
+    if share <= 0.0:
+        return wp.vec3(0.0)
     return share * wp.cw_mul(light.intensity, transmittance(scene.medium, distance))
 
 
 @wp.func
 def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
     """Radiance of a white Lambertian surface at ``hit`` lit by one lamp."""
-    E = irradiance_unoccluded(scene, light, hit.p, n)
-    if wp.max(E) <= 0.0 or wp.dot(light.position - hit.p, hit.n) <= 0.0:
-        return wp.vec3(0.0)
+    E = irradiance_unoccluded(scene, light, hit, n)
+    if wp.max(E) <= 0.0:
+        return E
     if not visible(scene, hit.start, light.position):
         return wp.vec3(0.0)
     return E / wp.pi

@@ -1,0 +1,116 @@
+"""Speed and error of one frame of image A, beside the plain kernel in the same run.
+
+    python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--resolution 320x180] [-o results.json]
+
+Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time is
+reported apart. A path is one camera sample (the renderer follows two walks per path, the plain kernel one); rays are
+nearest-hit and visibility rays together, counted by repeating a few samples with counters.
+"""
+
+import argparse
+import json
+import platform
+import resource
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+from plain_kernel import trace_plainly
+
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.trajectory import simulate
+
+
+def time_ours(renderer, T_w_v, spp: int, repeat: int):
+    """Image and best seconds of ``repeat`` renderings."""
+    renderer.render(T_w_v, outputs="A", spp=1)
+    seconds = []
+    for frame in range(repeat):
+        start = time.perf_counter()
+        image = renderer.render(T_w_v, outputs="A", spp=spp, frame=frame).A
+        seconds.append(time.perf_counter() - start)
+    return image.radiance, image.stderr**2, np.median(seconds)
+
+
+def time_plain(renderer, T_w_v, spp: int, repeat: int):
+    """The same for the plain kernel."""
+    view = renderer.scene.vehicle.cameras[0]
+    shape = view.resolution[::-1]
+    mean, squares = (wp.zeros(shape, dtype=wp.vec3, device=renderer.device) for _ in range(2))
+    renderer.world.pose_lights(T_w_v)
+    camera = renderer.world.camera(view, T_w_v)
+    seconds = []
+    for key in range(repeat + 1):
+        start = time.perf_counter()
+        renderer._launch(trace_plainly, view, None, [renderer.world.data, camera],
+                         [1 if key == 0 else spp, wp.uint32(key), mean, squares])
+        radiance = mean.numpy()
+        seconds.append(time.perf_counter() - start)
+    return radiance, (squares.numpy() - radiance**2) / (spp - 1), np.median(seconds[1:])
+
+
+def relative_work(radiance, variance, seconds):
+    """Mean relative variance of a pixel times seconds, per channel: what a given error costs."""
+    return (variance.mean(axis=(0, 1)) / radiance.mean(axis=(0, 1)) ** 2 * seconds).tolist()
+
+
+def peak_memory_mib(device: str) -> float:
+    """Of the process on the CPU, of the device's pool on a GPU."""
+    if device == "cpu":
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return wp.get_mempool_used_mem_high(device) / 2**20
+
+
+def measure(scene_file: str, device: str, spp: int, resolution: str | None, repeat: int) -> dict:
+    """One row of results."""
+    width_height = [] if resolution is None else [f"vehicle.cameras.0.resolution=[{resolution.replace('x', ',')}]"]
+    scene = load_scene(scene_file, width_height)
+    T_w_v = simulate(scene).trajectory.T_w_v(0)
+    start = time.perf_counter()
+    renderer = FrameRenderer(scene, device)
+    setup = time.perf_counter() - start
+    width, height = scene.vehicle.cameras[0].resolution
+    row = {"scene": scene.name, "resolution": [width, height], "spp": spp, "device": renderer.device,
+           "device_name": renderer.device_name, "threads": renderer.threads, "cpu": platform.processor() or platform.machine(),
+           "warp": wp.__version__, "commit": commit(), "setup_s": round(setup, 2)}
+    for name, timed in (("ours", time_ours), ("plain", time_plain)):
+        radiance, variance, seconds = timed(renderer, T_w_v, spp, repeat)
+        relative = np.sqrt(variance) / np.maximum(radiance, 1e-30)
+        row[name] = {"ms_per_frame": seconds * 1e3, "paths_per_s": width * height * spp / seconds,
+                     "work_rgb": relative_work(radiance, variance, seconds),
+                     "median_relative_stderr_rgb": np.median(relative, axis=(0, 1)).tolist(),
+                     "mean_rgb": radiance.mean(axis=(0, 1)).tolist()}
+    row["compile_s"] = round(renderer.compile_seconds, 2)
+    row["peak_memory_mib"] = round(peak_memory_mib(renderer.device), 1)
+    row["speed_ratio"] = row["ours"]["paths_per_s"] / row["plain"]["paths_per_s"]
+    row["work_ratio_rgb"] = (np.array(row["plain"]["work_rgb"]) / np.array(row["ours"]["work_rgb"])).tolist()
+    return row
+
+
+def commit() -> str:
+    """Short hash of the checkout, or unknown."""
+    result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent)
+    return result.stdout.strip() or "unknown"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene")
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--spp", type=int, default=16)
+    parser.add_argument("--resolution", help="WIDTHxHEIGHT instead of the scene's")
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("-o", "--output", type=Path, help="append the row to this JSON file")
+    arguments = parser.parse_args()
+    row = measure(arguments.scene, arguments.device, arguments.spp, arguments.resolution, arguments.repeat)
+    print(json.dumps(row, indent=1))
+    if arguments.output:
+        rows = json.loads(arguments.output.read_text()) if arguments.output.exists() else []
+        arguments.output.write_text(json.dumps([*rows, row], indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
