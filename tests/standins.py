@@ -79,7 +79,7 @@ class FlatFloorRenderer:
 
     device, device_name, compile_seconds = "cpu", "numpy", 0.0
 
-    def __init__(self, scene, device="auto"):
+    def __init__(self, scene, device="auto", parts=None):
         self.scene, self.calls, self.stop_after = scene, [], None
 
     def render(self, T_w_v, camera, outputs, *, spp, max_scatterings, max_bounces, layers, frame):

@@ -4,7 +4,9 @@ Rendering (which may be divided into shards and interrupted) writes linear EXR f
 all of them afterwards. So the bytes do not depend on how the work was divided.
 """
 
+import contextlib
 import os
+import sys
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -70,12 +72,24 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     """
     start = time.monotonic()
     layout = Layout.of(scene, out)
+    if images and renderer is None:
+        from varos_warp.scene.device import resolve_device
+
+        device = resolve_device(device)
+    new = not layout.root.exists()
     previous = open_folder(scene, layout)
-    job = _Job(scene, layout, simulated(scene, quiet), previous, frames, quiet)
-    job.write_texts(sensors, images)
-    if images:
-        job.render(device, shard, renderer)
-        job.finish()
+    try:
+        job = _Job(scene, layout, simulated(scene, quiet), previous, frames, quiet)
+        if images:
+            job.prepare(device, shard, renderer)
+        job.write_texts(sensors, images)
+        if images:
+            job.render()
+            job.finish()
+    finally:
+        if new:
+            with contextlib.suppress(OSError):
+                layout.root.rmdir()  # what failed before the first file leaves no empty folder
     job.summary.seconds = round(time.monotonic() - start, 3)
     return job.summary
 
@@ -177,7 +191,16 @@ class _Job:
         self.statistics: dict[tuple[str, str, int], exposure.Statistics] = {}
         self.clamped: dict[str, int] = {}
         self.timings: list[dict] = []
-        self.summary = Summary(str(layout.root), len(self.selected), messages=list(simulation.messages))
+        self.work: list[tuple[int, str, str]] = []
+        self.summary = Summary(str(layout.root), len(self.selected))
+        for message in simulation.messages:
+            self.say(message)
+
+    def say(self, message: str) -> None:
+        """Tell the user, and keep it for the summary."""
+        self.summary.messages.append(message)
+        if not self.quiet:
+            print(f"note: {message}", file=sys.stderr, flush=True)
 
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose of the vehicle at a frame."""
@@ -215,26 +238,29 @@ class _Job:
 
     # -------------------------------------------------------------------------------------------------- rendering
 
-    def render(self, device: str, shard: tuple[int, int], renderer) -> None:
-        """Render the images of this shard that are missing."""
+    def prepare(self, device: str, shard: tuple[int, int], renderer) -> None:
+        """Find what this shard has to render, and if there is anything, load the scene and plan."""
         index, of = shard
-        work = list(self.missing(self.selected[index::of]))
-        wanted = len(self.selected[index::of]) * len(self.layout.cameras) * len(self.scene.render.outputs)
-        self.summary.rendered = sum(len(letters) for _, _, letters in work)
+        mine = self.selected[index::of]
+        self.work = list(self.missing(mine))
+        self.summary.rendered = sum(len(letters) for _, _, letters in self.work)
+        wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
         self.summary.kept = wanted - self.summary.rendered
-        if not work:
+        if self.work:
+            self.renderer = renderer or self.open_renderer(device)
+            self.summary.device = f"{self.renderer.device} ({self.renderer.device_name})"
+            self.device = self.device or {"name": self.renderer.device, "model": self.renderer.device_name}
+            self.plan = self.plan or self.make_plan()
+
+    def render(self) -> None:
+        """Render what is missing."""
+        if not self.work:
             return
-        renderer = renderer or self.open_renderer(device)
-        self.summary.device = f"{renderer.device} ({renderer.device_name})"
-        self.device = self.device or {"name": renderer.device, "model": renderer.device_name}
-        if self.plan is None:
-            self.plan = self.make_plan(renderer)
-        self.write_metadata()
         try:
-            with Progress("rendering", len(work), quiet=self.quiet) as progress:
-                self.render_all(renderer, work, progress)
+            with Progress("rendering", len(self.work), quiet=self.quiet) as progress:
+                self.render_all(progress)
         finally:
-            self.write_log(renderer)
+            self.write_log()
 
     def missing(self, frames: list[int]) -> Iterator[tuple[int, str, str]]:
         """(frame, camera, letters) of the images of these frames that are not complete."""
@@ -255,30 +281,37 @@ class _Job:
         return [layout.exr(camera, letter, frame), *linear]
 
     def open_renderer(self, device: str):
-        """Load the scene onto the device."""
+        """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
         from varos_warp.render.frame import FrameRenderer
+        from varos_warp.scene.checks import check_scene
+        from varos_warp.scene.meshes import build_parts
 
-        return FrameRenderer(self.scene, device)
+        parts = build_parts(self.scene)
+        for warning in check_scene(self.scene, parts):
+            self.say(warning)
+        return FrameRenderer(self.scene, device, parts)
 
-    def make_plan(self, renderer) -> dict:
+    def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence, whichever part of it this run renders."""
         from varos_warp.render.plan import plan_render
 
-        return plan_render(self.scene, renderer, [self.T_w_v(frame) for frame in range(self.count)]).to_dict()
+        poses = [self.T_w_v(frame) for frame in range(self.count)]
+        return plan_render(self.scene, self.renderer, poses).to_dict()
 
-    def render_all(self, renderer, work: list[tuple[int, str, str]], progress: Progress) -> None:
+    def render_all(self, progress: Progress) -> None:
         """Render, and finish the last frames in the background meanwhile."""
         render = self.scene.render
         pending: deque = deque()
         with ThreadPoolExecutor(BACKGROUND) as pool:
-            for frame, camera, letters in work:
-                start = time.monotonic()
-                image = renderer.render(
+            for frame, camera, letters in self.work:
+                start, compiled = time.monotonic(), self.renderer.compile_seconds
+                image = self.renderer.render(
                     self.T_w_v(frame), camera=camera, outputs=letters, spp=self.plan["spp"],
                     max_scatterings=self.plan["max_scatterings"], max_bounces=render.max_bounces,
                     layers=tuple(render.layers), frame=frame)
+                seconds = time.monotonic() - start - (self.renderer.compile_seconds - compiled)
                 self.timings.append({"frame": frame, "camera": camera, "outputs": letters,
-                                     "seconds": round(time.monotonic() - start, 4)})
+                                     "seconds": round(seconds, 4)})
                 pending.append(pool.submit(self.store, frame, camera, letters, image))
                 if len(pending) > BACKGROUND:
                     pending.popleft().result()
@@ -328,10 +361,10 @@ class _Job:
         distance = image.depth if render.depth_kind == "z" else image.range
         files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(distance, render.depth_range_m))
 
-    def write_log(self, renderer) -> None:
+    def write_log(self) -> None:
         """When and how fast this run rendered; the only file that differs from run to run."""
         if self.timings:
-            stamp = datetime.now(UTC)
+            stamp, renderer = datetime.now(UTC), self.renderer
             name = f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json"
             files.write_json(self.layout.root / "log" / name, {
                 "ended": stamp.isoformat(timespec="seconds"), "device": renderer.device, "model": renderer.device_name,
@@ -344,12 +377,12 @@ class _Job:
         """Expose A and B once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.clamped.items():
             if count:
-                self.summary.messages.append(f"{count} values of {letter} above 65504 were cut to it in the EXR")
+                self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
         left = sum(len(letters) for _, _, letters in self.missing(self.selected))
         self.summary.complete = left == 0
         if left:
-            self.summary.messages.append(f"{left} images belong to other shards and are not there yet; the run that "
-                                         "completes them (or any later one) exposes A and B and ends the dataset")
+            self.say(f"{left} images belong to other shards and are not there yet; the run that completes them (or "
+                     "any later one) exposes A and B and ends the dataset")
             return
         color = [letter for letter in self.outputs if OUTPUTS[letter].is_color]
         for camera in self.layout.cameras:

@@ -45,12 +45,16 @@ class Progress:
 
     @property
     def rate(self) -> float:
-        """Steps per second so far."""
-        return self.done / max(time.monotonic() - self._start, 1e-9)
+        """Steps per second so far, without the first of several: it waits for compilers and caches."""
+        if self.done < 2:
+            return self.done / max(time.monotonic() - self._start, 1e-9)
+        return (self.done - 1) / max(time.monotonic() - self._first, 1e-9)
 
     def advance(self) -> None:
         """Count one step."""
         self.done += 1
+        if self.done == 1:
+            self._first = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, advance=1, rate=f"{self.rate:.3g} {self.unit}/s")
         elif not self.quiet and self.done < self.total and time.monotonic() - self._last >= LINE_SECONDS:

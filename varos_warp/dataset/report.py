@@ -37,7 +37,8 @@ def _depth_colors(pixels: np.ndarray) -> np.ndarray:
 
     hit = pixels < 65535
     near, far = (pixels[hit].min(), pixels[hit].max()) if hit.any() else (0, 1)
-    share = 1.0 - (pixels.astype(float) - near) / max(float(far) - float(near), 1.0)
+    near, far = float(near) + 1.0, float(far) + 2.0
+    share = np.log(far / (pixels + 1.0)) / np.log(far / near)
     colors = (colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
     colors[~hit] = 0
     return colors

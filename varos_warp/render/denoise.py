@@ -56,36 +56,52 @@ def _oidn(radiance: np.ndarray) -> np.ndarray:
 
 
 def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
-    """Non-local means in the square-root domain, where the noise of a path tracer is nearly uniform.
+    """Non-local means in the square-root domain, where the noise of a path tracer is more nearly uniform.
 
-    The mean of square roots is too dark, so the local mean of the linear image is restored afterwards.
+    What is left of its variation (shadows are noisier than open places) is met by a few strengths, between which each
+    pixel takes its own. The mean of square roots is too dark, so the local mean of the linear image is restored.
     """
     from scipy.ndimage import gaussian_filter
     from skimage.restoration import denoise_nl_means
 
-    root = np.sqrt(np.maximum(radiance, 0.0))
+    radiance = np.maximum(radiance, 0.0)
     sigma = _sigma_of_root(radiance, stderr)
-    if not sigma > 0.0:
+    low, high = np.percentile(sigma[sigma > 0.0], [10.0, 98.0]) if np.any(sigma > 0.0) else (0.0, 0.0)
+    if not high > 0.0:
         return radiance
-    smooth = denoise_nl_means(root, patch_size=5, patch_distance=5, h=0.8 * sigma, sigma=sigma, fast_mode=True,
-                              channel_axis=-1).astype(np.float32) ** 2
+    steps = int(np.ceil(np.log(high / low) / np.log(_STRENGTH_RATIO)))
+    levels = np.geomspace(low, high, min(steps, _STRENGTHS - 1) + 1) if steps else np.array([high])
+    root = np.sqrt(radiance)
+    smooth = [denoise_nl_means(root, patch_size=5, patch_distance=5, h=0.8 * level, sigma=level, fast_mode=True,
+                               channel_axis=-1).astype(np.float32) ** 2 for level in levels]
+    smooth = _between(smooth, levels, np.clip(sigma, low, high))
     blur = functools.partial(gaussian_filter, sigma=(_BLUR_PX, _BLUR_PX, 0.0))
     tiny = np.float32(1e-12) * max(float(smooth.max()), 1e-20)
-    return smooth * (blur(np.maximum(radiance, 0.0)) + tiny) / (blur(smooth) + tiny)
+    return smooth * (blur(radiance) + tiny) / (blur(smooth) + tiny)
 
 
 _BLUR_PX = 4.0
+_STRENGTHS, _STRENGTH_RATIO = 4, 1.5
+"""At most so many strengths, a factor of so much apart."""
 
 
-def _sigma_of_root(radiance: np.ndarray, stderr: np.ndarray) -> float:
-    """Typical standard error of the square root of the radiance, from the pixels that have light and noise.
+def _between(images: list[np.ndarray], levels: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Image [H, W, 3] that takes from the images at ``levels`` what suits each pixel's ``sigma`` [H, W]."""
+    if len(levels) == 1:
+        return images[0]
+    place = np.interp(np.log(sigma), np.log(levels), np.arange(len(levels)))[..., None]
+    return sum(np.maximum(1.0 - np.abs(place - i), 0.0) * image for i, image in enumerate(images)).astype(np.float32)
+
+
+def _sigma_of_root(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
+    """Standard error [H, W] of the square root of the radiance, from neighbourhoods; 0 where there is no light.
 
     One sample per pixel has no known error (inf); its noise is taken to be as large as its radiance.
     """
     from scipy.ndimage import uniform_filter
 
     stderr = np.where(np.isfinite(stderr), stderr, radiance)
-    mean = uniform_filter(np.maximum(radiance, 0.0).astype(np.float64), size=(5, 5, 1))
-    variance = uniform_filter(np.square(stderr, dtype=np.float64), size=(5, 5, 1))
-    noisy = (mean > 1e-6 * mean.max()) & (variance > 0.0)
-    return float(np.median(np.sqrt(variance[noisy] / (4.0 * mean[noisy])))) if noisy.any() else 0.0
+    mean = uniform_filter(radiance.astype(np.float64), size=(7, 7, 1)).mean(-1)
+    variance = uniform_filter(np.square(stderr, dtype=np.float64), size=(7, 7, 1)).mean(-1)
+    lit = mean > 1e-6 * mean.max()
+    return np.sqrt(np.divide(variance, 4.0 * mean, out=np.zeros_like(mean), where=lit).clip(min=0.0))

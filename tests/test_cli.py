@@ -1,0 +1,292 @@
+"""The command line: exit statuses, messages without tracebacks, and the verbs of the contract."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import standins
+import yaml
+from typer.testing import CliRunner
+
+from varos_warp import cli
+from varos_warp.dataset.layout import Dataset
+from varos_warp.errors import InputError
+
+
+@pytest.fixture(autouse=True)
+def stand_ins(monkeypatch):
+    standins.install(monkeypatch)
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(standins.scene_dict()))
+    return path
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.app, [str(a) for a in arguments])
+
+
+def refused(*arguments) -> str:
+    """Message of a call that must end with status 2 and one line, no traceback."""
+    result = call(*arguments)
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.stderr
+    assert result.stderr.startswith("varos-warp: ")
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    return result.stderr
+
+
+def test_every_verb_of_the_contract_is_there():
+    text = call("--help").output
+    for name in "demo run simulate render plan preprocess validate report info schema init".split():
+        assert name in text
+        assert call(name, "--help").exit_code == 0
+
+
+def test_run_makes_a_valid_dataset_and_says_so(scene_file, tmp_path):
+    out = tmp_path / "out"
+    result = call("run", scene_file, "-o", out, "--device", "cpu", "-q")
+    assert result.exit_code == 0, result.output
+    assert "10 frames, 80 images rendered, 0 kept" in result.output
+    assert call("validate", out, "-q").exit_code == 0
+    again = call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--json")
+    assert json.loads(again.stdout)["kept"] == 80
+
+
+def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
+    out = tmp_path / "out"
+    result = call("run", scene_file, "-o", out, "--device", "cpu", "--outputs", "A,D", "--spp", 4,
+                  "--max-scatterings", 2, "--max-bounces", 3, "--layers", "direct,single", "--seed", 9, "--denoise", "none", "--linear-exr",
+                  "--frames", "2:4", "--set", "render.depth_kind=range", "--set", "seed=5", "-q")
+    assert result.exit_code == 0, result.output
+    data = Dataset(out)
+    render = data.meta["scene"]["render"]
+    assert (render["spp"], render["max_scatterings"], render["max_bounces"]) == (4, 2, 3)
+    assert (render["layers"], render["denoise"], render["linear_exr"]) == (["direct", "single"], "none", True)
+    assert (render["depth_kind"], data.meta["seed"]) == ("range", 9)
+    assert (data.frames, data.outputs) == ([2, 3], ["A", "D"])
+    assert data.layout.linear("L0", 2).is_file()
+
+
+def test_a_tolerance_replaces_the_scenes_samples():
+    assert cli.overrides(tolerance=0.1) == ["render.tolerance=0.1", "render.spp=null"]
+
+
+def test_shards_together_make_a_whole_dataset(scene_file, tmp_path):
+    out = tmp_path / "out"
+    first = call("run", scene_file, "-o", out, "--device", "cpu", "--shard", "0/2", "-q")
+    assert first.exit_code == 0
+    assert "not complete yet" in first.output
+    assert call("run", scene_file, "-o", out, "--device", "cpu", "--shard", "1/2", "-q").exit_code == 0
+    assert call("validate", out, "-q").exit_code == 0
+
+
+def test_simulate_writes_sensors_only_and_render_frames_only(scene_file, tmp_path):
+    assert call("simulate", scene_file, "-o", tmp_path / "s", "-q").exit_code == 0
+    assert (tmp_path / "s/vehicle0/imu0/imu0_data.csv").is_file()
+    assert not list((tmp_path / "s").rglob("*.png"))
+    assert call("render", scene_file, "-o", tmp_path / "r", "--outputs", "C", "--device", "cpu", "-q").exit_code == 0
+    assert list((tmp_path / "r").rglob("C/*.png"))
+    assert not list((tmp_path / "r").rglob("imu0"))
+
+
+def test_plan_prints_what_the_planner_says(scene_file):
+    result = call("plan", scene_file, "--device", "cpu", "--json", "-q")
+    assert json.loads(result.stdout) == {"spp": 8, "max_scatterings": None, "reasons": ["a test"]}
+    assert "  - a test" in call("plan", scene_file, "--device", "cpu", "-q").output
+
+
+def test_report_writes_one_page(scene_file, tmp_path):
+    call("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--frames", "0:2")
+    result = call("report", tmp_path / "out")
+    assert result.exit_code == 0
+    assert (tmp_path / "out/report.html").read_text().startswith("<!doctype html>")
+
+
+def test_an_invalid_dataset_ends_with_status_2_and_names_the_problem(scene_file, tmp_path):
+    out = tmp_path / "out"
+    call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--frames", "0:2", "--outputs", "D")
+    next(out.rglob("*L0_D-00000001.png")).unlink()
+    result = call("validate", out, "-q")
+    assert result.exit_code == 2
+    assert "problem: " in result.output
+    assert "D-00000001.png: there is no such file" in result.output
+    assert json.loads(call("validate", out, "-q", "--json").stdout)["problems"]
+
+
+def test_info_shows_water_and_cameras_with_their_units(scene_file):
+    text = call("info", scene_file).output
+    assert "absorption a [1/m]" in text
+    assert "mean free path [m]" in text
+    assert "36.957" in text  # focal length in pixels
+    facts = json.loads(call("info", scene_file, "--json").stdout)
+    assert facts["water"]["c"] == pytest.approx([0.11, 0.06, 0.04])
+    assert "warnings" in facts
+
+
+def test_schema_is_json_schema():
+    content = json.loads(call("schema").stdout)
+    assert content["additionalProperties"] is False
+    assert "water" in content["properties"]
+
+
+def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
+    path = tmp_path / "mine.yaml"
+    assert call("init", path).exit_code == 0
+    assert call("info", path).exit_code == 0
+    before = path.read_text()
+    assert "is there already" in refused("init", path)
+    assert path.read_text() == before
+
+
+def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
+    import trimesh
+
+    for i in range(2):
+        ball = trimesh.creation.icosphere(subdivisions=3).apply_translation([3.0 * i, 0, 0])
+        ball.export(tmp_path / f"{i}.ply")
+    result = call("preprocess", tmp_path / "0.ply", tmp_path / "1.ply", "-o", tmp_path / "out.ply", "--vertices", 300,
+                  "--json")
+    assert result.exit_code == 0, result.output
+    facts = json.loads(result.stdout)
+    assert facts["before"]["vertices"] == 2 * 642
+    assert facts["after"]["vertices"] <= 330
+    assert 0 < facts["distance_to_result_m"]["max"] < 0.1
+    assert len(trimesh.load(tmp_path / "out.ply").vertices) == facts["after"]["vertices"]
+    assert "from the original to the result" in call("preprocess", tmp_path / "0.ply", "-o", tmp_path / "b.ply").output
+
+
+# ---------------------------------------------------------------------------------------------------------- bad input
+
+
+def test_a_missing_scene_is_refused(tmp_path):
+    assert "there is no such scene file" in refused("run", tmp_path / "none.yaml", "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("line", "message"), [
+    ("watter: none", "watter: unknown key. Did you mean 'water'?"),
+    ("seed: -1", "seed = -1"),
+    ("trajectory: {waypoints: []}", "at least one waypoint"),
+])
+def test_a_scene_that_says_something_wrong_is_refused_naming_file_and_key(tmp_path, line, message):
+    path = tmp_path / "scene.yaml"
+    data = standins.scene_dict()
+    data.pop(line.split(":")[0], None)
+    path.write_text(yaml.safe_dump(data) + line + "\n")
+    text = refused("run", path, "-o", tmp_path / "out")
+    assert "scene.yaml" in text
+    assert message in text
+    assert not (tmp_path / "out").exists()
+
+
+NAN_MESH = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+nan 1 0
+3 0 1 2
+"""
+
+
+@pytest.mark.parametrize("mesh", [None, "", NAN_MESH])
+def test_a_mesh_that_is_missing_empty_or_nan_is_refused_and_nothing_is_written(scene_file, tmp_path, mesh):
+    if mesh is not None:
+        (tmp_path / "m.ply").write_text(mesh)
+    text = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q",
+                   "--set", "objects=[{file: m.ply}]")
+    assert "m.ply" in text
+    assert "objects.0" in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_device_is_refused_with_those_that_exist(scene_file, tmp_path):
+    text = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cuda:99")
+    assert "cuda:99" in text
+    assert "cpu" in text
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("arguments", [
+    "--frames a:b", "--frames 1:2:3", "--frames -3:", "--frames 50:", "--shard 2/2", "--shard x", "--spp 0",
+    "--spp 4 --tolerance 0.1", "--outputs AX", "--layers all", "--denoise magic", "--seed -1", "--tolerance 0",
+    "--max-scatterings -1", "--set nonsense", "--set render.what=1"])
+def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):
+    refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *arguments.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_output_folder_of_another_scene_is_refused(scene_file, tmp_path):
+    call("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--frames", "0:1", "--outputs", "D")
+    text = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--outputs", "D", "--spp", "99")
+    assert "render.spp: the dataset in this folder was made with 8, not 99" in text
+
+
+def test_wrong_usage_ends_with_status_2():
+    assert call("run").exit_code == 2
+    assert call("fly").exit_code == 2
+
+
+@pytest.mark.parametrize("function", [cli.parse_frames, cli.parse_shard, cli.parse_region])
+def test_parsers_take_nothing_for_everything(function):
+    expected = {"parse_frames": slice(None), "parse_shard": (0, 1), "parse_region": None}
+    assert function(None) == expected[function.__name__]
+
+
+def test_parsers_read_what_the_help_shows():
+    assert cli.parse_frames("3:8") == slice(3, 8)
+    assert cli.parse_frames("3:") == slice(3, None)
+    assert cli.parse_frames("7") == slice(7, 8)
+    assert cli.parse_shard("2/3") == (2, 3)
+    assert cli.parse_region("0,1,2.5,3") == (0.0, 1.0, 2.5, 3.0)
+    with pytest.raises(InputError, match="XMIN"):
+        cli.parse_region("1,2,3")
+
+
+def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
+    monkeypatch.setattr("varos_warp.dataset.produce.produce", lambda *a, **k: 1 / 0)
+    result = call("run", scene_file, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_with_status_130_and_whole_files_only(scene_file, tmp_path, number):
+    """A process of its own, whose frames take a while, gets the signal in the middle."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import sys, time, pytest, standins\n"
+        "standins.install(pytest.MonkeyPatch())\n"
+        "render = standins.FlatFloorRenderer.render\n"
+        "standins.FlatFloorRenderer.render = lambda *a, **k: (time.sleep(0.5), render(*a, **k))[1]\n"
+        "from varos_warp.cli import main\nmain()\n")
+    out = tmp_path / "out"
+    environment = os.environ | {"PYTHONPATH": os.path.dirname(standins.__file__)}
+    process = subprocess.Popen([sys.executable, program, "run", scene_file, "-o", out, "--device", "cpu"],
+                               stderr=subprocess.PIPE, text=True, env=environment)
+    deadline = time.monotonic() + 60
+    while not list(out.rglob("D/*.png")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(number)
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 130, text
+    assert "interrupted" in text
+    assert "Traceback" not in text
+    assert not list(out.rglob(".*.tmp"))
+    assert call("run", scene_file, "-o", out, "--device", "cpu", "-q").exit_code == 0
+    assert call("validate", out, "-q").exit_code == 0

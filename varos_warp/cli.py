@@ -1,0 +1,385 @@
+"""The command line: arguments become calls, nothing else.
+
+Exit status: 0 done; 2 bad input or an invalid dataset; 1 a failure of our own; 130 interrupted.
+"""
+
+import functools
+import json
+import signal
+import sys
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import varos_warp
+from varos_warp.errors import InputError
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+                  help="Realistic synthetic underwater video with exact ground truth.")
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")]
+Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `varos-warp run` wrote to.")]
+Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
+Device = Annotated[str, typer.Option(help="auto, cpu or cuda:N.")]
+Frames = Annotated[str | None, typer.Option(metavar="A:B", help="Frames A to B - 1 of the sequence only.")]
+Outputs = Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Image types to make.")]
+Tolerance = Annotated[float | None, typer.Option(help="Relative error asked of A; the planner chooses the samples.")]
+Spp = Annotated[int | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")]
+MaxScatterings = Annotated[int | None, typer.Option(help="Most scatterings in the water on a path of light.")]
+MaxBounces = Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")]
+Layers = Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Parts of A to render.")]
+Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
+Denoise = Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")]
+LinearExr = Annotated[bool, typer.Option("--linear-exr", help="Also write A as rendered, with its standard error.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
+Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
+
+
+def verb(function):
+    """Register a command; bad input becomes one message and status 2, an interruption status 130."""
+    @functools.wraps(function)
+    def guarded(*args, **kwargs):
+        try:
+            return function(*args, **kwargs)
+        except InputError as error:
+            print(f"varos-warp: {error.message}", file=sys.stderr)
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt:
+            print("varos-warp: interrupted; what is complete stays, the same command goes on from there",
+                  file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    return app.command(no_args_is_help=False)(guarded)
+
+
+# -------------------------------------------------------------------------------------------------------- the main job
+
+
+@verb
+def run(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
+        tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
+        max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
+        linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
+        quiet: Quiet = False):
+    """Simulate, render and write the dataset; goes on where an earlier run stopped."""
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
+    make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard))
+
+
+@verb
+def render(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
+           tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
+           max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
+           linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
+           quiet: Quiet = False):
+    """Render the frames only, without IMU, depth gauge and vehicle poses."""
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
+    make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
+         sensors=False)
+
+
+@verb
+def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, json_: Json = False,
+             quiet: Quiet = False):
+    """Write trajectory, IMU and depth gauge only."""
+    make(scene, out, overrides(set_, seed=seed), json_, quiet, images=False)
+
+
+@verb
+def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
+         spp: Spp = None, seed: Seed = None, denoise: Denoise = None, set_: Set = None, json_: Json = False,
+         quiet: Quiet = False):
+    """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
+    from varos_warp.dataset.layout import Dataset
+    from varos_warp.dataset.report import write_report
+    from varos_warp.scene.load import demo_scene_path
+
+    changed = overrides(set_, outputs, spp=spp, seed=seed, denoise=denoise)
+    make(demo_scene_path(), out, changed, json_, quiet, device=device, frames=parse_frames(frames))
+    page = write_report(Dataset(out), out / "report.html")
+    if not json_:
+        print(f"look at {out / 'contact_sheet.png'} and {page}")
+
+
+def make(path: Path, out: Path, changed: list[str], json_: bool, quiet: bool, **options) -> None:
+    """Produce a dataset and print what was done."""
+    from varos_warp.dataset.produce import produce
+    from varos_warp.scene.load import load_scene
+
+    summary = produce(load_scene(path, changed), out, quiet=quiet, **options)
+    if json_:
+        print_json(asdict(summary))
+        return
+    images = f"{summary.rendered} images rendered, {summary.kept} kept" if options.get("images", True) else "no images"
+    where = f" on {summary.device}" if summary.device else ""
+    state = "" if summary.complete else "; not complete yet"
+    print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
+
+
+@verb
+def plan(scene: SceneFile, device: Device = "auto", tolerance: Tolerance = None, spp: Spp = None,
+         max_scatterings: MaxScatterings = None, max_bounces: MaxBounces = None, layers: Layers = None,
+         outputs: Outputs = None, seed: Seed = None, set_: Set = None, json_: Json = False, quiet: Quiet = False):
+    """Say which models each output needs, why, and what it will cost."""
+    from varos_warp.dataset.produce import simulated
+    from varos_warp.render.frame import FrameRenderer
+    from varos_warp.render.plan import plan_render
+    from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.load import load_scene
+
+    device = resolve_device(device)
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed)
+    loaded = load_scene(scene, changed)
+    simulation = simulated(loaded, quiet)
+    poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
+    result = plan_render(loaded, FrameRenderer(loaded, device), poses).to_dict()
+    if json_:
+        print_json(result)
+        return
+    for key, value in result.items():
+        if key != "reasons":
+            print(f"{key}: {value}")
+    for reason in result.get("reasons", []):
+        print(f"  - {reason}")
+
+
+# ---------------------------------------------------------------------------------------------------------- a dataset
+
+
+@verb
+def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
+    """Read everything back and check it against itself; status 2 if something does not agree."""
+    from varos_warp.dataset.validate import validate as check
+
+    result = check(dataset, quiet)
+    if json_:
+        print_json(asdict(result))
+    else:
+        _print_table(["measure", "value", "limit", "unit"],
+                     [[m["name"], f"{m['value']:.3g}", f"{m['limit']:.3g}", m["unit"]] for m in result.measures])
+        for problem in result.problems:
+            print(f"problem: {problem}")
+        print(f"{dataset}: {result.files_read} images read, {len(result.problems) or 'no'} problems")
+    if result.problems:
+        raise typer.Exit(2)
+
+
+@verb
+def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
+        "-o", "--out", help="HTML file; report.html in the dataset by default.")] = None):
+    """Write one self-contained HTML page: frames, sensors, trajectory, plan, timings."""
+    from varos_warp.dataset.layout import Dataset
+    from varos_warp.dataset.report import write_report
+
+    print(write_report(Dataset(dataset), out or dataset / "report.html"))
+
+
+# ------------------------------------------------------------------------------------------------------------- scenes
+
+
+@verb
+def info(scene: SceneFile, set_: Set = None, json_: Json = False):
+    """Show what is in a scene, and warn of what looks wrong."""
+    from varos_warp.scene.checks import check_scene, scene_info
+    from varos_warp.scene.load import load_scene
+    from varos_warp.scene.meshes import build_parts
+
+    loaded = load_scene(scene, set_ or ())
+    parts = build_parts(loaded)
+    facts, found = scene_info(loaded, parts), check_scene(loaded, parts)
+    if json_:
+        print_json({**facts, "warnings": found})
+        return
+    _print_info(facts)
+    for warning in found:
+        print(f"warning: {warning}")
+
+
+def _print_info(facts: dict) -> None:
+    """The facts of `scene_info` as tables."""
+    water, trajectory = facts["water"], facts["trajectory"]
+    print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}, vehicle of {facts['vehicle']['mass_kg']:g} kg")
+    rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
+            "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
+    _print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
+                 [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
+    _print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
+                 [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
+                   f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
+                   f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}"] for c in facts["cameras"]])
+    _print_table(["light", "kind", "position [m]", "cone [deg]", "intensity [W/sr]"],
+                 [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg")),
+                   str(light["intensity"])] for i, light in enumerate(facts["lights"])])
+    _print_table(["mesh", "vertices", "triangles", "size [m]"],
+                 [[m["name"], str(m["vertices"]), str(m["triangles"]),
+                   " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True))]
+                  for m in facts["meshes"]])
+
+
+@verb
+def schema():
+    """Print the JSON Schema of scene files."""
+    from varos_warp.scene.load import json_schema
+
+    print_json(json_schema())
+
+
+@verb
+def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml")):
+    """Write a commented scene file to begin with."""
+    from varos_warp.dataset import files
+    from varos_warp.scene.load import starter_scene
+
+    if file.exists():
+        raise InputError("is there already", file=file, remedy="Name another file; nothing is overwritten.")
+    files.write_bytes(file, starter_scene().encode())
+    print(f"{file} is written; next: varos-warp info {file}, then varos-warp run {file} -o OUT")
+
+
+@verb
+def preprocess(
+        meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Files, which are joined.")],
+        out: Annotated[Path, typer.Option("-o", "--out", help="PLY file.")],
+        vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many.")] = None,
+        merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than this [m].")] = 0.001,
+        shrinkwrap: Annotated[int | None, typer.Option(min=2, help="Wrap a grid of so many rows from above.")] = None,
+        region: Annotated[str | None, typer.Option(metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only.")] = None,
+        up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None,
+        json_: Json = False):
+    """Join, merge, repair, shrinkwrap and decimate meshes, and print the error that it made."""
+    from varos_warp.scene.terrain import preprocess_meshes, write_ply
+
+    if up_axis not in (None, "x", "y", "z"):
+        raise InputError("is no axis", key="--up-axis", value=up_axis, remedy="Use x, y or z.")
+    (points, faces), facts = preprocess_meshes(
+        meshes, vertices, merge_tolerance_m=merge_tolerance, shrinkwrap_resolution=shrinkwrap,
+        region=parse_region(region), up_axis=up_axis)
+    write_ply(out, points, faces)
+    if json_:
+        print_json({"out": str(out), **facts})
+        return
+    _print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
+                                           for key, value in facts["after"].items()])
+    _print_table(["distance [m]", "rms", "95 %", "largest"],
+                 [[name, *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max"))] for name, key in
+                  (("from the original to the result", "distance_to_result_m"),
+                   ("from the result to the original", "distance_to_original_m"))])
+    print(f"{out} is written")
+
+
+# ---------------------------------------------------------------------------------------------------------- arguments
+
+
+def overrides(set_=None, outputs=None, tolerance=None, spp=None, max_scatterings=None, max_bounces=None, layers=None,
+              seed=None, denoise=None, linear_exr=False) -> list[str]:
+    """The options that change a scene, as ``key.path=value``; they come after ``--set`` and so have the last word."""
+    if tolerance is not None and spp is not None:
+        raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
+    changes = {"render.outputs": outputs and ",".join(outputs.replace(",", "")), "render.tolerance": tolerance,
+               "render.spp": "null" if tolerance is not None else spp, "render.max_scatterings": max_scatterings,
+               "render.max_bounces": max_bounces, "render.layers": layers, "seed": seed, "render.denoise": denoise,
+               "render.linear_exr": "true" if linear_exr else None}
+    lists = ("render.outputs", "render.layers")
+    return list(set_ or ()) + [f"{key}=[{value}]" if key in lists else f"{key}={value}"
+                               for key, value in changes.items() if value is not None]
+
+
+def parse_frames(text: str | None) -> slice:
+    """``A:B``, ``A:``, ``:B`` or ``A`` as a slice of the frames."""
+    try:
+        ends = [int(end) if end.strip() else None for end in (text or ":").split(":")]
+        if len(ends) == 1:
+            ends.append(ends[0] + 1)
+        first, last = ends
+        if any(end is not None and end < 0 for end in ends):
+            raise ValueError
+    except (ValueError, TypeError):
+        raise InputError("is not A:B", key="--frames", value=text, remedy="For example 0:10, 50: or 7.") from None
+    return slice(first, last)
+
+
+def parse_shard(text: str | None) -> tuple[int, int]:
+    """``I/N`` with 0 <= I < N."""
+    try:
+        index, count = (int(part) for part in (text or "0/1").split("/"))
+        if not 0 <= index < count:
+            raise ValueError
+    except ValueError:
+        raise InputError("is not I/N with I from 0 to N - 1", key="--shard", value=text,
+                         remedy="For example 0/4, 1/4, 2/4 and 3/4 on four machines.") from None
+    return index, count
+
+
+def parse_region(text: str | None) -> tuple[float, float, float, float] | None:
+    """Four numbers with commas."""
+    try:
+        values = tuple(float(part) for part in text.split(",")) if text else None
+        if values is not None and len(values) != 4:
+            raise ValueError
+    except ValueError:
+        raise InputError("is not XMIN,YMIN,XMAX,YMAX", key="--region", value=text) from None
+    return values
+
+
+# ----------------------------------------------------------------------------------------------------------- printing
+
+
+def print_json(content) -> None:
+    """Print plain types as JSON."""
+    print(json.dumps(content, indent=2, ensure_ascii=False))
+
+
+def _number(x) -> str:
+    return "-" if x is None else f"{x:.4g}"
+
+
+def _short(x) -> str:
+    if isinstance(x, list):
+        return " to ".join(str([round(v, 2) for v in row]) for row in x)
+    return f"{x:.6g}" if isinstance(x, float) else str(x)
+
+
+def _print_table(header: list[str], rows: list[list[str]]) -> None:
+    if not rows:
+        return
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(*map(escape, header), header_style="bold", box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(escape, row))  # [m] is a unit, not a style
+    console = Console()
+    if not console.is_terminal:
+        console.width = 200  # a log is not cut to 80 columns
+    console.print(table)
+
+
+# ---------------------------------------------------------------------------------------------------------------- main
+
+
+def _version(value: bool) -> None:
+    if value:
+        print(f"varos-warp {varos_warp.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _global(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+                                                  help="Print the version.")] = False):
+    warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
+
+
+def _interrupt(_signal, _frame):
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Entry point of ``varos-warp``; SIGTERM (a cluster's end of time) counts as an interruption."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    app(prog_name="varos-warp")
