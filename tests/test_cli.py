@@ -63,7 +63,8 @@ def test_run_makes_a_valid_dataset_and_says_so(scene_file, tmp_path):
 def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
     out = tmp_path / "out"
     result = call("run", scene_file, "-o", out, "--device", "cpu", "--outputs", "A,D", "--spp", 4,
-                  "--max-scatterings", 2, "--max-bounces", 3, "--layers", "direct,single", "--seed", 9, "--denoise", "none", "--linear-exr",
+                  "--max-scatterings", 2, "--max-bounces", 3, "--layers", "direct,single", "--seed", 9,
+                  "--denoise", "none", "--linear-exr",
                   "--frames", "2:4", "--set", "render.depth_kind=range", "--set", "seed=5", "-q")
     assert result.exit_code == 0, result.output
     data = Dataset(out)
