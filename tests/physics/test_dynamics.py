@@ -284,9 +284,9 @@ def test_a_current_pushes_the_vehicle_off_by_the_predicted_distance_and_the_inte
     plain, integral = description.Controller(), description.Controller(integral=0.05)
     offset = steady_offset(body, gains(body, plain).translation, body.drag_force(0.3))
     assert offset == pytest.approx(0.2197, abs=5e-5)
-    left = steer(body, plain, State(), lambda tick: hover(), 60.0, current)[-1]
+    left = steer(body, plain, State(), lambda tick: hover(), 25.0, current)[-1]
     np.testing.assert_allclose(left.p, [offset, 0.0, 0.0], atol=1e-6)
-    back = steer(body, integral, State(), lambda tick: hover(), 120.0, current)[-1]
+    back = steer(body, integral, State(), lambda tick: hover(), 80.0, current)[-1]
     np.testing.assert_allclose(back.p, 0.0, atol=1e-6)
 
 
@@ -300,8 +300,26 @@ def test_a_controller_that_knows_only_the_pose_lags_behind_a_steady_motion():
         _, k1, k2, k3, _ = gains(body, controller).translation
         drag = body.drag_force(speed) / body.virtual_mass
         lag = {"none": k2 * speed + (1.0 + k3) * drag, "velocity": (1.0 + k3) * drag, "full": 0.0}[mode] / k1
-        states = steer(body, controller, State(), moving, 60.0)
-        assert speed * 60.0 - states[-1].p[0] == pytest.approx(lag, abs=1e-6), mode
+        states = steer(body, controller, State(), moving, 40.0)
+        assert speed * 40.0 - states[-1].p[0] == pytest.approx(lag, abs=1e-6), mode
+
+
+@pytest.mark.parametrize("mode", ["velocity", "full"])
+def test_a_steadily_accelerating_turn_is_followed_without_lag_only_with_full_feed_forward(mode):
+    """Without drag k1 lag = (1 + k3) alpha; the turn goes through many revolutions about a slanted axis."""
+    body = ball(linear_rotational_drag=0.0, quadratic_rotational_drag=0.0)
+    alpha, axis = 0.1, np.array([2.0, -1.0, 2.0]) / 3.0
+
+    def turning(tick):
+        t = tick * H
+        angle, rate, acceleration = (tuple(x * axis) for x in (0.5 * alpha * t * t, alpha * t, alpha))
+        return Reference(ZERO, ZERO, ZERO, quaternion.exp(angle), rate, acceleration)
+    controller, seconds = description.Controller(feed_forward=mode), 40.0
+    end = steer(body, controller, State(), turning, seconds)[-1]
+    _, k1, _, k3, _ = gains(body, controller).rotation
+    goal = turning(round(seconds / H)).attitude
+    lag = -np.dot(quaternion.log(quaternion.multiply(quaternion.conjugate(goal), end.q)), axis)
+    assert lag == pytest.approx((1.0 + k3) * alpha / k1 if mode == "velocity" else 0.0, abs=1e-8)
 
 
 def test_the_realised_sampled_cost_is_the_optimal_one():
@@ -313,7 +331,7 @@ def test_the_realised_sampled_cost_is_the_optimal_one():
 
     def cost(K):
         x, total = x0, 0.0
-        for _ in range(20_000):
+        for _ in range(5_000):
             u = -K @ x
             total += x @ Qd @ x + 2.0 * x @ Nd @ u + u @ Rd @ u
             x = Ad @ x + Bd @ u

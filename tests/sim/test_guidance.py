@@ -82,6 +82,16 @@ def test_the_reference_is_a_convex_mix_of_at_most_three_waypoints(durations, ove
     assert active.sum(axis=1).max() <= 2
 
 
+@pytest.mark.parametrize("speeds", [(0.1, 2.0, 0.1), (2.0, 0.1, 2.0), (0.5, 2.0, 0.1)])
+def test_a_planned_course_of_very_unequal_legs_stays_convex(speeds):
+    corners = np.concatenate([np.zeros((1, 3)), np.cumsum(np.eye(3), axis=0)])
+    points = [at(*corners[0])] + [at(*p, speed=v) for p, v in zip(corners[1:], speeds, strict=True)]
+    course = plan(description.Trajectory(waypoints=points, handover_radius_m=100.0, overlap=0.5, max_acceleration=50.0))
+    w = drive(course)[0][:, :3]
+    assert min((w[:, 0] - w[:, 1]).min(), (w[:, 1] - w[:, 2]).min()) >= -1e-15
+    assert ((w > 0.0) & (w < 1.0 - 1e-15)).sum(axis=1).max() == 2
+
+
 def test_overlapping_by_a_share_of_the_longer_leg_would_make_a_weight_negative():
     """Why the shorter leg bounds the overlap."""
     course = legs_course((10.0, 1.0, 10.0), 0.4)
@@ -139,6 +149,14 @@ def test_the_angular_rates_are_the_derivatives_of_the_attitude():
     goal = Rotation.from_rotvec(turns[0]) * Rotation.from_rotvec(turns[1])
     assert (goal.inv() * q[-1]).magnitude() < 1e-14
     np.testing.assert_allclose(both.omega[-1], 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("heading", [0.0, 17.0, 90.0, 133.0, -60.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_way_of_half_a_turn_follows_the_sign_of_the_angle_from_any_heading(heading, sign):
+    """Not the rounding of a cosine that should be zero."""
+    first, second = (Rotation.from_euler("xyz", (0.0, 0.0, a), degrees=True) for a in (heading, heading + sign * 180.0))
+    np.testing.assert_allclose(guidance.turn(first, second), [0.0, 0.0, sign * np.pi], atol=1e-14)
 
 
 def test_a_leg_takes_the_time_that_its_slowest_limit_asks_for():

@@ -19,7 +19,8 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
     """What can be foreseen: legs beyond the vehicle's powers, half turns, slow thrusters, a current that pushes it."""
     messages = []
     for i, leg in enumerate(course.legs):
-        messages += [f"waypoint {i + 1}: {text}" for text in (*_speed(leg, body), *_needs(leg, body), *_half_turn(leg))]
+        texts = [*_speed(leg, body), *_needs(leg, body), *_half_turn(leg)]
+        messages += [f"waypoint {course.target + i}: {text}" for text in texts]
     return messages + _actuator(scene, body) + _steady_force(scene, course, body, gains, current)
 
 
@@ -98,12 +99,12 @@ def on_poses(poses: list[Pose], last_frame_s: float) -> list[str]:
     return messages
 
 
-def on_run(scene: Scene, course: Course, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> list[str]:
+def on_run(scene: Scene, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> list[str]:
     """What happened: the sequence was too short or longer than the course, thrusters were at their limit."""
     messages, waypoints = [], scene.trajectory.waypoints
     if end is None and len(waypoints) > 1:
         messages.append(f"the sequence ends after trajectory.duration_s = {scene.trajectory.duration_s:g} s on the way "
-                        f"to waypoint {guidance.leg + 1} of {len(waypoints) - 1}")
+                        f"to waypoint {guidance.target} of {len(waypoints) - 1}")
     if end is not None and len(waypoints) > 1 and scene.trajectory.duration_s and ticks > end:
         messages.append(f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until "
                         f"{scene.trajectory.duration_s:g} s")

@@ -117,13 +117,18 @@ class Gate:
 
 @dataclass(frozen=True)
 class Course:
-    """Waypoints, the legs between them and a gate behind each leg; the last gate ends the course."""
+    """Waypoints, the legs between them and a gate behind each leg; the last gate ends the course.
+
+    A single waypoint makes a leg of no length, from itself to itself. ``target`` is the scene's index of the waypoint
+    that the first leg leads to.
+    """
 
     positions: np.ndarray
     attitudes: list[Rotation]
     legs: list[Leg]
     gates: list[Gate]
     timeout: float
+    target: int = 1
 
     @property
     def duration(self) -> float:
@@ -132,15 +137,16 @@ class Course:
 
 
 def plan(trajectory: description.Trajectory) -> Course:
-    """Legs and gates of a list of waypoints. A single one is a leg of no length."""
-    waypoints = trajectory.waypoints if len(trajectory.waypoints) > 1 else trajectory.waypoints * 2
+    """Legs and gates of a scene's waypoints."""
+    is_single = len(trajectory.waypoints) == 1
+    waypoints = trajectory.waypoints * 2 if is_single else trajectory.waypoints
     positions = np.array([w.position for w in waypoints], float)
     turned = attitudes(waypoints)
     legs = [_leg(trajectory, waypoints[i + 1], positions[i + 1] - positions[i], turn(turned[i], turned[i + 1]))
             for i in range(len(waypoints) - 1)]
     strict = _strict(waypoints, legs)
     gates = [_gate(trajectory, waypoints[i + 1], strict[i + 1], legs[i:i + 2]) for i in range(len(legs))]
-    return Course(positions, turned, legs, gates, trajectory.handover_timeout_s)
+    return Course(positions, turned, legs, gates, trajectory.handover_timeout_s, 0 if is_single else 1)
 
 
 def _leg(trajectory, target, step, turned) -> Leg:
@@ -241,7 +247,7 @@ class Guidance:
     """Walks through a course: starts each leg when its gate lets the vehicle pass.
 
     Attributes:
-        leg: Index of the newest leg; the reference heads for waypoint ``leg + 1``.
+        leg: Index of the newest leg.
         finished: The last gate has been passed.
         messages: Gates that the vehicle did not pass in time.
         start: Attitude at the first waypoint.
@@ -255,6 +261,11 @@ class Guidance:
         self.start = self._attitudes[0]
         self._window, self._rows, self._first = at_rest(course.positions[0], course.attitudes[0]), [], 0
         self._start_leg(0)
+
+    @property
+    def target(self) -> int:
+        """Index of the waypoint that the reference heads for."""
+        return self._course.target + self.leg
 
     def reference(self, tick: int, position: Vector, attitude: Quaternion) -> Reference:
         """The reference at this tick, for a vehicle at this pose. Ask every tick once, in order."""
@@ -283,7 +294,7 @@ class Guidance:
         if (tick - self._opens) * self._h < self._course.timeout:
             return False
         self.messages.append(
-            f"waypoint {self.leg + 1}: gave up waiting at {tick * self._h:.2f} s, {distance:.3f} m and "
+            f"waypoint {self.target}: gave up waiting at {tick * self._h:.2f} s, {distance:.3f} m and "
             f"{degrees(self._angle(attitude)):.2f} deg off (asked: {gate.radius:g} m); went on "
             f"after trajectory.handover_timeout_s = {self._course.timeout:g}")
         return True

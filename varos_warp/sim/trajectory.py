@@ -204,7 +204,7 @@ def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
     columns = {name: np.ascontiguousarray(column) for name, column in columns.items()}
     columns["position"] += origin
     messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
-                *advice.on_run(scene, course, guidance, end, frames * step, regulator.saturated_ticks)]
+                *advice.on_run(scene, guidance, end, frames * step, regulator.saturated_ticks)]
     return Run(_trajectory(columns), frames, messages, reference, waypoint)
 
 
@@ -230,7 +230,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
             end, rows = tick, rows or rows_after(tick)
         acceleration, angular_acceleration = dynamics.accelerations(state, tick)
         for values in (state.p, state.v, acceleration, state.q, state.omega, angular_acceleration,
-                       reference.position, (guidance.leg + 1.0,)):
+                       reference.position, (float(guidance.target),)):
             log.extend(values)
         force, torque = regulator.command(reference, state, dynamics.thrust(state))
         state = dynamics.advance(state, force, torque, tick)
@@ -238,6 +238,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
         if tick % REPORT_TICKS == 0:
             tell(tick)
             _check_finite(state)
+    _check_finite(state)
     return np.frombuffer(log).reshape(tick, -1)[:rows], end  # the course may end well after the last frame
 
 
