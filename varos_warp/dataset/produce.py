@@ -27,7 +27,7 @@ from varos_warp.render.denoise import denoise
 from varos_warp.render.outputs import OUTPUTS, linear_channels, to_half
 from varos_warp.scene.load import scene_to_dict
 
-BACKGROUND = 2
+BACKGROUND = max(2, min(8, (os.cpu_count() or 2) // 2))
 """Frames that are denoised and written while the next one is rendered."""
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
