@@ -72,7 +72,7 @@ def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
     steps = int(np.ceil(np.log(high / low) / np.log(_STRENGTH_RATIO)))
     levels = np.geomspace(low, high, min(steps, _STRENGTHS - 1) + 1) if steps else np.array([high])
     root = np.sqrt(radiance)
-    smooth = [denoise_nl_means(root, patch_size=5, patch_distance=5, h=0.8 * level, sigma=level, fast_mode=True,
+    smooth = [denoise_nl_means(root, patch_size=5, patch_distance=3, h=0.8 * level, sigma=level, fast_mode=True,
                                channel_axis=-1).astype(np.float32) ** 2 for level in levels]
     smooth = _between(smooth, levels, np.clip(sigma, low, high))
     blur = functools.partial(gaussian_filter, sigma=(_BLUR_PX, _BLUR_PX, 0.0))
@@ -81,7 +81,7 @@ def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
 
 
 _BLUR_PX = 4.0
-_STRENGTHS, _STRENGTH_RATIO = 4, 1.5
+_STRENGTHS, _STRENGTH_RATIO = 3, 1.5
 """At most so many strengths, a factor of so much apart."""
 
 
