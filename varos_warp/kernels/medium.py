@@ -27,30 +27,48 @@ def transmittance(medium: Medium, t: float):
 
 
 @wp.func
+def expm1(x: float):
+    """exp(x) - 1 without cancellation (Kahan's form: the rounding of exp is taken back by the logarithm)."""
+    w = wp.exp(x)
+    if w == 1.0 or w == 0.0:
+        return wp.where(w == 1.0, x, -1.0)
+    return (w - 1.0) * x / wp.log(w)
+
+
+@wp.func
+def log1p(x: float):
+    """log(1 + x) without cancellation (Goldberg 1991, theorem 4)."""
+    w = 1.0 + x
+    if w == 1.0:
+        return x
+    return wp.log(w) * x / (w - 1.0)
+
+
+@wp.func
 def truncated_exponential_pdf(sigma: float, t_max: float, t: float):
     """Density of a free flight that is known to end before ``t_max``; uniform as sigma -> 0."""
     x = sigma * t_max
-    if x < 1.0e-4:
-        return (1.0 + 0.5 * x) * wp.exp(-sigma * t) / t_max
-    return sigma * wp.exp(-sigma * t) / (1.0 - wp.exp(-x))
+    if x < 1.0e-6:
+        return 1.0 / t_max
+    return -sigma * wp.exp(-sigma * t) / expm1(-x)
 
 
 @wp.func
 def sample_truncated_exponential(sigma: float, t_max: float, u: float):
     """Free flight [m] that ends before ``t_max``."""
     x = sigma * t_max
-    if x < 1.0e-4:
-        return t_max * u * (1.0 - 0.5 * x * (1.0 - u))
-    return wp.min(-wp.log(1.0 - u * (1.0 - wp.exp(-x))) / sigma, t_max)
+    if x < 1.0e-6:
+        return t_max * u
+    return wp.min(-log1p(u * expm1(-x)) / sigma, t_max)
 
 
 @wp.func
 def near_pdf(a: float, t_max: float, t: float):
     """Density proportional to 1/(t + a) on [0, t_max]: where light scattered once near lamps at distance a is found."""
-    return 1.0 / ((t + a) * wp.log(1.0 + t_max / a))
+    return 1.0 / ((t + a) * log1p(t_max / a))
 
 
 @wp.func
 def sample_near(a: float, t_max: float, u: float):
     """Distance with density near_pdf."""
-    return a * (wp.exp(u * wp.log(1.0 + t_max / a)) - 1.0)
+    return wp.min(a * expm1(u * log1p(t_max / a)), t_max)

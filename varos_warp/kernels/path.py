@@ -15,8 +15,8 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR, NEAR
 from varos_warp.kernels.film import Film, deviation_product
-from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal, visible
-from varos_warp.kernels.light import Light, LitInterval, brightest, lit_interval
+from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal
+from varos_warp.kernels.light import brightest, lit_interval
 from varos_warp.kernels.medium import (
     Medium,
     exp3,
@@ -90,24 +90,22 @@ class Pick:
 
     u: float
     """Uniform number, stretched again after each decision."""
+    index: int
+    """The candidate held, and its weight."""
     weight: float
-    """Weight of the candidate held."""
-    taken: int
-    """Whether the last candidate was taken."""
 
 
 @wp.func
-def reservoir(pick: Pick, weight: float, total: float):
-    """Take a candidate of ``weight`` with probability weight/total, where ``total`` includes it."""
+def reservoir(pick: Pick, index: int, weight: float, total: float):
+    """Take candidate ``index`` with probability weight/total, where ``total`` includes its weight."""
     after = pick
-    after.taken = 0
     if weight <= 0.0:
         return after
     probability = weight / total
     if pick.u < probability:
         after.u = pick.u / probability
+        after.index = index
         after.weight = weight
-        after.taken = 1
     else:
         after.u = (pick.u - probability) / (1.0 - probability)
     return after
@@ -130,11 +128,9 @@ def lamp_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
     weights = float(1.0e-30)
     for i in range(scene.lights.shape[0]):
         weight = lamp_weight(scene, i, p)
-        to_light = wp.normalize(scene.lights[i].position - p)
-        cosine = wp.dot(to_light, d)
-        # |a - b|^2 / 2 = 1 - cos without cancellation
-        apart = to_light - d
-        lobe = 0.5 * hg_eval(0.5 * wp.dot(apart, apart), scene.medium.g) + 0.5 * joint_pdf(cosine)
+        chord = wp.length(wp.normalize(scene.lights[i].position - p) - d)
+        # chord^2 / 2 = 1 - cos without cancellation
+        lobe = 0.5 * hg_eval(0.5 * chord * chord, scene.medium.g) + 0.5 * joint_pdf(chord)
         total += weight * lobe
         weights += weight
     return total / weights
@@ -146,14 +142,11 @@ def sample_lamp_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
     total = float(0.0)
     pick = Pick()
     pick.u = u[0]
-    to_light = wp.vec3(0.0)
     for i in range(scene.lights.shape[0]):
         weight = lamp_weight(scene, i, p)
         total += weight
-        pick = reservoir(pick, weight, total)
-        if pick.taken == 1:
-            to_light = scene.lights[i].position - p
-    to_light = wp.normalize(to_light)
+        pick = reservoir(pick, i, weight, total)
+    to_light = wp.normalize(scene.lights[pick.index].position - p)
     if u[1] < 0.5:
         return hg_sample(to_light, scene.medium.g, u[2], u[3])
     return sample_joint(to_light, u[2], u[3])
@@ -183,10 +176,9 @@ def own_lobe_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
 
 @wp.struct
 class Flight:
-    """Where a walk goes on along a segment: a point in the water or the surface at the end, and its weight."""
+    """How far a walk goes along a segment, in the water or to its end, and the weight of that."""
 
     t: float
-    ends_on_surface: int
     weight: wp.vec3
 
 
@@ -213,7 +205,6 @@ def sample_flight(medium: Medium, throughput: wp.vec3, t_max: float, u: float, v
         flight.weight = wp.cw_mul(medium.sigma_s, T) / wp.dot(share, wp.cw_mul(medium.sigma_t, T))
         return flight
     flight.t = t_max
-    flight.ends_on_surface = 1
     T = transmittance(medium, t_max)
     flight.weight = T / wp.dot(share, T)
     return flight
@@ -253,45 +244,60 @@ def sample_first_scattering(medium: Medium, near: float, t_max: float, u: float,
 
 
 @wp.func
-def gather_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """in_scattered of one lamp, chosen by the integral of 1/d^2 over the interval it lights."""
+def gather_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, all_lamps: bool, u: wp.vec4):
+    """in_scattered of all lamps, or of one that is chosen by the integral of 1/d^2 over the interval it lights."""
     total = float(0.0)
     pick = Pick()
-    pick.u = u
-    lit = LitInterval()
-    light = Light()
+    pick.u = u[0]
     for i in range(scene.lights.shape[0]):
-        candidate = lit_interval(scene.lights[i], o, d, t_max)
-        weight = candidate.angle * brightest(scene.lights[i].intensity)
+        weight = lit_interval(scene.lights[i], o, d, t_max).angle * brightest(scene.lights[i].intensity)
         total += weight
-        pick = reservoir(pick, weight, total)
-        if pick.taken == 1:
-            lit = candidate
-            light = scene.lights[i]
+        pick = reservoir(pick, i, weight, total)
+    L = wp.vec3(0.0)
     if total <= 0.0:
-        return wp.vec3(0.0)
-    return in_scattered(scene, light, lit, o, d, v) * (total / pick.weight)
+        return L
+    for i in range(scene.lights.shape[0]):
+        if all_lamps or i == pick.index:
+            light = scene.lights[i]
+            L += in_scattered(scene, light, lit_interval(light, o, d, t_max), o, d, wp.frac(u[1] + 0.6180340 * float(i)))
+    return wp.where(all_lamps, L, L * (total / pick.weight))
 
 
 @wp.func
-def gather_reflected(scene: SceneData, hit: Hit, n: wp.vec3, u: float):
-    """Light of one lamp reflected at ``hit``, chosen by its unoccluded irradiance; white surface."""
+def gather_reflected(scene: SceneData, hit: Hit, n: wp.vec3, all_lamps: bool, u: float):
+    """reflected of all lamps, or of one that is chosen by its unoccluded irradiance; white surface."""
     total = float(0.0)
     pick = Pick()
     pick.u = u
-    E = wp.vec3(0.0)
-    position = wp.vec3(0.0)
     for i in range(scene.lights.shape[0]):
-        candidate = irradiance_unoccluded(scene, scene.lights[i], hit, n)
-        weight = brightest(candidate)
+        weight = brightest(irradiance_unoccluded(scene, scene.lights[i], hit, n))
         total += weight
-        pick = reservoir(pick, weight, total)
-        if pick.taken == 1:
-            E = candidate
-            position = scene.lights[i].position
-    if total <= 0.0 or not visible(scene, hit.start, position):
-        return wp.vec3(0.0)
-    return E * (total / (pick.weight * wp.pi))
+        pick = reservoir(pick, i, weight, total)
+    L = wp.vec3(0.0)
+    if total <= 0.0:
+        return L
+    for i in range(scene.lights.shape[0]):
+        if all_lamps or i == pick.index:
+            L += reflected(scene, scene.lights[i], hit, n)
+    return wp.where(all_lamps, L, L * (total / pick.weight))
+
+
+# ------------------------------------------------------------------------------------------------------------- walks
+
+
+@wp.struct
+class Walk:
+    """A path behind the camera's own segment: where it turns next and what light from there on counts."""
+
+    alive: int
+    vertex: Vertex
+    throughput: wp.vec3
+    scatterings: int
+    bounces: int
+    dimension: int
+    """Next dimension of the random numbers."""
+    expected_at_start: float
+    """What roulette compares the light still to be expected with."""
 
 
 @wp.func
@@ -304,95 +310,100 @@ def lamp_light_at(scene: SceneData, p: wp.vec3):
     return total
 
 
+@wp.func
+def expected_light(scene: SceneData, walk: Walk):
+    """How much light a walk may still find: its throughput, times the root of the light at its vertex."""
+    albedo = wp.where(walk.vertex.on_surface == 1, brightest(walk.vertex.reflectance), 1.0)
+    return albedo * brightest(walk.throughput) * wp.sqrt(lamp_light_at(scene, walk.vertex.p))
+
+
+@wp.func
+def start_walk(scene: SceneData, vertex: Vertex, throughput: wp.vec3):
+    """Walk that turns first at ``vertex``, on the camera's segment or at its end."""
+    walk = Walk()
+    walk.vertex = vertex
+    walk.throughput = throughput
+    walk.scatterings = 1 - vertex.on_surface
+    walk.bounces = vertex.on_surface
+    walk.dimension = wp.where(vertex.on_surface == 1, 1 << 20, 1 << 10)
+    walk.alive = wp.where(brightest(throughput) > 0.0, 1, 0)
+    walk.expected_at_start = expected_light(scene, walk)
+    return walk
+
+
+@wp.func
+def start_water_walk(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: wp.vec4):
+    """Walk that starts with a scattering on the camera's segment."""
+    near = lamp_distance(scene, o)
+    t = sample_first_scattering(scene.medium, near, t_max, u[0], u[1])
+    throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
+    return start_walk(scene, water_vertex(o + t * d, d), throughput / first_scattering_pdf(scene.medium, near, t_max, t))
+
+
+@wp.func
+def turn(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4, v: float):
+    """Give a walk its next direction, in ``vertex.d``: from the vertex's own lobe or from those around the lamps.
+
+    The weight is the balance heuristic over both (one sample).
+    """
+    turned = walk
+    if v < lamp_share:
+        d = sample_lamp_lobes(scene, walk.vertex.p, u)
+    else:
+        d = sample_own_lobe(scene, walk.vertex, u[2], u[3])
+    f = own_lobe_pdf(scene, walk.vertex, d)
+    turned.vertex.d = d
+    turned.alive = wp.where(f > 0.0, 1, 0)
+    if walk.vertex.on_surface == 1:
+        turned.throughput = wp.cw_mul(turned.throughput, walk.vertex.reflectance)
+    if lamp_share > 0.0 and f > 0.0:
+        turned.throughput *= f / (lamp_share * lamp_lobes_pdf(scene, walk.vertex.p, d) + (1.0 - lamp_share) * f)
+    return turned
+
+
+@wp.func
+def advance(scene: SceneData, walk: Walk, hit: Hit, end: Vertex, max_scatterings: int, max_bounces: int, u: wp.vec4):
+    """Move a walk along its segment to the next vertex, in the water or at its ``end``; roulette may end it."""
+    moved = walk
+    moved.alive = 0
+    if brightest(walk.throughput) <= 0.0:
+        return moved
+    in_water = False
+    if walk.scatterings < max_scatterings:
+        flight = sample_flight(scene.medium, walk.throughput, hit.t, u[0], u[1])
+        in_water = flight.t < hit.t
+        moved.throughput = wp.cw_mul(walk.throughput, flight.weight)
+        if in_water:
+            moved.vertex = water_vertex(walk.vertex.p + flight.t * walk.vertex.d, walk.vertex.d)
+            moved.scatterings += 1
+    else:
+        moved.throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
+    if not in_water:
+        if hit.face < 0 or walk.bounces >= max_bounces:
+            return moved
+        moved.vertex = end
+        moved.bounces += 1
+    # Unbiased, and ends every walk. The root in expected_light and the bound of 0.3 keep survivors from weighing much
+    # more than the rest: measured on water with albedo 1, that costs the least error x time.
+    survival = wp.clamp(expected_light(scene, moved) / walk.expected_at_start, 0.3, 0.95)
+    if u[2] < survival:
+        moved.throughput /= survival
+        moved.alive = 1
+    return moved
+
+
+CAMERA = wp.constant(0)
+WATER = wp.constant(1)
+SURFACE = wp.constant(2)
+
+
 @cache
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
-    """Path tracing of a range of rows, specialised to ``spec``."""
+    """Path tracing of a range of rows, specialised to ``spec``.
 
-    @wp.func
-    def walk(
-        scene: SceneData,
-        start: Vertex,
-        start_throughput: wp.vec3,
-        scattered: int,
-        bounced: int,
-        max_scatterings: int,
-        max_bounces: int,
-        key: wp.uint32,
-        pixel: int,
-        sample: int,
-        first_dimension: int,
-    ):
-        """Radiance that arrives over a walk that turns at ``start``, after so many scatterings and bounces."""
-        L = wp.vec3(0.0)
-        throughput = start_throughput
-        vertex = start
-        scatterings = scattered
-        bounces = bounced
-        dimension = first_dimension
-        light_at_start = lamp_light_at(scene, start.p)
-        while scatterings < max_scatterings or bounces < max_bounces:
-            # 1. a direction, from the vertex's own lobe or from the lobes around the lamps
-            u = uniforms(key, pixel, sample, dimension)
-            u_next = uniforms(key, pixel, sample, dimension + 1)
-            lamp_share = float(0.0)
-            if wp.static(spec.medium):
-                lamp_share = wp.where(scatterings < max_scatterings, 0.5, 0.0)
-            if u_next[0] < lamp_share:
-                d = sample_lamp_lobes(scene, vertex.p, u)
-            else:
-                d = sample_own_lobe(scene, vertex, u[2], u[3])
-            f = own_lobe_pdf(scene, vertex, d)
-            if f <= 0.0:
-                break
-            if vertex.on_surface == 1:
-                throughput = wp.cw_mul(throughput, vertex.reflectance)
-            if lamp_share > 0.0:
-                throughput *= f / (lamp_share * lamp_lobes_pdf(scene, vertex.p, d) + (1.0 - lamp_share) * f)
-
-            # 2. light of one more event on the segment in that direction
-            hit = first_hit(scene, vertex.p, d)
-            if wp.static(spec.medium):
-                if scatterings < max_scatterings:
-                    L += wp.cw_mul(throughput, gather_in_scattered(scene, vertex.p, d, hit.t, u_next[1], u_next[2]))
-            here = vertex.p
-            if hit.face >= 0:
-                vertex = surface_vertex(scene, hit, d)
-                if bounces < max_bounces:
-                    E = gather_reflected(scene, hit, vertex.n, u_next[3])
-                    L += wp.cw_mul(wp.cw_mul(throughput, transmittance(scene.medium, hit.t)),
-                                   wp.cw_mul(vertex.reflectance, E))
-
-            # 3. the next vertex: in the water, or the surface at the segment's end
-            if brightest(throughput) <= 0.0:
-                break
-            u = uniforms(key, pixel, sample, dimension + 2)
-            dimension += 3
-            on_surface = int(1)
-            if wp.static(spec.medium):
-                if scatterings < max_scatterings:
-                    flight = sample_flight(scene.medium, throughput, hit.t, u[0], u[1])
-                    on_surface = flight.ends_on_surface
-                    throughput = wp.cw_mul(throughput, flight.weight)
-                    if on_surface == 0:
-                        vertex = water_vertex(here + flight.t * d, d)
-                        scatterings += 1
-                else:
-                    throughput = wp.cw_mul(throughput, transmittance(scene.medium, hit.t))
-            if on_surface == 1:
-                if hit.face < 0 or bounces >= max_bounces:
-                    break
-                bounces += 1
-
-            # 4. roulette on the light still to be expected; unbiased, and ends every walk. The square root and the
-            # floor keep survivors from weighing much more than the rest (measured: 0.3 has the least error x time)
-            albedo = wp.where(on_surface == 1, brightest(vertex.reflectance), 1.0)
-            expected = albedo * brightest(throughput) / brightest(start_throughput)
-            expected *= wp.sqrt(lamp_light_at(scene, vertex.p) / light_at_start)
-            survival = wp.clamp(expected, 0.3, 0.95)
-            if u[2] >= survival:
-                break
-            throughput /= survival
-        return L
+    One loop serves camera segments and walks, segment by segment, so that threads of a GPU's warp trace rays together
+    whatever their paths are doing (path regeneration, Novak et al. 2010).
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_paths(
@@ -410,60 +421,91 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         row = first_row + tile_row
         pixel = row * film.m2.shape[2] + col
         strata = film.m2.shape[0]
+        sample = stratum * spp / strata
+        end = (stratum + 1) * spp / strata
         direct = wp.vec3(0.0)
         single = wp.vec3(0.0)
         multiple = wp.vec3(0.0)
         m2 = wp.vec3(0.0)
         count = float(0.0)
-        for sample in range(stratum * spp / strata, (stratum + 1) * spp / strata):
-            u = uniforms(key, pixel, sample, 0)
-            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-            hit = first_hit(scene, ray.o, ray.d)
-            T = transmittance(scene.medium, hit.t)
-            L_direct = wp.vec3(0.0)
-            L_single = wp.vec3(0.0)
-            L_multiple = wp.vec3(0.0)
-            surface = Vertex()
 
-            # direct: lamp -> surface -> camera
-            if hit.face >= 0:
-                surface = surface_vertex(scene, hit, ray.d)
-                if wp.static(spec.direct) and max_bounces > 0:
-                    for i in range(scene.lights.shape[0]):
-                        L_direct += reflected(scene, scene.lights[i], hit, surface.n)
-                    L_direct = wp.cw_mul(wp.cw_mul(T, surface.reflectance), L_direct)
+        L_direct = wp.vec3(0.0)
+        L_single = wp.vec3(0.0)
+        L_multiple = wp.vec3(0.0)
+        stage = int(CAMERA)
+        walk = Walk()
+        surface_walk = Walk()
+        while sample < end:
+            # a ray: through the pixel, or on from the vertex where a walk turns
+            if stage == CAMERA:
+                u = uniforms(key, pixel, sample, 0)
+                ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
+                walk = Walk()
+                walk.alive = 1
+                walk.throughput = wp.vec3(1.0)
+                walk.vertex = water_vertex(ray.o, ray.d)
+                walk.dimension = 1
+                surface_walk = Walk()
+            u = uniforms(key, pixel, sample, walk.dimension)
+            if stage != CAMERA:
+                lamp_share = float(0.0)
+                if wp.static(spec.medium):
+                    lamp_share = wp.where(walk.scatterings < max_scatterings, 0.5, 0.0)
+                v = uniforms(key, pixel, sample, walk.dimension + 1)
+                walk = turn(scene, walk, lamp_share, u, v[0])
+                u = uniforms(key, pixel, sample, walk.dimension + 2)
 
-            # single: lamp -> water -> camera
-            if wp.static(spec.medium and spec.single):
-                if max_scatterings > 0:
-                    for i in range(scene.lights.shape[0]):
-                        light = scene.lights[i]
-                        lit = lit_interval(light, ray.o, ray.d, hit.t)
-                        u = uniforms(key, pixel, sample, 8 + i)
-                        L_single += in_scattered(scene, light, lit, ray.o, ray.d, u[0])
+            if walk.alive == 1:
+                o = walk.vertex.p
+                d = walk.vertex.d
+                hit = first_hit(scene, o, d)
+                v = uniforms(key, pixel, sample, walk.dimension + 3)
+                walk.dimension += 4
 
-            # multiple: two walks, one from the water and one from the surface
-            if wp.static(spec.multiple and spec.medium):
-                if max_scatterings > 0:
-                    u = uniforms(key, pixel, sample, 1)
-                    near = lamp_distance(scene, ray.o)
-                    t = sample_first_scattering(scene.medium, near, hit.t, u[0], u[1])
-                    throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
-                    throughput /= first_scattering_pdf(scene.medium, near, hit.t, t)
-                    if brightest(throughput) > 0.0:
-                        L_multiple += walk(scene, water_vertex(ray.o + t * ray.d, ray.d), throughput, 1, 0,
-                                           max_scatterings, max_bounces, key, pixel, sample, 1 << 10)
-            if wp.static(spec.multiple):
-                if hit.face >= 0 and max_bounces > 0 and brightest(T) > 0.0:
-                    L_multiple += walk(scene, surface, T, 0, 1, max_scatterings, max_bounces,
-                                       key, pixel, sample, 1 << 20)
+                # light of one more event on the segment: scattered on the way, or reflected at its end
+                L_water = wp.vec3(0.0)
+                if wp.static(spec.medium and (spec.single or spec.multiple)):
+                    if walk.scatterings < max_scatterings and (wp.static(spec.single) or stage != CAMERA):
+                        L_water = gather_in_scattered(scene, o, d, hit.t, stage == CAMERA, u)
+                L_surface = wp.vec3(0.0)
+                end_vertex = Vertex()
+                if hit.face >= 0:
+                    end_vertex = surface_vertex(scene, hit, d)
+                    if walk.bounces < max_bounces and (wp.static(spec.direct) or stage != CAMERA):
+                        L_surface = gather_reflected(scene, hit, end_vertex.n, stage == CAMERA, u[2])
+                        L_surface = wp.cw_mul(end_vertex.reflectance, L_surface)
+                        L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), L_surface)
 
-            count += 1.0
-            before = direct + single + multiple
-            direct += (L_direct - direct) / count
-            single += (L_single - single) / count
-            multiple += (L_multiple - multiple) / count
-            m2 += deviation_product(L_direct + L_single + L_multiple, before, direct + single + multiple)
+                # where the path goes on
+                if stage == CAMERA:
+                    L_single = L_water
+                    L_direct = L_surface
+                    walk.alive = 0
+                    if wp.static(spec.multiple):
+                        if hit.face >= 0 and max_bounces > 0:
+                            surface_walk = start_walk(scene, end_vertex, transmittance(scene.medium, hit.t))
+                        if wp.static(spec.medium):
+                            if max_scatterings > 0:
+                                walk = start_water_walk(scene, o, d, hit.t, v)
+                                stage = WATER
+                else:
+                    L_multiple += wp.cw_mul(walk.throughput, L_water + L_surface)
+                    walk = advance(scene, walk, hit, end_vertex, max_scatterings, max_bounces, v)
+
+            # the sample's next walk, or the next sample
+            if walk.alive == 0 and stage != SURFACE and surface_walk.alive == 1:
+                walk = surface_walk
+                stage = SURFACE
+            if walk.alive == 0:
+                count += 1.0
+                before = direct + single + multiple
+                direct += (L_direct - direct) / count
+                single += (L_single - single) / count
+                multiple += (L_multiple - multiple) / count
+                m2 += deviation_product(L_direct + L_single + L_multiple, before, direct + single + multiple)
+                L_multiple = wp.vec3(0.0)
+                stage = CAMERA
+                sample += 1
         film.direct[stratum, row, col] = direct
         film.single[stratum, row, col] = single
         film.multiple[stratum, row, col] = multiple
