@@ -92,7 +92,8 @@ def lit_interval(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     part.h = wp.max(wp.length(v), NEAR)
     part.ya = -part.foot
     part.yb = wp.min(t_max, FAR) - part.foot
-    if light.cos_half > 0.0:
+    # next to 180 deg the quadratic has no digits; the falloff alone tells, as for wider cones
+    if light.cos_half > 1.0e-4:
         clipped = clip_to_cone(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
         part.yb = clipped[1]

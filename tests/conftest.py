@@ -1,0 +1,26 @@
+"""For all tests: those that need a GPU are skipped where there is none, and numpy's global generator is seeded."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+
+@cache
+def has_cuda() -> bool:
+    import warp as wp
+
+    return wp.is_cuda_available()
+
+
+def pytest_collection_modifyitems(items):
+    """Skip what is marked ``gpu`` where Warp finds no CUDA device; Warp is loaded only if there is such a test."""
+    for item in items:
+        if item.get_closest_marker("gpu") and not has_cuda():
+            item.add_marker(pytest.mark.skip(reason="no CUDA device"))
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    """A test that draws from the global generator does so alike in every order and selection of tests."""
+    np.random.seed(1)  # noqa: NPY002
