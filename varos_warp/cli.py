@@ -137,12 +137,14 @@ def plan(scene: SceneFile, device: Device = "auto", tolerance: Tolerance = None,
     loaded = load_scene(scene, changed)
     simulation = simulated(loaded, quiet)
     poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
-    result = plan_render(loaded, FrameRenderer(loaded, device), poses).to_dict()
+    result = plan_render(loaded, FrameRenderer(loaded, device), poses, measure_cost=True).to_dict()
     if json_:
         print_json(result)
         return
     for key, value in result.items():
-        if key != "reasons":
+        if isinstance(value, dict):
+            print(f"{key}:", *(f"  {name}: {part}" for name, part in value.items()), sep="\n")
+        elif key != "reasons":
             print(f"{key}: {value}")
     for reason in result.get("reasons", []):
         print(f"  - {reason}")

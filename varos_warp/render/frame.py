@@ -11,10 +11,10 @@ import warp as wp
 from varos_warp.errors import InputError
 from varos_warp.kernels.ambient import trace_ambient
 from varos_warp.kernels.aov import trace_first_hits
-from varos_warp.kernels.conventions import ALL
+from varos_warp.kernels.conventions import ALL, BLOCK_DIM
 from varos_warp.kernels.film import Film, merge_strata
 from varos_warp.kernels.path import PathSpec, make_path_kernel
-from varos_warp.scene.description import Scene
+from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
 
@@ -95,14 +95,14 @@ class FrameRenderer:
         self._loaded: set = set()
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
-    def render(self, T_w_v, camera: str | None = None, outputs="ABCD", *, spp: int | None = None, spp_b: int | None = None,
-               max_scatterings: int | None = None, max_bounces: int | None = None, layers=LAYERS,
-               seed: int | None = None, frame: int = 0) -> Frame:
+    def render(self, T_w_v, camera: str | Camera | None = None, outputs="ABCD", *, spp: int | None = None,
+               spp_b: int | None = None, max_scatterings: int | None = None, max_bounces: int | None = None,
+               layers=LAYERS, seed: int | None = None, frame: int = 0) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
             T_w_v: pose of the vehicle in the world.
-            camera: id of a camera of the scene; absent: the first.
+            camera: id of a camera of the scene, or a camera that is not in it; absent: the first.
             outputs: any of A, B, C, D.
             spp: samples per pixel of A; absent: the scene's, or 64.
             spp_b: samples per pixel of B; absent: the scene's.
@@ -128,7 +128,9 @@ class FrameRenderer:
             images |= {name: image for name, image in (("C", normals), ("D", depths)) if name in outputs}
         return Frame(**images)
 
-    def _camera(self, name: str | None):
+    def _camera(self, name: str | Camera | None) -> Camera:
+        if isinstance(name, Camera):
+            return name
         if name is None:
             return self.scene.vehicle.cameras[0]
         if name not in self._cameras:
@@ -199,7 +201,8 @@ class FrameRenderer:
         width, height = view.resolution
         strata = () if film is None else (film.m2.shape[0],)
         if self.device != "cpu":
-            wp.launch(kernel, dim=(height, width, *strata), inputs=[*before, 0, *after], device=self.device)
+            wp.launch(kernel, dim=(height, width, *strata), inputs=[*before, 0, *after], device=self.device,
+                      block_dim=BLOCK_DIM)
             return
 
         def launch_tile(row):
@@ -218,6 +221,6 @@ class FrameRenderer:
         """Compile a kernel before threads need it, and count the time apart."""
         if kernel not in self._loaded:
             start = time.perf_counter()
-            kernel.module.load(self.device)
+            kernel.module.load(self.device, block_dim=BLOCK_DIM if self.device != "cpu" else None)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
