@@ -2,9 +2,8 @@
 
     python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--resolution 320x180] [-o results.json]
 
-Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time is
-reported apart. A path is one camera sample (the renderer follows two walks per path, the plain kernel one); rays are
-nearest-hit and visibility rays together, counted by repeating a few samples with counters.
+Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time
+is reported apart. A path is one camera sample: the renderer follows two walks from it, the plain kernel one.
 """
 
 import argparse
@@ -45,8 +44,13 @@ def time_plain(renderer, T_w_v, spp: int, repeat: int):
     seconds = []
     for key in range(repeat + 1):
         start = time.perf_counter()
-        renderer._launch(trace_plainly, view, None, [renderer.world.data, camera],
-                         [1 if key == 0 else spp, wp.uint32(key), mean, squares])
+        renderer._launch(
+            trace_plainly,
+            view,
+            None,
+            [renderer.world.data, camera],
+            [1 if key == 0 else spp, wp.uint32(key), mean, squares],
+        )
         radiance = mean.numpy()
         seconds.append(time.perf_counter() - start)
     return radiance, (squares.numpy() - radiance**2) / (spp - 1), np.median(seconds[1:])
@@ -73,16 +77,28 @@ def measure(scene_file: str, device: str, spp: int, resolution: str | None, repe
     renderer = FrameRenderer(scene, device)
     setup = time.perf_counter() - start
     width, height = scene.vehicle.cameras[0].resolution
-    row = {"scene": scene.name, "resolution": [width, height], "spp": spp, "device": renderer.device,
-           "device_name": renderer.device_name, "threads": renderer.threads, "cpu": platform.processor() or platform.machine(),
-           "warp": wp.__version__, "commit": commit(), "setup_s": round(setup, 2)}
+    row = {
+        "scene": scene.name,
+        "resolution": [width, height],
+        "spp": spp,
+        "device": renderer.device,
+        "device_name": renderer.device_name,
+        "threads": renderer.threads,
+        "cpu": platform.processor() or platform.machine(),
+        "warp": wp.__version__,
+        "commit": commit(),
+        "setup_s": round(setup, 2),
+    }
     for name, timed in (("ours", time_ours), ("plain", time_plain)):
         radiance, variance, seconds = timed(renderer, T_w_v, spp, repeat)
         relative = np.sqrt(variance) / np.maximum(radiance, 1e-30)
-        row[name] = {"ms_per_frame": seconds * 1e3, "paths_per_s": width * height * spp / seconds,
-                     "work_rgb": relative_work(radiance, variance, seconds),
-                     "median_relative_stderr_rgb": np.median(relative, axis=(0, 1)).tolist(),
-                     "mean_rgb": radiance.mean(axis=(0, 1)).tolist()}
+        row[name] = {
+            "ms_per_frame": seconds * 1e3,
+            "paths_per_s": width * height * spp / seconds,
+            "work_rgb": relative_work(radiance, variance, seconds),
+            "median_relative_stderr_rgb": np.median(relative, axis=(0, 1)).tolist(),
+            "mean_rgb": radiance.mean(axis=(0, 1)).tolist(),
+        }
     row["compile_s"] = round(renderer.compile_seconds, 2)
     row["peak_memory_mib"] = round(peak_memory_mib(renderer.device), 1)
     row["speed_ratio"] = row["ours"]["paths_per_s"] / row["plain"]["paths_per_s"]
@@ -92,7 +108,9 @@ def measure(scene_file: str, device: str, spp: int, resolution: str | None, repe
 
 def commit() -> str:
     """Short hash of the checkout, or unknown."""
-    result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent)
+    result = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+    )
     return result.stdout.strip() or "unknown"
 
 

@@ -4,6 +4,8 @@ The ray starts at the origin along +z of the notes that hold the truths; that is
 reflectance may end it at a distance T.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.integrate import quad
 
@@ -27,8 +29,14 @@ def point(position, intensity=1.0):
 
 
 def spot(position, axis=(0, 0, 1), cone_deg=65.0, blend=0.0):
-    return {"kind": "spot", "position": to_vehicle(position), "direction": to_vehicle(axis), "cone_deg": cone_deg,
-            "blend": blend, "intensity": [1.0, 1.0, 1.0]}
+    return {
+        "kind": "spot",
+        "position": to_vehicle(position),
+        "direction": to_vehicle(axis),
+        "cone_deg": cone_deg,
+        "blend": blend,
+        "intensity": [1.0, 1.0, 1.0],
+    }
 
 
 VAROS_LAMPS = [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))]
@@ -41,16 +49,29 @@ def water(sigma_s, sigma_t, g):
 
 def floor(distance, reflectance, size=200.0, offset=(0.0, 0.0, 0.0)):
     """A square plate across the ray."""
-    corners = np.array([[-size, distance, -size], [size, distance, -size], [size, distance, size], [-size, distance, size]])
-    return Part("floor", corners + offset, np.array([[0, 2, 1], [0, 3, 2]], np.int32), Diffuse(reflectance=[reflectance] * 3))
+    corners = np.array(
+        [[-size, distance, -size], [size, distance, -size], [size, distance, size], [-size, distance, size]]
+    )
+    return Part(
+        "floor", corners + offset, np.array([[0, 2, 1], [0, 3, 2]], np.int32), Diffuse(reflectance=[reflectance] * 3)
+    )
 
 
 def one_ray_scene(lights, coefficients, direction=(0, 0, 1), pixels=16, **camera):
     """Every pixel of the camera sees the same ray, to 1e-7 rad."""
-    view = {"id": "M0", "look_at": to_vehicle(direction), "resolution": [pixels, pixels], "sensor_mm": [1e-4, 1e-4],
-            "focal_mm": 1e3, **camera}
-    return Scene(water="none" if coefficients is None else {"coefficients": coefficients},
-                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
+    view = {
+        "id": "M0",
+        "look_at": to_vehicle(direction),
+        "resolution": [pixels, pixels],
+        "sensor_mm": [1e-4, 1e-4],
+        "focal_mm": 1e3,
+        **camera,
+    }
+    return Scene(
+        water="none" if coefficients is None else {"coefficients": coefficients},
+        vehicle={"lights": lights, "cameras": [view]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
 
 
 def radiance(scene, parts=(), layer=None, device="cpu", **how):
@@ -64,7 +85,7 @@ def radiance(scene, parts=(), layer=None, device="cpu", **how):
 
 
 def line_of_sight(lights, coefficients, T, **how):
-    """radiance of a ray that ends at ``T`` while the water goes on behind it, as no floor can make it.
+    """Radiance of a ray that ends at ``T`` while the water goes on behind it, as no floor can make it.
 
     The whole open ray less what its part behind T sends through the first T metres; the lamps are moved instead of the
     camera. ``lights`` is a function of the distance that the camera has gone.
@@ -106,9 +127,13 @@ def single_scattering(p, sigma_s, sigma_t, g, T, axis=None, cone_deg=360.0, blen
         y = h * np.tan(theta)
         d = np.hypot(h, y)
         x = np.array([0, 0, foot + y]) - p
-        edge = 1.0 if axis is None else smoothstep_edge(x @ np.asarray(axis, float) / np.linalg.norm(axis) / d, cone_deg, blend)
+        edge = (
+            1.0
+            if axis is None
+            else smoothstep_edge(x @ np.asarray(axis, float) / np.linalg.norm(axis) / d, cone_deg, blend)
+        )
         return edge * sigma_s * hg(-y / d, g) * np.exp(-sigma_t * (foot + y + d)) / h
 
     end = np.pi / 2 if np.isinf(T) else np.arctan2(T - foot, h)
     nodes = np.linspace(np.arctan2(-foot, h), end, breaks + 1)
-    return sum(quad(integrand, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in zip(nodes[:-1], nodes[1:], strict=True))
+    return sum(quad(integrand, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in pairwise(nodes))

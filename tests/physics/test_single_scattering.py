@@ -26,8 +26,10 @@ def black_floor(T):
     return [] if np.isinf(T) else [floor(T, 0.0)]
 
 
-@pytest.mark.parametrize(("sigma_a", "truth"), [(0.125, 0.28650479686019), (0.0579890, 0.559959958773234),
-                                                (0.04, 0.670320046035639), (2.5e-6, 0.999975000312497)])
+@pytest.mark.parametrize(
+    ("sigma_a", "truth"),
+    [(0.125, 0.28650479686019), (0.0579890, 0.559959958773234), (0.04, 0.670320046035639), (2.5e-6, 0.999975000312497)],
+)
 def test_absorbing_water_obeys_beer_lambert(sigma_a, truth):
     """A lamp at the camera and a floor at 5 m: 10 m of water."""
     scene = one_ray_scene([point((0, 0, 0))], water(0.0, sigma_a, 0.0))
@@ -39,17 +41,20 @@ def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law():
     assert_agrees(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0)
 
 
-@pytest.mark.parametrize(("position", "sigma_s", "sigma_t", "g", "T", "truth"), [
-    (SIDE, 1, 1, 0.0, INF, 0.015382720109353),
-    (SIDE, 1, 1, 0.0, 2, 0.0152954359892282),
-    (SIDE, 1, 1, 0.8, INF, 0.0018073046013872),
-    (SIDE, 1, 1, 0.8, 2, 0.00180157358033412),
-    (SIDE, 0.5, 0.7, -0.5, 3, 0.0143304877593851),
-    (VAROS_POINT, *GREEN, 0.0, 5, 0.00874058838653483),
-    (VAROS_POINT, *GREEN, 0.8, 5, 0.00061849240331754),
-    ((0.01, 0, 1), *GREEN, 0.8, 5, 1.3348754027496),
-    ((1e-4, 0, 1), *GREEN, 0.8, 5, 139.603274201375),
-])
+@pytest.mark.parametrize(
+    ("position", "sigma_s", "sigma_t", "g", "T", "truth"),
+    [
+        (SIDE, 1, 1, 0.0, INF, 0.015382720109353),
+        (SIDE, 1, 1, 0.0, 2, 0.0152954359892282),
+        (SIDE, 1, 1, 0.8, INF, 0.0018073046013872),
+        (SIDE, 1, 1, 0.8, 2, 0.00180157358033412),
+        (SIDE, 0.5, 0.7, -0.5, 3, 0.0143304877593851),
+        (VAROS_POINT, *GREEN, 0.0, 5, 0.00874058838653483),
+        (VAROS_POINT, *GREEN, 0.8, 5, 0.00061849240331754),
+        ((0.01, 0, 1), *GREEN, 0.8, 5, 1.3348754027496),
+        ((1e-4, 0, 1), *GREEN, 0.8, 5, 139.603274201375),
+    ],
+)
 def test_point_lamp(position, sigma_s, sigma_t, g, T, truth):
     scene = one_ray_scene([point(position)], water(sigma_s, sigma_t, g))
     assert_agrees(radiance(scene, black_floor(T), "single", spp=1024), truth)
@@ -61,13 +66,16 @@ def test_point_lamp_in_water_that_scatters_but_does_not_extinguish():
     assert_agrees(radiance(scene, (), "single", spp=256), 1e-7 / 8)
 
 
-@pytest.mark.parametrize(("T", "g", "truth"), [
-    (2, 0.8, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
-    (5, 0.8, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
-    (10, 0.8, (5.45304161185223e-5, 0.00062519221619206, 0.00151190406588714)),
-    (25, 0.8, (5.45633155963439e-5, 0.000627173268201532, 0.00151897711245271)),
-    (5, 0.0, (0.000838168023095091, 0.00956255858258945, 0.0230789239711541)),
-])
+@pytest.mark.parametrize(
+    ("T", "g", "truth"),
+    [
+        (2, 0.8, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
+        (5, 0.8, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
+        (10, 0.8, (5.45304161185223e-5, 0.00062519221619206, 0.00151190406588714)),
+        (25, 0.8, (5.45633155963439e-5, 0.000627173268201532, 0.00151897711245271)),
+        (5, 0.0, (0.000838168023095091, 0.00956255858258945, 0.0230789239711541)),
+    ],
+)
 def test_paper_rig_at_the_centre(T, g, truth):
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
     assert_agrees(radiance(scene, [floor(T, 0.0)], "single"), truth)
@@ -81,7 +89,9 @@ def test_paper_rig_off_the_centre():
     assert_agrees(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), truth)
 
 
-@pytest.mark.parametrize(("sigma_s", "sigma_t", "truth"), [(0.8, 1.0, 0.0109644027294663), (1.7, 2.0, 0.0115402319855652)])
+@pytest.mark.parametrize(
+    ("sigma_s", "sigma_t", "truth"), [(0.8, 1.0, 0.0109644027294663), (1.7, 2.0, 0.0115402319855652)]
+)
 def test_paper_rig_in_turbid_water(sigma_s, sigma_t, truth):
     scene = one_ray_scene(VAROS_LAMPS, water(sigma_s, sigma_t, 0.8))
     assert_agrees(radiance(scene, [floor(2, 0.0)], "single"), truth)
@@ -100,8 +110,18 @@ def test_soft_edge(blend):
     assert_agrees(radiance(scene, [floor(5, 0.0)], "single", spp=256), truth)
 
 
-@pytest.mark.parametrize(("axis", "cone_deg"), [((0, 0, 1), 10), ((0, 0, 1), 120), ((0, 0, 1), 179), ((0, 0, 1), 200),
-                                                ((1, 0, 0.1), 65), ((-1, 0, -1), 40), ((0, 0, -1), 65)])
+@pytest.mark.parametrize(
+    ("axis", "cone_deg"),
+    [
+        ((0, 0, 1), 10),
+        ((0, 0, 1), 120),
+        ((0, 0, 1), 179),
+        ((0, 0, 1), 200),
+        ((1, 0, 0.1), 65),
+        ((-1, 0, -1), 40),
+        ((0, 0, -1), 65),
+    ],
+)
 def test_cones_of_any_width_and_direction_light_the_right_part_of_the_ray(axis, cone_deg):
     scene = one_ray_scene([spot(VAROS_POINT, axis, cone_deg)], water(*BLUE, 0.5))
     truth = single_scattering(VAROS_POINT, *BLUE, 0.5, 5.0, axis, cone_deg, breaks=4000)

@@ -12,7 +12,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def ambient_radiance(scene: SceneData, o: wp.vec3, d: wp.vec3, max_bounces: int, key: wp.uint32, pixel: int, sample: int):
+def ambient_radiance(
+    scene: SceneData, o: wp.vec3, d: wp.vec3, max_bounces: int, key: wp.uint32, pixel: int, sample: int
+):
     """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
     throughput = wp.vec3(1.0)
     origin = o

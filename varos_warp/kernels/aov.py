@@ -18,7 +18,7 @@ def trace_first_hits(
     depth: wp.array2d(dtype=float),
     distance: wp.array2d(dtype=float),
 ):
-    """World normal, planar depth z [m] and distance along the ray [m], all [height, width]; inf where nothing is hit."""
+    """World normal, planar depth z and distance along the ray [m], all [height, width]; inf where nothing is hit."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
     # the centre of the lens, whatever the aperture

@@ -17,3 +17,6 @@ NEAR = wp.constant(1.0e-6)
 
 ALL = 1 << 30
 """As a bound on scatterings or bounces: none."""
+
+BLOCK_DIM = 128
+"""Threads per block of every launch on a GPU."""

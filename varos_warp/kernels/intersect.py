@@ -45,8 +45,10 @@ class Hit:
 
 @wp.func
 def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
-    """How far a secondary ray starts from its surface [m]: a few float32 spacings of the coordinates and of the
-    triangle's size, which the intersection test's rounding grows with."""
+    """How far a secondary ray starts from its surface [m].
+
+    A few float32 spacings of the coordinates and of the triangle's size: the intersection test's rounding grows with both.
+    """
     reach = wp.max(wp.abs(p))
     for i in range(3):
         reach = wp.max(reach, wp.max(wp.abs(wp.mesh_get_point(mesh, 3 * face + i) - p)))
@@ -78,9 +80,7 @@ def corner_normal(normals: wp.array(dtype=wp.vec3), hit: Hit):
     """Interpolated corner normal, turned to the side of ``hit.n``."""
     corner = 3 * hit.face
     w = 1.0 - hit.bary[0] - hit.bary[1]
-    n = wp.normalize(
-        hit.bary[0] * normals[corner] + hit.bary[1] * normals[corner + 1] + w * normals[corner + 2]
-    )
+    n = wp.normalize(hit.bary[0] * normals[corner] + hit.bary[1] * normals[corner + 1] + w * normals[corner + 2])
     return wp.where(wp.dot(n, hit.n) < 0.0, -n, n)
 
 

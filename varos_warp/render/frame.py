@@ -95,9 +95,20 @@ class FrameRenderer:
         self._loaded: set = set()
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
-    def render(self, T_w_v, camera: str | Camera | None = None, outputs="ABCD", *, spp: int | None = None,
-               spp_b: int | None = None, max_scatterings: int | None = None, max_bounces: int | None = None,
-               layers=LAYERS, seed: int | None = None, frame: int = 0) -> Frame:
+    def render(
+        self,
+        T_w_v,
+        camera: str | Camera | None = None,
+        outputs="ABCD",
+        *,
+        spp: int | None = None,
+        spp_b: int | None = None,
+        max_scatterings: int | None = None,
+        max_bounces: int | None = None,
+        layers=LAYERS,
+        seed: int | None = None,
+        frame: int = 0,
+    ) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
@@ -134,7 +145,9 @@ class FrameRenderer:
         if name is None:
             return self.scene.vehicle.cameras[0]
         if name not in self._cameras:
-            raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(self._cameras)}.")
+            raise InputError(
+                "no such camera", key="camera", value=name, remedy=f"There are: {', '.join(self._cameras)}."
+            )
         return self._cameras[name]
 
     # ------------------------------------------------------------------------------------------------- the images
@@ -147,9 +160,13 @@ class FrameRenderer:
         spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
-        self._launch(make_path_kernel(spec), view, film,
-                     [self.world.data, self.world.camera(view, T_w_v)],
-                     [spp, max_scatterings, max_bounces, wp.uint32(key), film])
+        self._launch(
+            make_path_kernel(spec),
+            view,
+            film,
+            [self.world.data, self.world.camera(view, T_w_v)],
+            [spp, max_scatterings, max_bounces, wp.uint32(key), film],
+        )
         return self._develop(film, spp, layers)
 
     def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
@@ -157,8 +174,13 @@ class FrameRenderer:
             shape = (*view.resolution[::-1], 3)
             return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
         film = self._film(view, spp)
-        self._launch(trace_ambient, view, film, [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],
-                     [spp, ALL, wp.uint32(key), film])
+        self._launch(
+            trace_ambient,
+            view,
+            film,
+            [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],
+            [spp, ALL, wp.uint32(key), film],
+        )
         image = self._develop(film, spp, ("direct",))
         return RadianceImage(image.radiance, image.stderr)
 
@@ -177,7 +199,7 @@ class FrameRenderer:
     # ---------------------------------------------------------------------------------------------- films, launches
 
     def _film(self, view, spp: int) -> Film:
-        """Buffers for an image, kept from frame to frame; the strata depend on nothing but device kind, size and spp."""
+        """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
         width, height = view.resolution
         strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
         shape = (strata, height, width)
@@ -193,7 +215,9 @@ class FrameRenderer:
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in (*LAYERS, "radiance", "stderr")}
         wp.launch(merge_strata, dim=shape, inputs=[film, spp], outputs=list(images.values()), device=self.device)
         arrays = {name: image.numpy() for name, image in images.items()}
-        return RadianceImage(arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers})
+        return RadianceImage(
+            arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers}
+        )
 
     def _launch(self, kernel, view, film, before, after):
         """Run a kernel over the image: at once on a GPU, in tiles of rows from a thread pool on the CPU."""
@@ -201,8 +225,13 @@ class FrameRenderer:
         width, height = view.resolution
         strata = () if film is None else (film.m2.shape[0],)
         if self.device != "cpu":
-            wp.launch(kernel, dim=(height, width, *strata), inputs=[*before, 0, *after], device=self.device,
-                      block_dim=BLOCK_DIM)
+            wp.launch(
+                kernel,
+                dim=(height, width, *strata),
+                inputs=[*before, 0, *after],
+                device=self.device,
+                block_dim=BLOCK_DIM,
+            )
             return
 
         def launch_tile(row):

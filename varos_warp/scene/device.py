@@ -16,16 +16,19 @@ from varos_warp.scene.materials import device_material
 from varos_warp.scene.normals import corner_normals, face_normals
 from varos_warp.scene.water import optical_properties
 
+wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
+
 
 def resolve_device(name: str = "auto") -> str:
     """``auto`` is the first CUDA device, else the CPU; an unknown name is an InputError."""
-    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING) if hasattr(wp, "LOG_WARNING") else wp.config.log_level
     known = [str(device) for device in wp.get_devices()]
     if name == "auto":
         return next((device for device in known if device.startswith("cuda")), "cpu")
     name = "cuda:0" if name == "cuda" else name
     if name not in known:
-        raise InputError("no such device here", key="--device", value=name, remedy=f"Use auto or one of: {', '.join(known)}.")
+        raise InputError(
+            "no such device here", key="--device", value=name, remedy=f"Use auto or one of: {', '.join(known)}."
+        )
     return name
 
 
@@ -66,19 +69,26 @@ class DeviceScene:
         def upload(array, dtype):
             return wp.array(array, dtype=dtype, device=self.device)
 
-        self.mesh = wp.Mesh(points=upload(vertices.astype(np.float32), wp.vec3),
-                            indices=upload(faces.ravel().astype(np.int32), wp.int32), bvh_leaf_size=self.leaf_size)
+        self.mesh = wp.Mesh(
+            points=upload(vertices.astype(np.float32), wp.vec3),
+            indices=upload(faces.ravel().astype(np.int32), wp.int32),
+            bvh_leaf_size=self.leaf_size,
+        )
         counts = [len(part.faces) for part in parts]
         self.face_material = upload(np.repeat(np.arange(len(parts), dtype=np.int32), counts), wp.int32)
-        self.materials = wp.array([device_material(part, self.scene.seed) for part in parts], dtype=Material, device=self.device)
+        self.materials = wp.array(
+            [device_material(part, self.scene.seed) for part in parts], dtype=Material, device=self.device
+        )
         smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
         self.smooth_normals = upload(np.concatenate(smooth).reshape(-1, 3).astype(np.float32), wp.vec3)
         self.data.mesh = self.mesh.id
         self.data.face_material, self.data.materials = self.face_material, self.materials
         self.data.smooth_normals = self.smooth_normals
         if any(part.smooth_shading for part in parts):
-            lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
-                   for part, normals in zip(parts, smooth, strict=True)]
+            lit = [
+                normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
+                for part, normals in zip(parts, smooth, strict=True)
+            ]
             self.shading_normals = upload(np.concatenate(lit).reshape(-1, 3).astype(np.float32), wp.vec3)
             self.data.shading_normals, self.data.has_shading_normals = self.shading_normals, 1
 
