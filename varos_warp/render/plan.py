@@ -37,12 +37,12 @@ DARK = 0.1
 """Places darker than this share of the image's mean are judged as if they had it: their error is an absolute one."""
 
 PILOT_POSES = 5
-PILOT_PIXELS = 160 * 90
-PILOT_SPP = 4
-POOL_PX = 8
-"""Relative variances are those of squares of so many pixels, mean over 3 x 3 of them: some thousand samples, as many
-as a pixel may get. Fewer miss the rare bright ones: the median over pixels of a 4-sample standard error is half of the
-right one; that of these is 10 % below what 256 samples per pixel find in the same squares."""
+PILOT_PIXELS, PILOT_SPP = 160 * 90, 4
+"""Size of an image of the pilot; smaller ones get more samples per pixel, the same in all."""
+POOLED_SAMPLES = 256
+"""Relative variances are those of squares of pixels with so many samples, mean over 3 x 3 of them. Fewer samples miss
+the rare bright ones: the median over pixels of a 4-sample standard error is half of the right one; that of these
+squares is 10 % below what 256 samples per pixel find in them."""
 FEWEST_SPP, MOST_SPP, SPP_STEP = 8, 4096, 8
 
 
@@ -106,6 +106,7 @@ class View:
     camera: Camera
     """With the resolution of the pilot."""
     T_w_v: np.ndarray
+    spp: int
     image: Any
     """`RadianceImage` of A."""
     range: np.ndarray
@@ -123,9 +124,10 @@ def _pilot(scene: Scene, renderer, poses) -> Iterator[View]:
     render = scene.render
     for frame in np.unique(np.linspace(0, len(poses) - 1, PILOT_POSES).round().astype(int)).tolist():
         for camera in map(pilot_camera, scene.vehicle.cameras):
-            made = renderer.render(poses[frame], camera, "AD", spp=PILOT_SPP, max_scatterings=render.max_scatterings,
+            spp = round(PILOT_SPP * PILOT_PIXELS / np.prod(camera.resolution))
+            made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,
                                    max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame)
-            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], made.A, made.D.range)
+            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range)
 
 
 # ---------------------------------------------------------------------------------------------------------- scatterings
@@ -318,7 +320,7 @@ def _fewest_spp(scene: Scene, views: Sequence[View]) -> tuple[int, str]:
     render = scene.render
     if render.spp is not None:
         return render.spp, f"spp {render.spp}: given"
-    noise = np.array([sample_noise(view.image) for view in views])
+    noise = np.array([sample_noise(view.image, view.spp) for view in views])
     if not np.any(noise > 0.0):
         return FEWEST_SPP, f"spp {FEWEST_SPP}: no noise was found, and no fewer are taken"
     view, channel = np.unravel_index(np.argmax(noise), noise.shape)
@@ -336,14 +338,16 @@ def _fewest_spp(scene: Scene, views: Sequence[View]) -> tuple[int, str]:
     return spp, why
 
 
-def sample_noise(image) -> np.ndarray:
+def sample_noise(image, spp: int) -> np.ndarray:
     """Relative standard error [3] of one sample: the median over places of an image, 0 where there is no light.
 
     Args:
-        image: `RadianceImage` of ``PILOT_SPP`` samples per pixel.
+        image: `RadianceImage`.
+        spp: Its samples per pixel, 2 at least.
     """
-    variance = PILOT_SPP * _pool(np.square(image.stderr, dtype=np.float64))
-    radiance = _pool(image.radiance.astype(np.float64))
+    side = max(1, round(np.sqrt(POOLED_SAMPLES / spp)))
+    variance = spp * _pool(np.square(image.stderr, dtype=np.float64), side)
+    radiance = _pool(image.radiance.astype(np.float64), side)
     lit = radiance > 0.0
     relative = np.divide(variance, radiance**2, out=np.zeros_like(variance), where=lit)
     weight = uniform_filter(lit.astype(float), (3, 3, 1))
@@ -351,10 +355,10 @@ def sample_noise(image) -> np.ndarray:
     return np.array([np.sqrt(np.median(relative[..., c][lit[..., c]])) if lit[..., c].any() else 0.0 for c in range(3)])
 
 
-def _pool(image: np.ndarray) -> np.ndarray:
-    """Means over squares of ``POOL_PX`` pixels, smaller ones at the right and lower edge: [H, W, 3] to [h, w, 3]."""
+def _pool(image: np.ndarray, side: int) -> np.ndarray:
+    """Means over squares of ``side`` pixels, less at the right and lower edge: [H, W, 3] to [h, w, 3]."""
     for axis in (0, 1):
-        starts = np.arange(0, image.shape[axis], POOL_PX)
+        starts = np.arange(0, image.shape[axis], side)
         count = np.diff(np.append(starts, image.shape[axis]))
         image = np.add.reduceat(image, starts, axis) / np.expand_dims(count, (1 - axis, 2))
     return image

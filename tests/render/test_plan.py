@@ -1,0 +1,298 @@
+"""The planner: a bound and a number of samples that keep the tolerance, from the scene alone."""
+
+import numpy as np
+import pytest
+
+from varos_warp.render import plan as module
+from varos_warp.render.frame import FrameRenderer, RadianceImage
+from varos_warp.render.plan import (
+    FEWEST_SPP,
+    MOST_SPP,
+    View,
+    kappa,
+    pilot_camera,
+    plan_render,
+    sample_noise,
+    surface_path,
+    truncated_light,
+    volume_path,
+)
+from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.geometry import Part
+from varos_warp.scene.water import optical_properties
+
+LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (-0.15, 0.15)]
+VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
+POSE = np.eye(4)
+
+
+def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
+    """The VAROS rig above a flat floor; ``render`` changes its block."""
+    view = {"resolution": [64, 36], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
+    return Scene(water="none" if water is None else {"coefficients": water},
+                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
+                 render={"denoise": "none", "tolerance": 0.05} | render)
+
+
+def make_renderer(scene, **how):
+    """A floor 1.5 m under the vehicle."""
+    corners = np.array([[-60.0, -60, -1.5], [60, -60, -1.5], [60, 60, -1.5], [-60, 60, -1.5]])
+    floor = Part("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[0.25] * 3))
+    return FrameRenderer(scene, "cpu", parts=[floor], **how)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    """A scene, its renderer and its plan."""
+    scene = make_scene()
+    renderer = make_renderer(scene)
+    return scene, renderer, plan_render(scene, renderer, [POSE])
+
+
+# ---------------------------------------------------------------------------------------------------- the criterion
+
+
+MEASURED = {  # S_0 and V_1 as shares of a pixel, x_s, x_v, and lost light [%] with at most 0, 1, 2 scatterings
+    "G 2 m": (0.9215, 0.0190, 0.061, 0.020, (7.82, 0.22, 0.00)),
+    "G 5 m": (0.742, 0.1345, 0.151, 0.025, (25.75, 1.23, 0.06)),
+    "G 10 m": (0.374, 0.482, 0.301, 0.028, (62.56, 3.23, 0.25)),
+    "B 2 m": (0.828, 0.0386, 0.145, 0.047, (17.11, 1.14, 0.05)),
+    "B 5 m": (0.5455, 0.205, 0.357, 0.061, (45.31, 5.28, 0.56)),
+    "B 10 m": (0.222, 0.511, 0.711, 0.068, (77.63, 10.95, 1.97)),
+    "coastal 2 m": (0.338, 0.240, 0.736, 0.203, (66.02, 17.76, 3.77)),
+    "sigma_t=1 2 m": (0.0197, 0.3665, 2.69, 0.615, (97.78, 55.83, 27.05)),
+}
+"""Order-resolved Monte Carlo of the pixel in the middle, the VAROS rig over a floor of reflectance 0.25."""
+
+
+@pytest.mark.parametrize("case", MEASURED)
+def test_the_criterion_predicts_the_light_that_was_measured_to_be_lost(case):
+    """Within 3 % at N = 0 and 1 for x_s < 1, and never more below the measured loss than the safety factor covers."""
+    direct, single, x_s, x_v, measured = MEASURED[case]
+    for n, loss in enumerate(measured):
+        lost, total = truncated_light(n, direct, single, x_s, x_v)
+        error = 100.0 * float(lost / total)
+        assert module.SAFETY * error > loss - 0.01
+        if n < 2:
+            np.testing.assert_allclose(error, loss, rtol=0.03 if x_s < 1.0 else 0.05, atol=0.01)
+
+
+WATERS = {"G": (0.01825, 0.057989), "B": (0.043125, 0.043125), "coastal": (0.219, 0.398), "sigma_t=1": (0.8, 1.0)}
+
+
+@pytest.mark.parametrize("case", MEASURED)
+def test_path_lengths_give_the_optical_depths_of_the_measurement(case):
+    """x_s to its last digit; x_v to its last digit and 4 % for the quadrature (32 nodes against a hard cone)."""
+    name, metres = case.removesuffix(" m").rsplit(" ", 1)
+    sigma_s, sigma_t = WATERS[name]
+    water = {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": 0.8}}
+    scene = make_scene(water, camera={"resolution": [2, 2], "sensor_mm": [1e-4, 1e-4], "rotation_euler_deg": [0, 0, 0]})
+    view = View("", scene.vehicle.cameras[0], POSE, 1, None, np.full((2, 2), float(metres)))
+    _, _, x_s, x_v, _ = MEASURED[case]
+    np.testing.assert_allclose(0.82 * sigma_s * surface_path(scene, view), x_s, rtol=0.003, atol=0.0006)
+    found = sigma_s * volume_path(scene, view, optical_properties(scene))
+    np.testing.assert_allclose(found, x_v, rtol=0.04, atol=0.0006)
+
+
+def test_no_bound_loses_everything_or_more_than_a_wider_one():
+    x = np.array([0.0, 0.1, 1.0, 2.9])
+    losses = [truncated_light(n, 1.0, 1.0, x, x)[0] for n in range(7)]
+    total = truncated_light(0, 1.0, 1.0, x, x)[1]
+    np.testing.assert_allclose(total - losses[0], 1.0)  # the direct light alone is left
+    assert np.all(np.diff(losses, axis=0)[:, 1:] < 0.0)
+    np.testing.assert_array_equal([loss[0] for loss in losses[1:]], 0.0)  # water that does not scatter
+
+
+def test_surface_light_from_beyond_the_measured_depth_counts_as_lost():
+    lost, total = truncated_light(6, 1.0, 0.0, 3.1, 0.1)
+    assert lost == total
+
+
+def test_kappa_is_the_table_at_its_nodes_and_one_where_scattering_does_not_deflect():
+    assert kappa(0.8, 32.5) == pytest.approx(0.82)
+    assert kappa(0.95, 60.0) == pytest.approx(0.99)
+    assert kappa(1.0, 17.0) == pytest.approx(1.0)
+    assert kappa(0.8, 32.5) < kappa(0.85, 32.5) < kappa(0.85, 45.0) < kappa(0.924, 45.0) < 1.0
+
+
+# ------------------------------------------------------------------------------------------------------ scatterings
+
+
+def test_the_truncated_image_agrees_with_the_unbounded_one(planned):
+    """Over places of 16 x 12 pixels, less light is lost than the tolerance; no bound at all would lose a third of it.
+
+    Both images have the same random numbers, so that most of their noise cancels.
+    """
+    scene, renderer, plan = planned
+    images = [renderer.render(POSE, outputs="A", spp=256, max_scatterings=bound).A for bound in
+              (None, plan.max_scatterings, 0)]
+
+    def places(image):
+        return image.astype(float).reshape(3, 12, 4, 16, 3).mean(axis=(1, 3))
+
+    full, bounded, direct = (places(image.radiance) for image in images)
+    assert 2 <= plan.max_scatterings <= 4
+    assert np.max(np.abs(full - bounded) / full) < scene.render.tolerance
+    assert abs(bounded.mean() / full.mean() - 1.0) < module.TRUNCATION_SHARE * scene.render.tolerance
+    assert np.mean((full - direct)[..., 2] / full[..., 2]) > scene.render.tolerance
+
+
+def test_a_tighter_tolerance_takes_more_scatterings_and_samples(planned):
+    scene, renderer, loose = planned
+    scene = make_scene(tolerance=0.01)
+    tight = plan_render(scene, renderer, [POSE])
+    assert tight.max_scatterings > loose.max_scatterings
+    assert tight.spp > 10 * loose.spp
+
+
+def test_clearer_water_takes_fewer_scatterings(planned):
+    clear = make_scene(VAROS_WATER | {"sigma_s": [0.0005, 0.0005, 0.0005]})
+    assert plan_render(clear, make_renderer(clear), [POSE]).max_scatterings < planned[2].max_scatterings
+
+
+@pytest.mark.parametrize("water", [None, VAROS_WATER | {"sigma_s": [0.0, 0.0, 0.0]}])
+def test_water_that_does_not_scatter_needs_no_scatterings(water):
+    assert plan_render(make_scene(water, spp=4), None, [POSE]).max_scatterings == 0
+
+
+@pytest.mark.parametrize(("layers", "bound"), [(["direct"], 0), (["direct", "single"], 1), (["multiple"], None)])
+def test_layers_that_are_not_rendered_are_not_planned_for(layers, bound):
+    assert plan_render(make_scene(spp=4, layers=layers), None, [POSE]).max_scatterings is bound
+
+
+NARROW = {"kind": "spot", "cone_deg": 30}
+
+
+@pytest.mark.parametrize(("changes", "reason"), [
+    ({"water": VAROS_WATER | {"phase": {"g": 0.3}}}, "g from 0.5"),
+    ({"lights": [{"kind": "point"}]}, "20 to 120 degrees"),
+    ({"lights": [*LAMPS, NARROW]}, "lamps of one kind"),
+    ({"lights": []}, "no lamps"),
+    ({"lights": [LAMPS[0] | {"position": [3.0, 0.0, 0.0]}]}, "within 1.5 m"),
+    ({"camera": {"mount": "world"}}, "within 1.5 m"),
+])
+def test_where_the_criterion_was_not_measured_there_is_no_bound(changes, reason):
+    plan = plan_render(make_scene(spp=4, **changes), None, [POSE])
+    assert plan.max_scatterings is None
+    assert reason in plan.reasons[0]
+
+
+def test_turbid_water_beyond_the_measured_depths_has_no_bound():
+    turbid = make_scene({"sigma_s": [0.8] * 3, "sigma_a": [0.01] * 3, "phase": {"g": 0.9}}, spp=4)
+    plan = plan_render(turbid, make_renderer(turbid), [POSE])
+    assert plan.max_scatterings is None
+    assert "might lose" in plan.reasons[0]
+
+
+# ---------------------------------------------------------------------------------------------------------- samples
+
+
+def test_the_planned_samples_reach_the_tolerance(planned):
+    """Of what is rendered with other random numbers, the median error is at most the tolerance, and not needlessly low.
+
+    The squares hold 8 x 8 pixels of ``spp`` samples; their median varies by about 5 %, the pilot's by 10 %.
+    """
+    scene, renderer, plan = planned
+    image = renderer.render(POSE, outputs="A", spp=plan.spp, max_scatterings=plan.max_scatterings, seed=99).A
+    assert np.max(np.median(image.stderr / image.radiance, axis=(0, 1))) <= scene.render.tolerance
+    pooled = np.max(sample_noise(image, plan.spp)) / np.sqrt(plan.spp)
+    assert 0.75 * scene.render.tolerance < pooled < 1.2 * scene.render.tolerance
+    assert plan.spp % 8 == 0
+
+
+def test_noise_is_that_of_lit_places_whatever_the_size_of_the_image():
+    """Half the image black; 30 x 21 pixels are no whole number of squares. Channels of 10, 20 and 40 %."""
+    radiance = np.ones((30, 21, 3), np.float32)
+    radiance[:15] = 0.0
+    stderr = radiance * np.float32([0.1, 0.2, 0.4]) / np.sqrt(9)
+    np.testing.assert_allclose(sample_noise(RadianceImage(radiance, stderr), 9), [0.1, 0.2, 0.4], rtol=1e-5)
+    np.testing.assert_array_equal(sample_noise(RadianceImage(0 * radiance, stderr), 9), 0.0)
+
+
+def test_a_denoiser_saves_the_samples_that_its_gain_is_worth(planned):
+    noisy, denoised = (plan_render(make_scene(denoise=method, tolerance=0.02), planned[1], [POSE])
+                       for method in ("none", "nlm"))
+    assert denoised.spp * 2.2**2 == pytest.approx(noisy.spp, abs=8 * 2.2**2)  # rounded up to the next 8
+    assert denoised.max_scatterings == noisy.max_scatterings
+    assert "nlm divides" in denoised.reasons[1]
+
+
+@pytest.mark.parametrize(("tolerance", "spp", "words"), [(1e-4, MOST_SPP, "more than are ever taken"),
+                                                          (10.0, FEWEST_SPP, "no fewer are taken")])
+def test_samples_stay_within_limits_and_the_plan_says_so(planned, tolerance, spp, words):
+    plan = plan_render(make_scene(tolerance=tolerance), planned[1], [POSE])
+    assert plan.spp == spp
+    assert words in plan.reasons[1]
+
+
+def test_a_scene_without_light_takes_the_fewest_samples():
+    dark = make_scene(lights=[])
+    plan = plan_render(dark, make_renderer(dark), [POSE])
+    assert (plan.spp, plan.max_scatterings) == (FEWEST_SPP, None)
+
+
+def test_the_noisiest_of_the_poses_rules(planned):
+    """One that looks up into the water, where nothing but scattered light is seen, and one that looks at the floor."""
+    scene, renderer, plan = planned
+    up = POSE.copy()
+    up[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    alone = plan_render(scene, renderer, [up])
+    both = plan_render(scene, renderer, [POSE, up])
+    assert alone.spp != plan.spp
+    assert both.spp >= max(plan.spp, alone.spp) - 16  # other random numbers: a frame's are keyed by its number
+
+
+# ------------------------------------------------------------------------------------------------- what is promised
+
+
+def test_what_the_scene_fixes_is_taken_as_it_is_and_nothing_is_rendered():
+    plan = plan_render(make_scene(spp=37, max_scatterings=5), None, [POSE])
+    assert (plan.spp, plan.max_scatterings) == (37, 5)
+    assert plan.reasons == ["max_scatterings 5: given", "spp 37: given"]
+    assert "at most 5 scatterings" in plan.models["A"]
+
+
+def test_samples_are_planned_for_the_bound_that_is_given(planned):
+    plan = plan_render(make_scene(max_scatterings=0), planned[1], [POSE])
+    assert plan.max_scatterings == 0
+    assert plan.spp < planned[2].spp / 2  # direct light alone, at the edges of the cones, has less noise
+
+
+def test_the_plan_does_not_depend_on_threads_or_time(planned):
+    scene, _, plan = planned
+    again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
+    assert plan.to_dict() == {key: value for key, value in again.to_dict().items() if key != "cost"}
+
+
+def test_the_pilot_keeps_the_field_of_view():
+    camera = make_scene(camera={"resolution": [1280, 720]}).vehicle.cameras[0]
+    small = pilot_camera(camera)
+    assert small.resolution == (160, 90)
+    assert small.model_copy(update={"resolution": camera.resolution}) == camera
+    assert pilot_camera(small) == small
+
+
+class Clockwork:
+    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond."""
+
+    device, device_name, compile_seconds = "cpu", "clockwork", 0.0
+
+    def __init__(self):
+        self.now = 0.0
+
+    def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
+        pixels = camera.resolution[0] * camera.resolution[1]
+        self.now += 1e-6 * pixels * {"A": spp, "B": spp_b, "CD": 1}[outputs]
+        self.compile_seconds += 5.0
+        self.now += 5.0
+
+
+@pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 100 + 20 + 1), (["D"], 1), (["A"], 100)])
+def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
+    clockwork = Clockwork()
+    monkeypatch.setattr(module.time, "perf_counter", lambda: clockwork.now)
+    scene = make_scene(camera={"resolution": [1280, 720]}, spp=100, max_scatterings=1, outputs=outputs)
+    cost = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
+    assert cost["seconds_per_frame"] == pytest.approx(1280 * 720 * microseconds * 1e-6, rel=0.005)
+    assert cost["seconds_in_all"] == pytest.approx(50 * cost["seconds_per_frame"], rel=0.005)
+    assert cost["frames"] == 50
