@@ -1,0 +1,194 @@
+"""Furnaces: uniform light around surfaces of known reflectance (B), and closed spheres that keep all light (A)."""
+
+import numpy as np
+import pytest
+import trimesh
+from chance import assert_plausible, two_sided
+from rig import Z, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
+
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.geometry import Part
+
+
+def part(mesh, reflectance, smooth=False):
+    material = Diffuse(reflectance=np.broadcast_to(reflectance, 3))
+    return Part("mesh", np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), material,
+                smooth_angle=np.pi, smooth_shading=smooth)
+
+
+def camera_scene(position=(0, 0, 0), pixels=24, **view):
+    view = {"position": position, "resolution": [pixels, pixels], "sensor_mm": [4.0, 4.0], "focal_mm": 3.4} | view
+    return Scene(vehicle={"cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
+
+
+def clear(parts, scene, spp=64, seed=3):
+    """Image B."""
+    return FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), outputs="B", spp_b=spp, seed=seed).B
+
+
+def sphere(radius=1.0, inside_out=False, subdivisions=4, centre=(0, 0, 0)):
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    mesh.apply_translation(centre)
+    if inside_out:
+        mesh.invert()
+    return mesh
+
+
+def rough_ground(seed=1, n=40, size=10.0):
+    """A field of spikes and pits."""
+    x, y = np.meshgrid(*2 * [np.linspace(-size, size, n)], indexing="ij")
+    z = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, n)) - 1.5
+    i = np.arange(n * n).reshape(n, n)[:-1, :-1].ravel()
+    faces = np.concatenate([np.column_stack([i, i + n, i + n + 1]), np.column_stack([i, i + n + 1, i + 1])])
+    return trimesh.Trimesh(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), faces, process=False)
+
+
+# ------------------------------------------------------------------------------------------------- B: uniform light
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_white_surfaces_vanish_in_uniform_light(smooth):
+    """Reflectance 1 in open geometry: every pixel is 1, however often light bounces; roulette is the only noise."""
+    parts = [part(rough_ground(), 1.0, smooth), part(sphere(0.5, centre=(0.3, 3, -0.5)), 1.0, smooth)]
+    scene = camera_scene((0, -2, 0.5), rotation_euler_deg=[-20, 0, 0])
+    scores = []
+    for seed in range(4):
+        image = clear(parts, scene, 256, seed)
+        error, variance = image.radiance[..., 0].astype(float) - 1, image.stderr[..., 0].astype(float) ** 2
+        assert np.mean(variance > 0) > 0.3
+        assert np.abs(error[variance == 0]).max() < 1e-5
+        # of the whole image: in a single pixel too few paths meet the roulette for a normal distribution
+        scores.append(error.sum() / np.sqrt(variance.sum()))
+        assert abs(error.mean()) < 1e-3
+    assert_plausible(two_sided(scores))
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("reflectance", [(1.0, 0.5, 0.0), (0.2, 0.2, 0.2)])
+def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(reflectance, smooth):
+    """Exactly: every reflected ray escapes. A ray that met its own surface again would show."""
+    box = trimesh.creation.box((2, 2, 2)).apply_translation((0, 3, 0))
+    for mesh in (sphere(1.0, centre=(0, 3, 0)), box):
+        image = clear([part(mesh, reflectance, smooth)], camera_scene(focal_mm=10.0), spp=16)
+        assert np.all(image.radiance == np.float32(reflectance))
+        assert np.all(image.stderr == 0.0)
+
+
+@pytest.mark.parametrize("reflectance", [0.3, 0.8, 1.0])
+def test_a_hemispherical_bowl_has_the_radiance_of_its_closed_form(reflectance):
+    """Between any two points of a sphere the form factor is the same, so half a sphere glows evenly: r/(2 - r).
+
+    The mesh is a polyhedron of n = 128 segments: its error is of the order (pi/n)^2.
+    """
+    n = 128
+    theta, phi = np.meshgrid(np.pi / 2 * np.linspace(0, 1, n // 4 + 1), 2 * np.pi * np.arange(n) / n, indexing="ij")
+    vertices = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], -1).reshape(-1, 3)
+    i = np.arange(n * n // 4).reshape(-1, n)
+    right = np.roll(i, -1, axis=1)
+    faces = np.concatenate([np.stack([i, right, i + n], -1), np.stack([right, right + n, i + n], -1)]).reshape(-1, 3)
+    bowl = trimesh.Trimesh(vertices, faces)
+    image = clear([part(bowl, reflectance)], camera_scene(pixels=48), spp=64)
+    truth = reflectance / (2 - reflectance)
+    mean = image.radiance[..., 0].mean(dtype=float)
+    stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 48**2
+    assert stderr < 2e-3
+    assert abs(mean - truth) < Z * stderr + (np.pi / n) ** 2
+    # evenly: no place differs
+    halves = image.radiance[..., 0].reshape(6, 8, 6, 8).mean(axis=(1, 3), dtype=float)
+    errors = np.sqrt((image.stderr[..., 0].astype(float) ** 2).reshape(6, 8, 6, 8).sum(axis=(1, 3))) / 64
+    assert np.all(np.abs(halves - truth) < Z * errors + 4 * (np.pi / n) ** 2)
+
+
+def test_a_corner_of_two_squares_sees_what_the_form_factor_says():
+    """A black wall beside a floor: at distance a from its foot the floor loses (1 - a/sqrt(a^2 + h^2))/2 of light."""
+    a, h = 0.5, 1.0
+    long = 2000.0
+    ground = Part("ground", np.array([[0, -long, 0], [long, -long, 0], [long, long, 0], [0, long, 0.0]]),
+                  np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.5,) * 3))
+    wall = Part("wall", np.array([[0, -long, 0], [0, long, 0], [0, long, h], [0, -long, h]]),
+                np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.0,) * 3))
+    scene = camera_scene((a, 0, 2.0), pixels=16, look_at=(a, 0, 0), sensor_mm=(1e-3, 1e-3), focal_mm=100.0)
+    image = clear([ground, wall], scene, spp=1024)
+    mean = image.radiance[..., 0].mean(dtype=float)
+    stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 256
+    truth = 0.5 * (1 - 0.5 * (1 - a / np.hypot(a, h)))
+    assert abs(mean - truth) < Z * stderr + 1e-4
+    assert stderr < 1e-3
+
+
+def test_a_closed_box_is_dark_and_the_open_sky_is_1():
+    box = trimesh.creation.box((4, 4, 4))
+    assert np.all(clear([part(box, 0.9)], camera_scene(pixels=8), spp=16).radiance == 0.0)
+    assert np.all(clear([], camera_scene(pixels=8)).radiance == 1.0)
+    assert np.all(clear([part(sphere(centre=(0, -5, 0)), 0.5)], camera_scene(pixels=8)).radiance == 1.0)
+
+
+# -------------------------------------------------------------------------------------------------------- A: spheres
+
+
+def at_the_wall(lights, coefficients, gap=1e-3, radius=1.0):
+    """One ray that looks at a sphere's wall from ``gap`` in front of it."""
+    return one_ray_scene(lights, coefficients, position=[0, radius - gap, 0], look_at=None)
+
+
+SPHERE = {"subdivisions": 5, "inside_out": True}
+FACETS = 2e-3
+"""Relative error of an icosphere of 20 480 faces as a sphere: of the order of (edge/radius)^2 = 0.035^2."""
+
+
+@pytest.mark.parametrize("reflectance", [0.5, 0.9])
+def test_an_integrating_sphere_sums_the_geometric_series(reflectance):
+    """A lamp of 1 W/sr in the middle, no water: the walls' irradiance is E r^n after n bounces, alike everywhere."""
+    scene, wall = at_the_wall([point((0, 0, 0))], None), [part(sphere(**SPHERE), reflectance)]
+    first = reflectance / np.pi
+    assert_agrees(radiance(scene, wall, "direct", spp=16), first, FACETS / Z * first)
+    for bounces in (2, 3):
+        truth = first * sum(reflectance**n for n in range(1, bounces))
+        estimate = radiance(scene, wall, "multiple", spp=256, max_bounces=bounces)
+        assert_agrees(estimate, truth, FACETS / Z * truth)
+    truth = first * reflectance / (1 - reflectance)
+    assert_agrees(radiance(scene, wall, "multiple", spp=256), truth, FACETS / Z * truth)
+    assert np.all(radiance(scene, wall, spp=2, max_bounces=0)[0] == 0.0)
+
+
+@pytest.mark.parametrize(("g", "sigma_s", "reflectance"), [(0.0, 1.0, 0.3), (0.0, 1.0, 0.7), (0.8, 1.0, 0.3),
+                                                           (-0.6, 1.0, 0.3), (0.5, 2.0, 0.3)])
+def test_water_that_absorbs_nothing_loses_no_light(g, sigma_s, reflectance):
+    """All that a lamp in the middle of a sphere sends out ends in its wall, whatever the water does.
+
+    So the irradiance of the wall is 4 pi I / (4 pi R^2 (1 - r)) everywhere, and next to it one sees its radiance r E/pi.
+    """
+    truth = reflectance / np.pi / (1 - reflectance)
+    scene = at_the_wall([point((0, 0, 0))], water(sigma_s, sigma_s, g), gap=2e-4)
+    estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], spp=512)
+    assert_agrees(estimate, truth, (FACETS + 2e-4 * sigma_s * 2) / Z * truth, precision=0.02)
+
+
+def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_first_bounce():
+    """Light reflected by a sphere's wall lands evenly: beyond the spot the wall has E = flux r/((1 - r) 4 pi R^2)."""
+    reflectance, cone = 0.6, 40.0
+    flux = 2 * np.pi * (1 - np.cos(np.radians(cone / 2)))
+    lamp = spot((0.2, 0.3, -0.1), axis=(0.1, 0.2, -1), cone_deg=cone)
+    estimate = radiance(at_the_wall([lamp], None), [part(sphere(**SPHERE), reflectance)], spp=1024)
+    truth = reflectance / np.pi * flux / (4 * np.pi) * reflectance / (1 - reflectance)
+    assert_agrees(estimate, truth, FACETS / Z * truth)
+
+
+# ------------------------------------------------------------------------------------------------------------ no lamps
+
+
+@pytest.mark.parametrize("coefficients", [None, water(0.1, 0.2, 0.8)])
+def test_without_lamps_it_is_dark_with_certainty(coefficients):
+    renderer = FrameRenderer(one_ray_scene([], coefficients), "cpu", parts=[floor(2.0, 0.5)])
+    image = renderer.render(np.eye(4), outputs="A").A
+    assert np.all(image.radiance == 0.0)
+    assert np.all(image.stderr == 0.0)
+    assert set(image.layers) == {"direct", "single", "multiple"}
+
+
+def test_a_lamp_of_no_intensity_is_dark_and_finite():
+    scene = one_ray_scene([point((0.1, 0, 0), 0.0)], water(0.1, 0.2, 0.8))
+    mean, stderr = radiance(scene, [floor(2.0, 0.5)], spp=8)
+    assert np.all(mean == 0.0)
+    assert np.all(stderr == 0.0)
