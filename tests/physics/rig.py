@@ -99,7 +99,7 @@ def line_of_sight(lights, coefficients, T, **how):
 
 
 def assert_agrees(estimate, truth, truth_stderr=0.0, precision=0.01):
-    """Within Z standard errors, float32 rounding (2e-5) aside, and with an error small enough to tell (``precision``)."""
+    """Within Z standard errors, float32 rounding (2e-5) aside, and with an error small enough to tell."""
     mean, stderr = estimate
     truth = np.broadcast_to(np.asarray(truth, float), 3)
     assert np.all(stderr <= precision * truth), f"too noisy to tell: {stderr / truth}"
@@ -119,7 +119,7 @@ def smoothstep_edge(cos_angle, cone_deg, blend):
 
 
 def single_scattering(p, sigma_s, sigma_t, g, T, axis=None, cone_deg=360.0, blend=0.0, breaks=400):
-    """Radiance along +z from a unit lamp at ``p``, by adaptive quadrature in the equiangular angle over short pieces."""
+    """Radiance along +z from a unit lamp at ``p``, by adaptive quadrature in the equiangular angle."""
     p = np.asarray(p, float)
     h, foot = np.hypot(p[0], p[1]), p[2]
 

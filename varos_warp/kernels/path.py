@@ -1,10 +1,10 @@
 """Image A: radiance of underwater pixels lit by lamps, by orders of scattering.
 
 Every segment of a path gathers the light that lamps send into it with one more event: reflected off the surface at
-its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light of more
-events is carried by two walks, one that starts with a scattering on the camera's segment and one that starts with a
-reflection at its end: both branches, where a free flight would take one of them by chance. A walk moves from vertex to
-vertex, in the water or on a surface, until roulette ends it. No sample is clamped or dropped.
+its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
+of more events is carried by two walks, one that starts with a scattering on the camera's segment and one that starts
+with a reflection at its end: both branches, where a free flight would take one of them by chance. A walk moves from
+vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or dropped.
 """
 
 from dataclasses import dataclass
