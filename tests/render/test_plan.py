@@ -209,6 +209,17 @@ def test_noise_is_that_of_lit_places_whatever_the_size_of_the_image():
     np.testing.assert_array_equal(sample_noise(RadianceImage(0 * radiance, stderr), 9), 0.0)
 
 
+def test_four_samples_per_pixel_tell_the_noise_of_rare_bright_ones():
+    """One path in 50 is 20 times as bright, two tones of light: within 5 % of the truth, where pixels' medians see 0."""
+    rng = np.random.default_rng(4)
+    mean = np.where(np.arange(160) < 80, 1.0, 0.1)[:, None]
+    samples = mean * np.where(rng.random((4, 90, 160, 3)) < 0.02, 20.0, 1.0)
+    stderr = samples.std(axis=0, ddof=1) / 2.0
+    truth = np.sqrt(0.02 * 0.98) * 19.0 / (0.98 + 0.02 * 20.0)
+    assert np.median(stderr) == 0.0
+    np.testing.assert_allclose(sample_noise(RadianceImage(samples.mean(axis=0), stderr), 4), truth, rtol=0.05)
+
+
 def test_a_denoiser_saves_the_samples_that_its_gain_is_worth(planned):
     noisy, denoised = (plan_render(make_scene(denoise=method, tolerance=0.02), planned[1], [POSE])
                        for method in ("none", "nlm"))
