@@ -210,7 +210,7 @@ def test_noise_is_that_of_lit_places_whatever_the_size_of_the_image():
 
 
 def test_four_samples_per_pixel_tell_the_noise_of_rare_bright_ones():
-    """One path in 50 is 20 times as bright, two tones of light: within 5 % of the truth, where pixels' medians see 0."""
+    """One path in 50 is 20 times as bright, in two tones: within 5 % of the truth, where pixels' medians see 0."""
     rng = np.random.default_rng(4)
     mean = np.where(np.arange(160) < 80, 1.0, 0.1)[:, None]
     samples = mean * np.where(rng.random((4, 90, 160, 3)) < 0.02, 20.0, 1.0)
