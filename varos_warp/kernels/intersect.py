@@ -47,7 +47,7 @@ class Hit:
 def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
     """How far a secondary ray starts from its surface [m].
 
-    A few float32 spacings of the coordinates and of the triangle's size: the intersection test's rounding grows with both.
+    A few float32 spacings of the coordinates and of the triangle's size, with which the rounding of hits grows.
     """
     reach = wp.max(wp.abs(p))
     for i in range(3):
