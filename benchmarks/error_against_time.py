@@ -1,0 +1,83 @@
+"""Error of image A against seconds, from 1 to many samples per pixel, beside the plain kernel; writes a chart.
+
+    python benchmarks/error_against_time.py SCENE REFERENCE.npz [--device cuda:0] [--most 1024] -o chart
+
+REFERENCE holds ``mean`` and ``stderr`` [height, width, 3]. Writes chart.json and chart.png. The error is the relative
+RMSE over the image less the noise of the reference, and the median relative error of a pixel (which is not cleared
+of it), in the channel where each is largest.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from bench_frame import commit, time_ours, time_plain
+
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.trajectory import simulate
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+
+def errors(radiance, reference) -> dict:
+    """Relative RMSE and median relative error, both of the worst channel."""
+    mean, stderr = reference["mean"].astype(float), reference["stderr"].astype(float)
+    squared = np.mean((radiance - mean) ** 2 - stderr**2, axis=(0, 1))
+    rmse = np.sqrt(np.maximum(squared, 0.0)) / mean.mean(axis=(0, 1))
+    median = np.median(np.abs(radiance - mean) / np.maximum(mean, 1e-30), axis=(0, 1))
+    return {"rmse": float(rmse.max()), "median": float(median.max())}
+
+
+def measure(scene_file: str, reference_file: str, device: str, most: int) -> dict:
+    """One point per method and number of samples."""
+    scene, reference = load_scene(scene_file), np.load(reference_file)
+    T_w_v = simulate(scene).trajectory.T_w_v(0)
+    renderer = FrameRenderer(scene, device)
+    points = []
+    for name, timed in (("varos_warp", time_ours), ("plain kernel", time_plain)):
+        spp = 2
+        while spp <= most:
+            radiance, _, seconds = timed(renderer, T_w_v, spp, 3 if spp < 64 else 1)
+            points.append({"method": name, "spp": spp, "seconds": seconds, **errors(radiance, reference)})
+            print(points[-1], flush=True)
+            spp *= 4
+    return {"scene": scene.name, "device": renderer.device_name, "commit": commit(), "points": points}
+
+
+def chart(result: dict, path: Path):
+    """Error against seconds, both logarithmic."""
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharex=True, constrained_layout=True)
+    for axis, kind, title in zip(axes, ("rmse", "median"), ("relative RMSE", "median relative error"), strict=True):
+        for method, color in (("varos_warp", "C0"), ("plain kernel", "C1")):
+            points = [p for p in result["points"] if p["method"] == method]
+            axis.loglog([p["seconds"] for p in points], [p[kind] for p in points], "o-", color=color, label=method)
+            for p in points:
+                axis.annotate(
+                    f"{p['spp']}", (p["seconds"], p[kind]), textcoords="offset points", xytext=(4, 4), fontsize=8
+                )
+        axis.set(xlabel="seconds per frame", ylabel=title)
+        axis.grid(True, which="both", alpha=0.3)
+        axis.legend()
+    figure.suptitle(f"{result['scene']}, all orders of scattering, {result['device']}; numbers are samples per pixel")
+    figure.savefig(path, dpi=110)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene")
+    parser.add_argument("reference")
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--most", type=int, default=512)
+    parser.add_argument("-o", "--output", type=Path, default=Path("error_against_time"))
+    arguments = parser.parse_args()
+    result = measure(arguments.scene, arguments.reference, arguments.device, arguments.most)
+    arguments.output.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    chart(result, arguments.output.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
