@@ -56,6 +56,16 @@ def time_plain(renderer, T_w_v, spp: int, repeat: int):
     return radiance, (squares.numpy() - radiance**2) / (spp - 1), np.median(seconds[1:])
 
 
+def rays_per_path(renderer, timed, T_w_v) -> float:
+    """Nearest-hit and visibility rays per camera sample, counted in one sample per pixel."""
+    counter = wp.zeros(1, dtype=wp.int64, device=renderer.device)
+    renderer.world.data.ray_count = counter
+    timed(renderer, T_w_v, 2, 1)  # traces 1 + 2 samples
+    renderer.world.data.ray_count = wp.array(dtype=wp.int64, device=renderer.device)
+    width, height = renderer.scene.vehicle.cameras[0].resolution
+    return float(counter.numpy()[0]) / (3 * width * height)
+
+
 def relative_work(radiance, variance, seconds):
     """Mean relative variance of a pixel times seconds, per channel: what a given error costs."""
     return (variance.mean(axis=(0, 1)) / radiance.mean(axis=(0, 1)) ** 2 * seconds).tolist()
@@ -95,6 +105,7 @@ def measure(scene_file: str, device: str, spp: int, resolution: str | None, repe
         row[name] = {
             "ms_per_frame": seconds * 1e3,
             "paths_per_s": width * height * spp / seconds,
+            "rays_per_s": width * height * spp / seconds * rays_per_path(renderer, timed, T_w_v),
             "work_rgb": relative_work(radiance, variance, seconds),
             "median_relative_stderr_rgb": np.median(relative, axis=(0, 1)).tolist(),
             "mean_rgb": radiance.mean(axis=(0, 1)).tolist(),

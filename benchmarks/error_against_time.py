@@ -20,7 +20,7 @@ from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 
 def errors(radiance, reference) -> dict:

@@ -26,6 +26,8 @@ class SceneData:
     """Normals of image C, per face corner, shape [3 F]."""
     medium: Medium
     lights: wp.array(dtype=Light)
+    ray_count: wp.array(dtype=wp.int64)
+    """Counts rays, shape [1]; empty but for benchmarks."""
 
 
 @wp.struct
@@ -56,6 +58,13 @@ def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
 
 
 @wp.func
+def count_ray(scene: SceneData):
+    """Count a ray where a benchmark asks for it."""
+    if scene.ray_count.shape[0] > 0:
+        wp.atomic_add(scene.ray_count, 0, wp.int64(1))
+
+
+@wp.func
 def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
     """Nearest surface along the ray."""
     hit = Hit()
@@ -63,6 +72,7 @@ def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
     hit.face = -1
     if scene.mesh == wp.uint64(0):
         return hit
+    count_ray(scene)
     query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
     if query.result:
         hit.t = query.t
@@ -105,4 +115,5 @@ def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
     distance = wp.length(offset)
     if distance == 0.0 or scene.mesh == wp.uint64(0):
         return True
+    count_ray(scene)
     return not wp.mesh_query_ray_anyhit(scene.mesh, p, offset / distance, distance)
