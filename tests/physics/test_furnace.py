@@ -155,9 +155,9 @@ def test_an_integrating_sphere_sums_the_geometric_series(reflectance):
 @pytest.mark.parametrize(("g", "sigma_s", "reflectance"), [(0.0, 1.0, 0.3), (0.0, 1.0, 0.7), (0.8, 1.0, 0.3),
                                                            (-0.6, 1.0, 0.3), (0.5, 2.0, 0.3)])
 def test_water_that_absorbs_nothing_loses_no_light(g, sigma_s, reflectance):
-    """All that a lamp in the middle of a sphere sends out ends in its wall, whatever the water does.
+    """All that a lamp in mid-sphere sends out ends in its wall, whatever the water is like.
 
-    So the irradiance of the wall is 4 pi I / (4 pi R^2 (1 - r)) everywhere, and next to it one sees its radiance r E/pi.
+    So the irradiance of the wall is 4 pi I / (4 pi R^2 (1 - r)) everywhere, and next to it one sees r E/pi.
     """
     truth = reflectance / np.pi / (1 - reflectance)
     scene = at_the_wall([point((0, 0, 0))], water(sigma_s, sigma_s, g), gap=2e-4)
