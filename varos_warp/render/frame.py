@@ -201,7 +201,9 @@ class FrameRenderer:
     def _film(self, view, spp: int) -> Film:
         """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
         width, height = view.resolution
-        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
+        # strata * spp is counted in 32 bits
+        most = min(spp, GPU_THREADS // (width * height), (2**31 - 1) // spp)
+        strata = 1 if self.device == "cpu" else max(1, most)
         shape = (strata, height, width)
         if shape not in self._films:
             film = Film()
