@@ -181,6 +181,23 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
     print(write_report(Dataset(dataset), out or dataset / "report.html"))
 
 
+@verb
+def export(dataset: Folder,
+           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|stream", help="Format.")],
+           out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
+           images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
+           camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
+           json_: Json = False):
+    """Write the dataset in the format of other programs; images are linked, not copied, where that is possible."""
+    from varos_warp.dataset.exports import export as write
+
+    job = write(dataset, to, out, images, camera)
+    if json_:
+        print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras})
+        return
+    print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}")
+
+
 # ------------------------------------------------------------------------------------------------------------- scenes
 
 

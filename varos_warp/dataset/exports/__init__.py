@@ -1,0 +1,99 @@
+"""Datasets in the formats of other programs: one module a format, each with ``write(job)`` and its ``IMAGES``.
+
+Images are linked or copied as they are; depth is encoded anew where a format has units of its own. An export is made
+in a hidden folder beside its own and renamed when it is complete.
+"""
+
+import contextlib
+import itertools
+import os
+import shutil
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+from varos_warp.dataset import files
+from varos_warp.dataset.exports.job import Job
+from varos_warp.dataset.layout import Dataset
+from varos_warp.errors import InputError
+from varos_warp.render.outputs import OUTPUTS
+
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "stream")
+"""Names of the modules here; docs/exports.md says what each writes."""
+_counter = itertools.count()
+
+
+def export(dataset_root, to: str, out, images: str = "A", cameras=None) -> Job:
+    """Write a dataset in another format.
+
+    Args:
+        dataset_root: Folder of the dataset.
+        to: One of `FORMATS`.
+        out: Folder of the export, which must not be there yet.
+        images: Which of ``A`` and ``B`` are the colour images.
+        cameras: Ids of the cameras; None: all. TUM takes the first, KITTI the first and its rectified partner.
+
+    Returns:
+        What was written and from where.
+
+    Raises:
+        InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
+    """
+    if to not in FORMATS:
+        raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
+    data, out = Dataset(dataset_root), Path(out)
+    module = import_module(f"{__name__}.{to}")
+    _check_choice(data, images, cameras)
+    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)))
+    _check_images(job, module.IMAGES)
+    with _folder(out) as temp:
+        module.write(replace(job, out=temp))
+    return job
+
+
+def _check_choice(data: Dataset, images: str, cameras) -> None:
+    """Image type and cameras are there."""
+    if images not in OUTPUTS or not OUTPUTS[images].is_color or images not in data.outputs:
+        there = [letter for letter in data.outputs if OUTPUTS[letter].is_color]
+        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
+                         remedy=f"It has: {', '.join(there)}." if there else "Render A or B first.")
+    for camera in cameras or ():
+        data.camera(camera)
+    if not data.frames:
+        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+
+
+def _fitting(to: str, module, cameras: tuple[str, ...]) -> tuple[str, ...]:
+    """The cameras that a format has room for."""
+    most = getattr(module, "MOST_CAMERAS", len(cameras))
+    if cameras[most:]:
+        warnings.warn(f"{to} has room for {most}; left out: {', '.join(cameras[most:])}", stacklevel=3)
+    return cameras[:most]
+
+
+def _check_images(job: Job, letters: str) -> None:
+    """Every image that the format takes is complete; ``A`` alone among A and B stands for the chosen one."""
+    wanted = {job.images if letter == "A" and "B" not in letters else letter for letter in letters}
+    paths = [job.data.layout.png(camera, letter, frame) for camera in job.cameras
+             for letter in sorted(wanted & set(job.data.outputs)) for frame in job.data]
+    missing = [path for path in paths if not files.is_complete(path)]
+    if missing:
+        raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],
+                         remedy="`run` again to complete the dataset.")
+
+
+@contextlib.contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """A hidden folder beside ``out`` that becomes it on success and is removed on anything else."""
+    if out.exists() or out.is_symlink():
+        raise InputError("is there already", file=out, remedy="Name another folder with -o; nothing is overwritten.")
+    temp = out.absolute().with_name(f".{out.absolute().name}.{files.HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    try:
+        with files.writing(out):
+            temp.mkdir(parents=True)
+            yield temp
+            temp.rename(out)
+    finally:
+        shutil.rmtree(temp, ignore_errors=True)
