@@ -24,7 +24,7 @@ from varos_warp.sim.trajectory import simulate
 
 
 def time_ours(renderer, T_w_v, spp: int, repeat: int):
-    """Image and best seconds of ``repeat`` renderings."""
+    """Image, its variance and the median seconds of ``repeat`` renderings."""
     renderer.render(T_w_v, outputs="A", spp=1)
     seconds = []
     for frame in range(repeat):

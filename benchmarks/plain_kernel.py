@@ -8,12 +8,12 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.intersect import SceneData, first_hit, hit_reflectance, visible
-from varos_warp.kernels.light import brightest, falloff
+from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, visible
+from varos_warp.kernels.light import Light, brightest, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval, hg_sample
 from varos_warp.kernels.sampling import sample_cosine, uniforms
-from varos_warp.kernels.single_scatter import reflected
+from varos_warp.kernels.single_scatter import irradiance_unoccluded
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,6 +33,17 @@ def scattered(scene: SceneData, p: wp.vec3, d: wp.vec3):
                 share *= hg_eval(1.0 - wp.dot(d, to_light), scene.medium.g)
                 L += share * wp.cw_mul(light.intensity, transmittance(scene.medium, distance))
     return L
+
+
+@wp.func
+def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
+    """Radiance of a white Lambertian surface at ``hit`` lit by one lamp."""
+    E = irradiance_unoccluded(scene, light, hit, n)
+    if wp.max(E) <= 0.0:
+        return E
+    if not visible(scene, hit.start, light.position):
+        return wp.vec3(0.0)
+    return E / wp.pi
 
 
 @wp.kernel(enable_backward=False)

@@ -1,8 +1,9 @@
-"""Film: running and merged means and variances are those of all samples together."""
+"""Film: sums in parts, and the mean and standard error that they develop to, against numpy."""
 
 import numpy as np
 import pytest
 import warp as wp
+from chance import run
 
 from varos_warp.kernels import film as kernel
 
@@ -11,39 +12,26 @@ LAYERS = ("direct", "single", "multiple")
 
 @wp.kernel(enable_backward=False)
 def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
-    """A running mean as the path tracers keep it; samples [layer, sample, height, width]."""
+    """Sums as the path tracers keep them; samples [layer, sample, height, width]."""
     stratum, row, col = wp.tid()
     spp = samples.shape[1]
-    strata = film.m2.shape[0]
-    direct = wp.vec3(0.0)
-    single = wp.vec3(0.0)
-    multiple = wp.vec3(0.0)
-    m2 = wp.vec3(0.0)
-    count = float(0.0)
-    for i in range(stratum * spp / strata, (stratum + 1) * spp / strata):
-        count += 1.0
-        before = direct + single + multiple
-        direct += (samples[0, i, row, col] - direct) / count
-        single += (samples[1, i, row, col] - single) / count
-        multiple += (samples[2, i, row, col] - multiple) / count
-        total = samples[0, i, row, col] + samples[1, i, row, col] + samples[2, i, row, col]
-        m2 += kernel.deviation_product(total, before, direct + single + multiple)
-    film.direct[stratum, row, col] = direct
-    film.single[stratum, row, col] = single
-    film.multiple[stratum, row, col] = multiple
-    film.m2[stratum, row, col] = m2
+    strata = film.squares.shape[0]
+    sums = kernel.Sums()
+    for i in range(kernel.first_sample(stratum, strata, spp), kernel.first_sample(stratum + 1, strata, spp)):
+        sums = kernel.add_sample(sums, samples[0, i, row, col], samples[1, i, row, col], samples[2, i, row, col])
+    kernel.store(film, stratum, row, col, sums)
 
 
 def develop(samples, strata):
     """direct, single, multiple, radiance, stderr [H, W, 3] of samples [layer, sample, H, W, 3]."""
     spp, shape = samples.shape[1], samples.shape[2:4]
     film = kernel.Film()
-    for name in (*LAYERS, "m2"):
-        setattr(film, name, wp.zeros((strata, *shape), dtype=wp.vec3, device="cpu"))
+    for name in (*LAYERS, "squares"):
+        setattr(film, name, wp.zeros((strata, *shape), dtype=wp.vec3d, device="cpu"))
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
     wp.launch(expose, dim=(strata, *shape), inputs=[device_samples, film], device="cpu")
     out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(5)]
-    wp.launch(kernel.merge_strata, dim=shape, inputs=[film, spp], outputs=out, device="cpu")
+    wp.launch(kernel.develop, dim=shape, inputs=[film, spp], outputs=out, device="cpu")
     return [image.numpy() for image in out]
 
 
@@ -67,12 +55,32 @@ def test_mean_and_standard_error_are_those_of_all_samples(kind, spp, strata):
     direct, single, multiple, radiance, stderr = develop(samples, strata)
     total = samples.sum(axis=0)
     for layer, truth in zip((direct, single, multiple), samples.mean(axis=1), strict=True):
-        np.testing.assert_allclose(layer, truth, rtol=3e-6)
-    np.testing.assert_allclose(radiance, total.mean(axis=0), rtol=3e-6)
-    # a deviation is known to the rounding of the mean: 6e-8 of it and a few roundings of adding
-    spread = total.std(axis=0, ddof=1)
-    rounding = (1.2e-7 * 4 * total.mean(axis=0) / spread).max()
-    np.testing.assert_allclose(stderr, spread / np.sqrt(spp), rtol=1e-5 + 4 * rounding)
+        np.testing.assert_allclose(layer, truth, rtol=1e-7)
+    np.testing.assert_allclose(radiance, total.mean(axis=0), rtol=3e-7)
+    np.testing.assert_allclose(stderr, total.std(axis=0, ddof=1) / np.sqrt(spp), rtol=1e-6)
+
+
+def test_the_mean_does_not_stall_however_many_samples_there_are():
+    """A million samples of which few are bright: in float32 the many dark ones would no longer move a running mean."""
+    rng = np.random.default_rng(2)
+    samples = np.zeros((3, 1_000_000, 1, 1, 3), np.float32)
+    samples[0] = 1e-3 * rng.pareto(1.8, samples.shape[1:])
+    radiance, stderr = develop(samples, 1)[3:]
+    total = samples[0].astype(float)
+    np.testing.assert_allclose(radiance[0, 0], total.mean(axis=(0, 1, 2)), rtol=1e-6)
+    np.testing.assert_allclose(stderr[0, 0], total.std(axis=(0, 1, 2), ddof=1) / 1e3, rtol=1e-6)
+
+
+@wp.kernel(enable_backward=False)
+def start(stratum: wp.array(dtype=int), strata: int, spp: int, first: wp.array(dtype=int)):
+    i = wp.tid()
+    first[i] = kernel.first_sample(stratum[i], strata, spp)
+
+
+@pytest.mark.parametrize(("strata", "spp"), [(7, 1000), (1000, 1000), (524_288, 2_000_000), (3, 2**31 - 2)])
+def test_strata_share_the_samples_evenly_and_without_gaps(strata, spp):
+    first = run(start, [np.arange(strata + 1, dtype=np.int32), strata, spp], [int])
+    assert np.array_equal(first, np.arange(strata + 1, dtype=np.int64) * spp // strata)
 
 
 def test_layers_sum_to_the_radiance():

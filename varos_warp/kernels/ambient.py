@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film, deviation_product
+from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.intersect import SceneData, first_hit, hit_reflectance, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import sample_cosine, uniforms
@@ -54,20 +54,12 @@ def trace_ambient(
     """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
     tile_row, col, stratum = wp.tid()
     row = first_row + tile_row
-    pixel = row * film.m2.shape[2] + col
-    strata = film.m2.shape[0]
-    mean = wp.vec3(0.0)
-    m2 = wp.vec3(0.0)
-    count = float(0.0)
-    for sample in range(stratum * spp / strata, (stratum + 1) * spp / strata):
+    strata, width = film.squares.shape[0], film.squares.shape[2]
+    pixel = row * width + col
+    sums = Sums()
+    for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
         u = uniforms(key, pixel, sample, 0)
         ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
         L = ambient_radiance(scene, ray.o, ray.d, max_bounces, key, pixel, sample)
-        count += 1.0
-        before = mean
-        mean += (L - mean) / count
-        m2 += deviation_product(L, before, mean)
-    film.direct[stratum, row, col] = mean
-    film.single[stratum, row, col] = wp.vec3(0.0)
-    film.multiple[stratum, row, col] = wp.vec3(0.0)
-    film.m2[stratum, row, col] = m2
+        sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0))
+    store(film, stratum, row, col, sums)

@@ -1,4 +1,7 @@
-"""Running mean and variance of radiance samples (Welford 1962), and their merging (Chan et al. 1979)."""
+"""Sums of radiance samples in float64, and what they say of mean and standard error.
+
+In float32 a running mean stalls: after 100 000 samples it is off by a hundred standard errors, and does not show it.
+"""
 
 import warp as wp
 
@@ -7,24 +10,60 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Film:
-    """Sums of one image, in ``strata`` parts that are merged in a fixed order: arrays [strata, height, width]."""
+    """Sums over the samples of one image, in ``strata`` parts that are added up in a fixed order.
 
-    direct: wp.array3d(dtype=wp.vec3)
-    single: wp.array3d(dtype=wp.vec3)
-    multiple: wp.array3d(dtype=wp.vec3)
-    """Mean radiance of each layer [W/sr/m^2]."""
-    m2: wp.array3d(dtype=wp.vec3)
-    """Sum of squared deviations of the total radiance from its mean."""
+    All arrays are [strata, height, width].
+    """
+
+    direct: wp.array3d(dtype=wp.vec3d)
+    single: wp.array3d(dtype=wp.vec3d)
+    multiple: wp.array3d(dtype=wp.vec3d)
+    """Radiance of each layer [W/sr/m^2]."""
+    squares: wp.array3d(dtype=wp.vec3d)
+    """Squares of the total radiance."""
+
+
+@wp.struct
+class Sums:
+    """The film's entries of one pixel while a thread adds samples to them."""
+
+    direct: wp.vec3d
+    single: wp.vec3d
+    multiple: wp.vec3d
+    squares: wp.vec3d
 
 
 @wp.func
-def deviation_product(value: wp.vec3, mean_before: wp.vec3, mean_after: wp.vec3):
-    """What one more sample adds to the sum of squared deviations."""
-    return wp.cw_mul(value - mean_before, value - mean_after)
+def add_sample(sums: Sums, direct: wp.vec3, single: wp.vec3, multiple: wp.vec3):
+    """Sums with the radiance of one more sample, layer by layer."""
+    after = sums
+    d = wp.vec3d(direct)
+    s = wp.vec3d(single)
+    m = wp.vec3d(multiple)
+    after.direct += d
+    after.single += s
+    after.multiple += m
+    after.squares += wp.cw_mul(d + s + m, d + s + m)
+    return after
+
+
+@wp.func
+def first_sample(stratum: int, strata: int, spp: int):
+    """Number of the first of a stratum's samples; 64 bits, for their product may be large."""
+    return int(wp.int64(stratum) * wp.int64(spp) / wp.int64(strata))
+
+
+@wp.func
+def store(film: Film, stratum: int, row: int, col: int, sums: Sums):
+    """Write the sums of one pixel."""
+    film.direct[stratum, row, col] = sums.direct
+    film.single[stratum, row, col] = sums.single
+    film.multiple[stratum, row, col] = sums.multiple
+    film.squares[stratum, row, col] = sums.squares
 
 
 @wp.kernel(enable_backward=False)
-def merge_strata(
+def develop(
     film: Film,
     spp: int,
     # out
@@ -36,30 +75,24 @@ def merge_strata(
 ):
     """Mean of each layer, their sum and the standard error of that sum, all [height, width]."""
     row, col = wp.tid()
-    strata = film.m2.shape[0]
-    mean_d = wp.vec3(0.0)
-    mean_s = wp.vec3(0.0)
-    mean_m = wp.vec3(0.0)
-    mean = wp.vec3(0.0)
-    m2 = wp.vec3(0.0)
-    count = float(0.0)
-    for k in range(strata):
-        n = float((k + 1) * spp / strata - k * spp / strata)
-        share = n / (count + n)
-        part = film.direct[k, row, col] + film.single[k, row, col] + film.multiple[k, row, col]
-        delta = part - mean
-        m2 += film.m2[k, row, col] + (count * share) * wp.cw_mul(delta, delta)
-        mean += share * delta
-        mean_d += share * (film.direct[k, row, col] - mean_d)
-        mean_s += share * (film.single[k, row, col] - mean_s)
-        mean_m += share * (film.multiple[k, row, col] - mean_m)
-        count += n
-    direct[row, col] = mean_d
-    single[row, col] = mean_s
-    multiple[row, col] = mean_m
-    radiance[row, col] = mean_d + mean_s + mean_m
-    if spp > 1:
-        variance = m2 / (count * (count - 1.0))
-        stderr[row, col] = wp.vec3(wp.sqrt(variance[0]), wp.sqrt(variance[1]), wp.sqrt(variance[2]))
-    else:
+    sums = Sums()
+    for k in range(film.squares.shape[0]):
+        sums.direct += film.direct[k, row, col]
+        sums.single += film.single[k, row, col]
+        sums.multiple += film.multiple[k, row, col]
+        sums.squares += film.squares[k, row, col]
+    n = wp.float64(spp)
+    total = sums.direct + sums.single + sums.multiple
+    direct[row, col] = wp.vec3(sums.direct / n)
+    single[row, col] = wp.vec3(sums.single / n)
+    multiple[row, col] = wp.vec3(sums.multiple / n)
+    # the sum of the layers as written, so that they add up to it to the last bit
+    radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
+    if spp == 1:
         stderr[row, col] = wp.vec3(wp.inf)
+        return
+    error = wp.vec3(0.0)
+    for c in range(3):
+        variance = (sums.squares[c] - total[c] * total[c] / n) / (n - wp.float64(1.0))
+        error[c] = float(wp.sqrt(wp.max(variance, wp.float64(0.0)) / n))
+    stderr[row, col] = error

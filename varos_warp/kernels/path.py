@@ -12,9 +12,9 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import BLOCK_DIM, FAR, NEAR
-from varos_warp.kernels.film import Film, deviation_product
+from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal, visible
 from varos_warp.kernels.light import LitInterval, brightest, lit_interval
 from varos_warp.kernels.medium import (
@@ -321,6 +321,17 @@ def expected_light(scene: SceneData, walk: Walk):
 
 
 @wp.func
+def camera_segment(ray: Ray):
+    """The camera's own segment as the first of a path."""
+    walk = Walk()
+    walk.alive = 1
+    walk.vertex = water_vertex(ray.o, ray.d)
+    walk.throughput = wp.vec3(1.0)
+    walk.dimension = 1
+    return walk
+
+
+@wp.func
 def start_walk(scene: SceneData, vertex: Vertex, throughput: wp.vec3):
     """Walk that turns first at ``vertex``, on the camera's segment or at its end."""
     walk = Walk()
@@ -425,16 +436,11 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     ):
         tile_row, col, stratum = wp.tid()
         row = first_row + tile_row
-        pixel = row * film.m2.shape[2] + col
-        strata = film.m2.shape[0]
-        sample = stratum * spp / strata
-        end = (stratum + 1) * spp / strata
-        direct = wp.vec3(0.0)
-        single = wp.vec3(0.0)
-        multiple = wp.vec3(0.0)
-        m2 = wp.vec3(0.0)
-        count = float(0.0)
-
+        strata, width = film.squares.shape[0], film.squares.shape[2]
+        pixel = row * width + col
+        sample = first_sample(stratum, strata, spp)
+        end = first_sample(stratum + 1, strata, spp)
+        sums = Sums()
         L_direct = wp.vec3(0.0)
         L_single = wp.vec3(0.0)
         L_multiple = wp.vec3(0.0)
@@ -446,11 +452,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
             if stage == CAMERA:
                 u = uniforms(key, pixel, sample, 0)
                 ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-                walk = Walk()
-                walk.alive = 1
-                walk.throughput = wp.vec3(1.0)
-                walk.vertex = water_vertex(ray.o, ray.d)
-                walk.dimension = 1
+                walk = camera_segment(ray)
                 surface_walk = Walk()
             u = uniforms(key, pixel, sample, walk.dimension)
             if stage != CAMERA:
@@ -503,18 +505,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 walk = surface_walk
                 stage = SURFACE
             if walk.alive == 0:
-                count += 1.0
-                before = direct + single + multiple
-                direct += (L_direct - direct) / count
-                single += (L_single - single) / count
-                multiple += (L_multiple - multiple) / count
-                m2 += deviation_product(L_direct + L_single + L_multiple, before, direct + single + multiple)
+                sums = add_sample(sums, L_direct, L_single, L_multiple)
                 L_multiple = wp.vec3(0.0)
                 stage = CAMERA
                 sample += 1
-        film.direct[stratum, row, col] = direct
-        film.single[stratum, row, col] = single
-        film.multiple[stratum, row, col] = multiple
-        film.m2[stratum, row, col] = m2
+        store(film, stratum, row, col, sums)
 
     return trace_paths

@@ -28,17 +28,6 @@ def irradiance_unoccluded(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
 
 
 @wp.func
-def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
-    """Radiance of a white Lambertian surface at ``hit`` lit by one lamp."""
-    E = irradiance_unoccluded(scene, light, hit, n)
-    if wp.max(E) <= 0.0:
-        return E
-    if not visible(scene, hit.start, light.position):
-        return wp.vec3(0.0)
-    return E / wp.pi
-
-
-@wp.func
 def one_minus_cos_at(y: float, h: float, distance: float):
     """1 - cos(theta) = 1 + y/distance for scattering at y from a lamp's foot, without cancellation before the foot."""
     if y < 0.0:

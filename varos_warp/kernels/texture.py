@@ -16,6 +16,8 @@ class Material:
     """What ``reflectance`` needs; the host's materials.py fills it."""
 
     kind: int
+    offset: wp.vec3
+    """Where the pattern is laid from: added to local world coordinates, so that it moves with its object alone."""
     base: wp.vec3
     """Reflectance of a diffuse surface or of the bare metal."""
     amount: float
@@ -95,9 +97,9 @@ def rust(m: Material, p: wp.vec3):
 def reflectance(m: Material, p: wp.vec3, n: wp.vec3):
     """Reflectance per channel at ``p`` (local world) with normal ``n``; never above 1."""
     if m.kind == SLOPE_BLEND:
-        c = slope_blend(m, p, n)
+        c = slope_blend(m, p + m.offset, n)
     elif m.kind == RUST:
-        c = rust(m, p)
+        c = rust(m, p + m.offset)
     else:
         return m.base
     return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))

@@ -12,7 +12,7 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.ambient import trace_ambient
 from varos_warp.kernels.aov import trace_first_hits
 from varos_warp.kernels.conventions import ALL, BLOCK_DIM
-from varos_warp.kernels.film import Film, merge_strata
+from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
@@ -63,6 +63,22 @@ class Frame:
     D: DepthImage | None = None
 
 
+def _usable_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _check_request(outputs, layers, **numbers):
+    """Refuse what cannot be rendered: unknown letters and layers, numbers under their least value."""
+    for key, names, known in (("outputs", outputs, "ABCD"), ("layers", layers, LAYERS)):
+        unknown = [name for name in names if name not in known]
+        if unknown or not len(names):
+            raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
+    for key, number in numbers.items():
+        least = 1 if key.startswith("spp") else 0
+        if number is not None and number < least:
+            raise InputError(f"must be at least {least}", key=key, value=number)
+
+
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
     """32-bit key of the random numbers of one image; pixel and sample are added in the kernel."""
     words = [seed, frame, *camera.encode(), *output.encode()]
@@ -89,7 +105,7 @@ class FrameRenderer:
             parts = build_parts(scene)
         self.world = DeviceScene(scene, parts, self.device)
         self.origin = self.world.origin
-        self.threads = threads or len(os.sched_getaffinity(0))
+        self.threads = threads or _usable_cores()
         self.compile_seconds = 0.0
         self._films: dict[tuple[int, int, int], Film] = {}
         self._loaded: set = set()
@@ -123,14 +139,17 @@ class FrameRenderer:
             seed: of the random numbers; absent: the scene's.
             frame: number of the frame, which keys the random numbers too.
         """
+        bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces}
+        _check_request(outputs, layers, spp=spp, spp_b=spp_b, **bounds)
         view = self._camera(camera)
         seed = self.scene.seed if seed is None else seed
         T_w_v = np.asarray(T_w_v, np.float64)
         images = {}
         if "A" in outputs:
             spp = spp or self.scene.render.spp or 64
-            bounds = (ALL if bound is None else bound for bound in (max_scatterings, max_bounces))
-            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, stream_key(seed, frame, view.id, "A"))
+            key = stream_key(seed, frame, view.id, "A")
+            bounds = (ALL if bound is None else bound for bound in bounds.values())
+            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, key)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, key)
@@ -207,15 +226,15 @@ class FrameRenderer:
         shape = (strata, height, width)
         if shape not in self._films:
             film = Film()
-            for name in ("direct", "single", "multiple", "m2"):
-                setattr(film, name, wp.empty(shape, dtype=wp.vec3, device=self.device))
+            for name in ("direct", "single", "multiple", "squares"):
+                setattr(film, name, wp.empty(shape, dtype=wp.vec3d, device=self.device))
             self._films[shape] = film
         return self._films[shape]
 
     def _develop(self, film: Film, spp: int, layers) -> RadianceImage:
-        shape = film.m2.shape[1:]
+        shape = film.squares.shape[1:]
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in (*LAYERS, "radiance", "stderr")}
-        wp.launch(merge_strata, dim=shape, inputs=[film, spp], outputs=list(images.values()), device=self.device)
+        wp.launch(develop, dim=shape, inputs=[film, spp], outputs=list(images.values()), device=self.device)
         arrays = {name: image.numpy() for name, image in images.items()}
         return RadianceImage(
             arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers}
@@ -225,7 +244,7 @@ class FrameRenderer:
         """Run a kernel over the image: at once on a GPU, in tiles of rows from a thread pool on the CPU."""
         self._load(kernel)
         width, height = view.resolution
-        strata = () if film is None else (film.m2.shape[0],)
+        strata = () if film is None else (film.squares.shape[0],)
         if self.device != "cpu":
             wp.launch(
                 kernel,

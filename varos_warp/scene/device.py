@@ -77,7 +77,7 @@ class DeviceScene:
         counts = [len(part.faces) for part in parts]
         self.face_material = upload(np.repeat(np.arange(len(parts), dtype=np.int32), counts), wp.int32)
         self.materials = wp.array(
-            [device_material(part, self.scene.seed) for part in parts], dtype=Material, device=self.device
+            [device_material(part, self.scene.seed, self.origin) for part in parts], dtype=Material, device=self.device
         )
         smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
         self.smooth_normals = upload(np.concatenate(smooth).reshape(-1, 3).astype(np.float32), wp.vec3)
@@ -124,12 +124,16 @@ class DeviceScene:
 
 
 def local_origin(scene: Scene, parts: list[Part]) -> np.ndarray:
-    """Whole metres near the middle of what is rendered, float64 [3]: float32 then resolves the scene's own size."""
+    """Whole metres near the middle of where the cameras go, float64 [3], but not outside of what there is to see.
+
+    float32 then is finest where the pictures are taken, however large the terrain.
+    """
+    poses = [*(scene.trajectory.waypoints or scene.trajectory.poses)]
+    poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
+    positions = np.array([pose.position for pose in poses])
+    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
     if parts:
         low = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
         high = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
-    else:
-        trajectory = scene.trajectory
-        positions = np.array([pose.position for pose in trajectory.waypoints or trajectory.poses])
-        low, high = positions.min(axis=0), positions.max(axis=0)
-    return np.round((low + high) / 2)
+        middle = np.clip(middle, low, high)
+    return np.round(middle)

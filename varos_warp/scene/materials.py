@@ -17,9 +17,10 @@ def position_seed(seed: int, position) -> int:
     return zlib.crc32(np.asarray(position, np.float64).tobytes(), seed)
 
 
-def device_material(part: Part, seed: int) -> texture.Material:
-    """Record of a part's material; ``seed`` is the scene's."""
+def device_material(part: Part, seed: int, local_origin: np.ndarray) -> texture.Material:
+    """Record of a part's material; ``seed`` is the scene's, ``local_origin`` [3] that of the device's world."""
     record = texture.Material()
+    record.offset = wp.vec3(*(local_origin - part.vertices.min(axis=0)))
     material = part.material
     if isinstance(material, SlopeBlend):
         extent = float(np.ptp(part.vertices[:, :2], axis=0).max())
