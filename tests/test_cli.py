@@ -176,6 +176,8 @@ def test_a_missing_scene_is_refused(tmp_path):
     ("watter: none", "watter: unknown key. Did you mean 'water'?"),
     ("seed: -1", "seed = -1"),
     ("trajectory: {waypoints: []}", "at least one waypoint"),
+    ("vehicle: {cameras: []}", "vehicle.cameras = []: has too few items. Give at least 1."),
+    ("vehicle: {lights: [{direction: [0, 1.0e-20, 0]}]}", "vehicle.lights.0.direction"),
 ])
 def test_a_scene_that_says_something_wrong_is_refused_naming_file_and_key(tmp_path, line, message):
     path = tmp_path / "scene.yaml"

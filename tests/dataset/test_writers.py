@@ -77,7 +77,7 @@ def test_light_poses_point_along_the_cone_in_the_world(written):
     assert len(table["frame"]) == 10
     T_w_v = simulate(scene).trajectory.T_w_v(20 * 4)
     direction = T_w_v[:3, :3] @ np.array([0, 1, -0.2]) / np.linalg.norm([0, 1, -0.2])
-    np.testing.assert_allclose([table[f"direction_w_{a} []"][4] for a in "xyz"], direction, atol=1e-14)
+    np.testing.assert_allclose([table[f"direction_w_{a}"][4] for a in "xyz"], direction, atol=1e-14)
     np.testing.assert_allclose([table[f"p_wl_{a} [m]"][4] for a in "xyz"],
                                (T_w_v @ [0.15, -0.1, 0, 1])[:3], atol=1e-14)
 
@@ -87,6 +87,24 @@ def test_a_light_pointing_straight_down_has_a_proper_pose():
     T = writers.light_pose(light)
     np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0, atol=1e-14)
+
+
+def test_the_pose_of_a_light_keeps_the_digits_of_a_short_direction_and_of_a_far_position():
+    light = SimpleNamespace(kind="spot", position=(5e5, 7e6, 0), direction=(0.0, 3e-6, -4e-6))
+    T = writers.light_pose(light)
+    np.testing.assert_allclose(T[:3, 2], [0.0, 0.6, -0.8], atol=1e-15)
+    np.testing.assert_array_equal(T[:3, 3], light.position)
+
+
+def test_euler_angles_at_gimbal_lock_are_silent_and_half_turns_are_positive(tmp_path, recwarn):
+    layout = Layout(tmp_path, "01", "0", ("M0",))
+    T = np.tile(np.eye(4), (2, 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("xyz", [[20, 90, 30], [0, 0, -180]], degrees=True).as_matrix()
+    T[1, :2, :2] = [[-1.0, 0.0], [-0.0, -1.0]]
+    writers.write_poses(layout, "M0", np.arange(2), T)
+    table = files.read_csv(layout.poses("M0", "euler"))
+    assert table["theta_z_vw"][1] == np.pi
+    assert not recwarn.list
 
 
 def test_dataset_json_gives_back_the_scene_it_was_made_from(written):

@@ -115,22 +115,6 @@ def test_quaternions_are_of_unit_length_with_w_not_negative_and_match_the_matric
     np.testing.assert_array_equal(T[:3, 3], trajectory.position[777])
 
 
-def test_euler_angles_are_about_the_fixed_axes_x_then_y_then_z():
-    trajectory = driven().trajectory
-    x, y, z = trajectory.euler()[1500]
-    R = [Rotation.from_rotvec(v).as_matrix() for v in ((x, 0, 0), (0, y, 0), (0, 0, z))]
-    np.testing.assert_allclose(R[2] @ R[1] @ R[0], trajectory.T_w_v(1500)[:3, :3], atol=1e-14)
-    half_turn = posed([{"position": (0, 0, 0), "rotation_euler_deg": (0, 0, -180)}]).trajectory
-    assert half_turn.euler()[0, 2] == np.pi
-
-
-def test_gimbal_lock_on_export_is_silent_and_still_the_same_attitude(recwarn):
-    trajectory = posed([{"position": (0, 0, 0), "rotation_euler_deg": (20, 90, 30)}]).trajectory
-    back = Rotation.from_euler("xyz", trajectory.euler()[0])
-    assert (back.inv() * trajectory.rotation()[0]).magnitude() < 1e-7  # acos near 1 loses half the digits
-    assert not recwarn.list
-
-
 def test_rates_are_the_derivatives_of_the_poses():
     trajectory, h = driven().trajectory, 0.005
     velocity = (trajectory.position[2:] - trajectory.position[:-2]) / (2 * h)

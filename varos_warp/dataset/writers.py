@@ -13,7 +13,7 @@ import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import SCHEMA_VERSION, Layout, runs
 from varos_warp.render.outputs import DEPTH_LEVELS
-from varos_warp.scene.frames import R_V_C, camera_pose, intrinsics, look_at_matrix, pose_matrix, transform
+from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.water import optical_properties
 
@@ -28,7 +28,7 @@ def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarra
     position, rotation = T_w_x[:, :3, 3], Rotation.from_matrix(T_w_x[:, :3, :3])
     place = ["s_x_vw", "s_y_vw", "s_z_vw"]
     files.write_csv(layout.poses(name, "euler"), [TIME, *place, "theta_x_vw", "theta_y_vw", "theta_z_vw"],
-                    time_ns, position, rotation.as_euler("xyz"))
+                    time_ns, position, euler_angles(rotation))
     header = [TIME] + [h for row, s in zip("123", place, strict=True) for h in (f"r{row}1", f"r{row}2", f"r{row}3", s)]
     files.write_csv(layout.poses(name, "transformation_matrix"), header, time_ns, T_w_x[:, :3].reshape(-1, 12))
     quaternion = rotation.as_quat(canonical=True, scalar_first=True)
@@ -37,6 +37,7 @@ def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarra
 
 
 def _xyz(name: str, unit: str) -> list[str]:
+    """Headers of the three components of a vector."""
     return [f"{name}_{axis} [{unit}]" for axis in "xyz"]
 
 
@@ -99,8 +100,7 @@ def light_pose(light) -> np.ndarray:
     """T_v_l [4, 4]: z is the axis of the cone, from the light outwards."""
     if light.kind == "point":
         return transform(position=light.position)
-    target = np.add(light.position, light.direction)
-    return transform(look_at_matrix(light.position, target) @ R_V_C, light.position)
+    return transform(look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C, light.position)
 
 
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:
@@ -109,7 +109,8 @@ def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, 
     if not lights:
         return
     T = (T_w_v[:, None] @ np.array([light_pose(light) for light in lights])).reshape(-1, 4, 4)
-    files.write_csv(layout.lights, [TIME, "frame", "light", *_xyz("p_wl", "m"), *_xyz("direction_w", "")],
+    direction = ["direction_w_x", "direction_w_y", "direction_w_z"]
+    files.write_csv(layout.lights, [TIME, "frame", "light", *_xyz("p_wl", "m"), *direction],
                     np.repeat(time_ns, len(lights)), np.repeat(frames, len(lights)),
                     np.tile(np.arange(len(lights)), len(frames)), T[:, :3, 3], T[:, :3, 2])
 

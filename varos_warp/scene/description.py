@@ -288,8 +288,8 @@ class SpotLight(Block):
     @field_validator("direction")
     @classmethod
     def _has_length(cls, value):
-        if not np.linalg.norm(value) > 0.0:
-            raise ValueError("the direction of a light must not be the zero vector")
+        if np.linalg.norm(value) < 1e-6:  # float32 on the device squares it
+            raise ValueError("the direction of a light must be at least 1e-6 long")
         return value
 
 
@@ -409,7 +409,7 @@ class Vehicle(Block):
     """How far the centre of buoyancy lies above the centre of mass [m]; 0 is no righting moment."""
     controller: Controller = Controller()
     lights: list[Light] = []
-    cameras: list[Camera] = [Camera()]
+    cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
     imu: Imu | None = Imu()
     depth_gauge: Mounted | None = Mounted()
 

@@ -3,6 +3,8 @@
 World w and vehicle v are z up (vehicle: x right, y forward). A camera c is OpenCV optical: x right, y down, z forward.
 """
 
+import warnings
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -13,6 +15,14 @@ R_V_C = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 def euler_to_matrix(angles_deg) -> np.ndarray:
     """Rotation [3, 3] about the fixed axes x, then y, then z (Blender's 'XYZ'), angles in degrees."""
     return Rotation.from_euler("xyz", np.asarray(angles_deg, float), degrees=True).as_matrix()
+
+
+def euler_angles(rotation: Rotation) -> np.ndarray:
+    """Angles [N, 3] [rad] of N rotations about the fixed axes x, then y, then z, each in (-pi, pi]."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # at ty = +-90 deg only tx -+ tz is defined; tz is then 0
+        angles = rotation.as_euler("xyz")
+    return np.where(angles <= -np.pi, np.pi, angles)
 
 
 def look_at_matrix(position, target) -> np.ndarray:
@@ -51,6 +61,22 @@ def attitude(pose) -> np.ndarray:
     if getattr(pose, "look_at", None) is not None:
         return look_at_matrix(pose.position, pose.look_at)
     return euler_to_matrix(pose.rotation_euler_deg or (0.0, 0.0, 0.0))
+
+
+def attitudes(stops) -> list[Rotation]:
+    """Attitude of each waypoint or pose; one that names none keeps that of the one before it, the first identity.
+
+    Angles do not go through a matrix: a half turn must keep the sign that the user gave it.
+    """
+    result = []
+    for stop in stops:
+        if stop.look_at is not None:
+            result.append(Rotation.from_matrix(look_at_matrix(stop.position, stop.look_at)))
+        elif stop.rotation_euler_deg is not None:
+            result.append(Rotation.from_euler("xyz", stop.rotation_euler_deg, degrees=True))
+        else:
+            result.append(result[-1] if result else Rotation.identity())
+    return result
 
 
 def pose_matrix(pose) -> np.ndarray:

@@ -274,7 +274,6 @@ _REMEDIES = {
     "model_attributes_type": "Give a block of keys, indented under it.",
     "string_type": "Put quotes around it if it is text.",
     "finite_number": "Give a finite number.",
-    "too_short": "Give as many items as are asked for.",
     "too_long": "Give as many items as are asked for.",
 }
 
@@ -292,6 +291,8 @@ def _explain(path: tuple, e: dict, source: _Source) -> tuple[str, str]:
     if kind == "literal_error":
         known = [tag.strip(" '") for tag in context["expected"].replace(" or ", ",").split(",")]
         return "is not one of the choices", _suggest(str(e["input"]), known)
+    if kind == "too_short":
+        return "has too few items", f"Give at least {context['min_length']}."
     message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
     message = re.sub(r"valid dictionary.*", "block of keys", message)
     bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),

@@ -5,10 +5,11 @@ from math import isclose, pi
 import numpy as np
 
 from varos_warp.scene.description import Pose, Scene
+from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.control import Gains, is_slow, steady_offset
 from varos_warp.sim.current import Current
-from varos_warp.sim.guidance import Course, Guidance, Leg, attitudes, turn, weight
+from varos_warp.sim.guidance import Course, Guidance, Leg, turn, weight
 from varos_warp.sim.vehicle import Sphere
 
 SHARES = np.linspace(0.0, 1.0, 201)

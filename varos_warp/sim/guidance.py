@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene import description, frames
+from varos_warp.scene import description
+from varos_warp.scene.frames import attitudes
 from varos_warp.sim import quaternion
 from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.quaternion import Quaternion, Vector
@@ -43,22 +44,6 @@ def weight(s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 # ---------------------------------------------------------------------------------------------------------- the plan
-
-
-def attitudes(poses) -> list[Rotation]:
-    """Attitude of each waypoint or pose; one that names none keeps that of the one before it, the first identity.
-
-    Angles do not go through a matrix: a half turn must keep the sign that the user gave it.
-    """
-    result = []
-    for pose in poses:
-        if pose.look_at is not None:
-            result.append(Rotation.from_matrix(frames.look_at_matrix(pose.position, pose.look_at)))
-        elif pose.rotation_euler_deg is not None:
-            result.append(Rotation.from_euler("xyz", pose.rotation_euler_deg, degrees=True))
-        else:
-            result.append(result[-1] if result else Rotation.identity())
-    return result
 
 
 def turn(first: Rotation, second: Rotation) -> np.ndarray:
@@ -93,11 +78,6 @@ class Leg:
     def peak_speed(self) -> float:
         """Largest speed of this leg alone [m/s]."""
         return PEAK_RATE * float(np.linalg.norm(self.step)) / self.duration
-
-    @property
-    def peak_rate(self) -> float:
-        """Largest angular speed of this leg alone [rad/s]."""
-        return PEAK_RATE * float(np.linalg.norm(self.turn)) / self.duration
 
 
 @dataclass(frozen=True)

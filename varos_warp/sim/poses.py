@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from varos_warp.errors import InputError
 from varos_warp.scene import description
+from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_RATE_HZ, TICK_S
-from varos_warp.sim.guidance import attitudes
 
 
 def pose_times(poses: list[description.Pose]) -> np.ndarray:

@@ -1,6 +1,5 @@
 """From a scene to what happens in it: `simulate` runs the vehicle along its waypoints, 200 times per second."""
 
-import warnings
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -60,13 +59,6 @@ class Trajectory:
     def T_w_v(self, k: int) -> np.ndarray:
         """Pose [4, 4] at row ``k``, vehicle to world."""
         return transform(self._rotation[k].as_matrix(), self.position[k])
-
-    def euler(self) -> np.ndarray:
-        """Angles [N, 3] [rad] about the fixed world axes x, then y, then z, each in (-pi, pi]."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # at ty = +-90 deg only tx -+ tz is defined; tz is then 0
-            angles = self._rotation.as_euler("xyz")
-        return np.where(angles <= -np.pi, np.pi, angles)
 
 
 @dataclass(frozen=True)
