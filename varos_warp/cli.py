@@ -183,15 +183,16 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|stream", help="Format.")],
+           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap|stream",
+                                           help="Format.")],
            out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
-           json_: Json = False):
+           json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible."""
     from varos_warp.dataset.exports import export as write
 
-    job = write(dataset, to, out, images, camera)
+    job = write(dataset, to, out, images, camera, quiet)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras})
         return

@@ -1,8 +1,10 @@
 """Exports come back through evo and plain parsers as the poses, depths and readings that the dataset has."""
 
+import io
 import json
 import shutil
 import struct
+import sys
 import warnings
 from types import SimpleNamespace
 
@@ -11,6 +13,7 @@ import pytest
 import yaml
 from evo.tools import file_interface
 from PIL import Image
+from rosbags.rosbag2 import Writer
 from scipy.spatial.transform import Rotation
 from standins import make_scene, scene_dict, tree
 from typer.testing import CliRunner
@@ -18,6 +21,7 @@ from typer.testing import CliRunner
 from varos_warp import cli
 from varos_warp.dataset import files, stream
 from varos_warp.dataset.exports import FORMATS, export, job
+from varos_warp.dataset.exports import stream as stream_export
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce
 from varos_warp.errors import InputError
@@ -276,6 +280,85 @@ def test_nerfstudio_cameras_have_y_up_and_look_along_minus_z(data, out):
             assert (out / "nerfstudio" / entry[key]).is_file()
 
 
+# --------------------------------------------------------------------------------------------------------------- MCAP
+
+
+@pytest.fixture(scope="module")
+def bag(out):
+    """Log times and messages of the bag by topic."""
+    from rosbags.highlevel import AnyReader
+
+    topics = {}
+    with AnyReader([out / "mcap/bag"]) as reader:
+        for connection, time_ns, raw in reader.messages():
+            topics.setdefault(connection.topic, []).append((time_ns, reader.deserialize(raw, connection.msgtype)))
+    return topics
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def vectors(messages, get):
+    return np.array([[(v := get(m)).x, v.y, v.z] for _, m in messages])
+
+
+def test_a_bag_has_the_readings_and_its_log_times_are_the_stamps(data, bag):
+    imu, gauge = data.imu(), data.depth_gauge()
+    np.testing.assert_array_equal([t for t, _ in bag["/imu0"]], imu["time_ns"])
+    assert all(t == stamp_ns(m) for topic in ("/imu0", "/ground_truth", "/camR0/camera_info") for t, m in bag[topic])
+    np.testing.assert_array_equal(vectors(bag["/imu0"], lambda m: m.linear_acceleration), imu["acceleration"])
+    np.testing.assert_array_equal(vectors(bag["/imu0"], lambda m: m.angular_velocity), imu["angular_velocity"])
+    assert bag["/imu0"][0][1].orientation_covariance[0] == -1
+    np.testing.assert_array_equal([m.data for _, m in bag["/depth0"]], gauge["depth"])
+
+
+def test_evo_reads_the_vehicles_course_from_a_bag(data, out):
+    from rosbags.rosbag2 import Reader
+
+    with Reader(out / "mcap/bag") as reader:
+        course = file_interface.read_bag_trajectory(reader, "/ground_truth")
+    np.testing.assert_allclose(course.poses_se3, data.poses("vehicle")[1], rtol=0, atol=ROUNDING)
+
+
+def test_odometry_moves_in_the_vehicles_own_axes(data, bag):
+    states = data.states()
+    own = vectors(bag["/ground_truth"], lambda m: m.twist.twist.linear)
+    turned = Rotation.from_quat(states["quaternion"], scalar_first=True).apply(own)
+    np.testing.assert_allclose(turned, states["velocity"], rtol=0, atol=ROUNDING)
+
+
+def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data, bag):
+    for camera in data.cameras:
+        for frame, (_, image), (_, depth) in zip(data, bag[f"/cam{camera}/image/compressed"],
+                                                 bag[f"/cam{camera}/depth/compressed"], strict=True):
+            assert image.data.tobytes() == data.layout.png(camera, "A", frame).read_bytes()
+            with Image.open(io.BytesIO(depth.data.tobytes())) as opened:
+                units = np.array(opened)
+            truth = data.depth(frame, camera)
+            assert np.abs(units / 1000 - truth)[np.isfinite(truth)].max() <= 0.0005 + 25 * 2.0**-24
+            assert not units[np.isinf(truth)].any()
+    info = bag["/camL0/camera_info"][0][1]
+    np.testing.assert_array_equal(info.k.reshape(3, 3), data.intrinsics("L0", "opencv"))
+    assert (info.width, info.height) == (48, 27)
+
+
+def test_static_transforms_of_a_bag_lead_from_the_vehicle_to_each_camera(data, bag):
+    ((_, message),) = bag["/tf_static"]
+    found = {t.child_frame_id: t for t in message.transforms}
+    assert set(found) == {"imu0", "depth0", "camL0", "camR0"}
+    r, p = found["camR0"].transform.rotation, found["camR0"].transform.translation
+    T = matrices([[p.x, p.y, p.z]], [[r.x, r.y, r.z, r.w]], scalar_first=False)[0]
+    np.testing.assert_allclose(data.poses("vehicle")[1][60] @ T, data.T_w_c(3, "R0"), rtol=0, atol=ROUNDING)
+
+
+def test_a_bag_without_rosbags_is_bad_input_with_the_remedy(written, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    with pytest.raises(InputError, match=r'pip install "varos_warp\[export\]"'):
+        export(written, "mcap", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
 # ------------------------------------------------------------------------------------------------------------- stream
 
 
@@ -355,9 +438,12 @@ def test_images_are_the_same_files_or_copies_where_they_cannot_be(written, tmp_p
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_path, monkeypatch, name):
     before = tree(written)
-    monkeypatch.setattr(files, "write_bytes", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    monkeypatch.setattr(stream, "write_stream", files.write_bytes)
-    monkeypatch.setattr("varos_warp.dataset.exports.stream.write_stream", files.write_bytes)
+
+    def full(*_args, **_options):
+        raise OSError(28, "No space left on device")
+
+    for owner, function in ((files, "write_bytes"), (stream_export, "write_stream"), (Writer, "write")):
+        monkeypatch.setattr(owner, function, full)
     with pytest.raises(InputError, match="No space left"):
         export(written, name, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

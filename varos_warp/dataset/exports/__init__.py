@@ -20,12 +20,12 @@ from varos_warp.dataset.layout import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
 
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "stream")
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
 _counter = itertools.count()
 
 
-def export(dataset_root, to: str, out, images: str = "A", cameras=None) -> Job:
+def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True) -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -34,6 +34,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None) -> Job:
         out: Folder of the export, which must not be there yet.
         images: Which of ``A`` and ``B`` are the colour images.
         cameras: Ids of the cameras; None: all. TUM takes the first, KITTI the first and its rectified partner.
+        quiet: No progress on stderr.
 
     Returns:
         What was written and from where.
@@ -46,7 +47,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None) -> Job:
     data, out = Dataset(dataset_root), Path(out)
     module = import_module(f"{__name__}.{to}")
     _check_choice(data, images, cameras)
-    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)))
+    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet)
     _check_images(job, module.IMAGES)
     with _folder(out) as temp:
         module.write(replace(job, out=temp))

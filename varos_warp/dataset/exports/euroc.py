@@ -205,6 +205,14 @@ def _xyz(pattern: str) -> list[str]:
     return [pattern.format(axis) for axis in "xyz"]
 
 
+class _Dumper(yaml.SafeDumper):
+    """A key a line, as EuRoC's and Kalibr's own files, with lists of numbers in brackets."""
+
+
+_Dumper.add_representer(list, lambda dumper, items: dumper.represent_sequence(
+    "tag:yaml.org,2002:seq", items, flow_style=not any(isinstance(item, list) for item in items)))
+
+
 def _yaml(job: Job, name: str, content: dict) -> None:
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100_000)
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=100_000)
     files.write_bytes(job.out / name, text.encode())

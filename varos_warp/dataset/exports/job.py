@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 
 
@@ -27,6 +28,8 @@ class Job:
     """Letter of the colour images."""
     cameras: tuple[str, ...]
     """Ids of the cameras to export."""
+    quiet: bool = True
+    """No progress on stderr."""
 
     def link(self, camera: str, letter: str, frame: int, name: str | Path) -> None:
         """An image of the dataset under another name: a hard link, or a copy where there can be none."""
@@ -48,8 +51,10 @@ class Job:
             z = planar_depth(self.data, self.data.frames[index], camera)
             files.write_png(self.out / name(index), to_units(z, per_metre))
 
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(encode, range(len(self.data))))
+        count = len(self.data)
+        with ThreadPoolExecutor(os.cpu_count()) as pool, Progress(f"depth {camera}", count, quiet=self.quiet) as progress:
+            for _ in pool.map(encode, range(count)):
+                progress.advance()
 
     @property
     def has_depth(self) -> bool:

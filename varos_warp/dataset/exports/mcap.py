@@ -1,0 +1,182 @@
+"""ROS 2: an MCAP bag of images, calibration, IMU, depth gauge and the true course, by the library rosbags.
+
+Images are the dataset's PNG files as they are; depth is PNG of 16 bit millimetres (REP 118), planar z, 0 for none.
+The log time of a message is its stamp.
+"""
+
+import io
+from collections.abc import Callable, Iterator
+from operator import itemgetter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset.exports.job import Job, planar_depth, quaternion, to_units
+from varos_warp.dataset.progress import Progress
+from varos_warp.errors import InputError
+
+IMAGES = "AD"
+PER_METRE = 1000.0
+Event = tuple[int, str, Callable]
+"""Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
+TYPES = {"imu0": "sensor_msgs/msg/Imu", "depth0": "std_msgs/msg/Float64", "ground_truth": "nav_msgs/msg/Odometry",
+         "tf_static": "tf2_msgs/msg/TFMessage", "camera_info": "sensor_msgs/msg/CameraInfo",
+         "compressed": "sensor_msgs/msg/CompressedImage"}
+"""Message type by the last word of the topic."""
+
+
+def write(job: Job) -> None:
+    """Write ``bag/bag.mcap`` and its metadata.yaml.
+
+    Raises:
+        InputError: If rosbags is not installed.
+    """
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError("needs the package rosbags", key="to", value="mcap",
+                         remedy='pip install "varos_warp[export]"') from error
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    events = sorted(_events(job, Messages(store.types)), key=itemgetter(0))
+    with (Writer(job.out / "bag", version=8, storage_plugin=StoragePlugin.MCAP) as bag,
+          Progress("bag", len(events), "messages", job.quiet) as progress):
+        topics = {}
+        for time_ns, topic, make in events:
+            kind = TYPES[topic.rsplit("/", 1)[-1]]
+            if topic not in topics:
+                profiles = [_latched()] if topic == "/tf_static" else []
+                topics[topic] = bag.add_connection(topic, kind, typestore=store, offered_qos_profiles=profiles)
+            bag.write(topics[topic], time_ns, store.serialize_cdr(make(), kind))
+            progress.advance()
+
+
+def _latched():
+    """Static transforms reach whoever comes late."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    none = QosTime(0, 0)
+    return Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, none, none,
+               QosLiveliness.AUTOMATIC, none, False)
+
+
+def _events(job: Job, messages: "Messages") -> Iterator[Event]:
+    """Every message of the bag, sensor by sensor; static transforms first."""
+    data = job.data
+    yield 0, "/tf_static", lambda: messages.fixed(0, _frames(job))
+    if job.has_sensor("imu0"):
+        imu = data.imu()
+        for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
+            yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w)
+    if job.has_sensor("depth0"):
+        gauge = data.depth_gauge()
+        for t, depth in zip(gauge["time_ns"].tolist(), gauge["depth"].tolist(), strict=True):
+            yield t, "/depth0", lambda depth=depth: messages["std_msgs/msg/Float64"](depth)
+    if data.layout.states.is_file():
+        yield from _course(data.states(), messages)
+    for camera in job.cameras:
+        yield from _camera(job, camera, messages)
+
+
+def _course(states: dict, messages: "Messages") -> Iterator[Event]:
+    """The vehicle: pose in the world, velocities in its own axes, as Odometry has them."""
+    forward = Rotation.from_quat(states["quaternion"], scalar_first=True).inv().apply(states["velocity"])
+    for t, p, q, v, w in zip(states["time_ns"].tolist(), states["position"], states["quaternion"], forward,
+                             states["angular_velocity"], strict=True):
+        yield t, "/ground_truth", lambda t=t, p=p, q=q, v=v, w=w: messages.odometry(t, p, q, v, w)
+
+
+def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
+    """Image, calibration and depth of every frame."""
+    frame_id, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
+
+    def image(t: int, frame: int):
+        png = job.data.layout.png(camera, job.images, frame).read_bytes()
+        return messages.png(t, frame_id, png, "rgb8; png compressed bgr8")
+
+    def depth(t: int, frame: int):
+        from PIL import Image
+
+        png = io.BytesIO()
+        Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
+        return messages.png(t, frame_id, png.getvalue(), "16UC1; png compressed ")
+
+    for t, frame in zip(job.poses(camera)[0].tolist(), job.data, strict=True):
+        yield t, f"/{frame_id}/camera_info", lambda t=t: messages.camera_info(t, frame_id, facts, K)
+        yield t, f"/{frame_id}/image/compressed", lambda t=t, frame=frame: image(t, frame)
+        if job.has_depth:
+            yield t, f"/{frame_id}/depth/compressed", lambda t=t, frame=frame: depth(t, frame)
+
+
+def _frames(job: Job) -> list[tuple[str, str, np.ndarray]]:
+    """Parent, child and T_parent_child of what is fixed."""
+    result = [("vehicle", name, np.array(facts["T_v_s"])) for name, facts in job.data.meta["sensors"].items()]
+    for camera in job.cameras:
+        facts = job.data.camera(camera)
+        parent = "world" if facts["mount"] == "world" else "vehicle"
+        result.append((parent, f"cam{camera}", np.array(facts["T_w_c" if parent == "world" else "T_v_c"])))
+    return result
+
+
+class Messages:
+    """Makes ROS messages; quaternions are x y z w there, and are given scalar first here.
+
+    Args:
+        types: Message classes by their names.
+    """
+
+    def __init__(self, types):
+        self._types = types
+
+    def __getitem__(self, name: str):
+        return self._types[name]
+
+    def header(self, time_ns: int, frame_id: str):
+        """Stamp and frame."""
+        stamp = self["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
+        return self["std_msgs/msg/Header"](stamp, frame_id)
+
+    def vector(self, values, kind: str = "Vector3"):
+        """A Vector3 or Point."""
+        return self[f"geometry_msgs/msg/{kind}"](*map(float, values))
+
+    def rotation(self, q):
+        """A Quaternion of (w, x, y, z)."""
+        w, x, y, z = map(float, q)
+        return self["geometry_msgs/msg/Quaternion"](x, y, z, w)
+
+    def imu(self, time_ns: int, acceleration, angular_velocity):
+        """An Imu; -1 says that it has no orientation."""
+        none = np.array([-1.0, *np.zeros(8)])
+        return self["sensor_msgs/msg/Imu"](
+            self.header(time_ns, "imu0"), self.rotation((1, 0, 0, 0)), none, self.vector(angular_velocity),
+            np.zeros(9), self.vector(acceleration), np.zeros(9))
+
+    def odometry(self, time_ns: int, position, q, velocity, angular_velocity):
+        """An Odometry of the vehicle in the world."""
+        pose = self["geometry_msgs/msg/Pose"](self.vector(position, "Point"), self.rotation(q))
+        twist = self["geometry_msgs/msg/Twist"](self.vector(velocity), self.vector(angular_velocity))
+        return self["nav_msgs/msg/Odometry"](
+            self.header(time_ns, "world"), "vehicle", self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
+
+    def fixed(self, time_ns: int, frames):
+        """A TFMessage of transforms that do not change."""
+        return self["tf2_msgs/msg/TFMessage"]([
+            self["geometry_msgs/msg/TransformStamped"](
+                self.header(time_ns, parent), child, self["geometry_msgs/msg/Transform"](
+                    self.vector(T[:3, 3]), self.rotation(quaternion(T[None], scalar_first=True)[0])))
+            for parent, child, T in frames])
+
+    def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray):
+        """A CameraInfo without distortion."""
+        P = np.column_stack([K, np.zeros(3)])
+        region = self["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        return self["sensor_msgs/msg/CameraInfo"](
+            self.header(time_ns, frame_id), facts["height"], facts["width"], "plumb_bob", np.zeros(5), K.ravel(),
+            np.eye(3).ravel(), P.ravel(), 0, 0, region)
+
+    def png(self, time_ns: int, frame_id: str, data: bytes, form: str):
+        """A CompressedImage."""
+        return self["sensor_msgs/msg/CompressedImage"](self.header(time_ns, frame_id), form,
+                                                       np.frombuffer(data, np.uint8))
