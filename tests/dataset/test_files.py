@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -123,6 +124,19 @@ def test_large_exr_files_are_known_as_complete(tmp_path):
     path = tmp_path / "tall.exr"
     files.write_exr(path, {"Z": np.zeros((16 * 700, 2), np.float32)})
     assert files.is_complete(path)
+
+
+def test_where_asking_for_a_process_would_end_it_nobody_asks(tmp_path, monkeypatch):
+    """On Windows os.kill(pid, 0) ends the process; what may be another run's stays there."""
+    def kill(pid, number):
+        raise AssertionError("a process was harmed")
+
+    monkeypatch.setattr(files.os, "kill", kill)
+    monkeypatch.setattr(sys, "platform", "win32")
+    temp = tmp_path / f".x.bin.{files.HOST}-1-0.tmp"
+    temp.write_bytes(b"")
+    files.sweep(tmp_path)
+    assert temp.exists()
 
 
 def test_remains_of_a_dead_process_are_swept_and_those_of_a_living_one_stay(tmp_path):

@@ -1,5 +1,8 @@
 """Folders and names are those of the released dataset, and reading gives back what was simulated and rendered."""
 
+import functools
+import json
+
 import numpy as np
 import pytest
 from standins import FlatFloorRenderer, make_scene, simulate
@@ -120,3 +123,25 @@ def test_an_unknown_camera_and_a_missing_image_are_bad_input(data, tmp_path):
         data.depth(0, "X9")
     with pytest.raises(InputError, match="no such file"):
         data.depth(99)
+
+
+@pytest.mark.parametrize("keys", [
+    "versions", "versions.varos_warp", "device", "sources", "scene", "samples", "samples.plan", "frames.ranges",
+    "frames.rate_hz", "depth", "depth.kind", "depth.range_m", "cameras", "cameras.0.width", "cameras.0.K_opencv",
+    "cameras.1.mount", "sensors", "outputs", "gravity", "surface_depth_m", "lights", "sequence", "vehicle"])
+def test_an_entry_that_is_missing_from_dataset_json_is_bad_input_that_names_it(written, tmp_path, keys):
+    meta = json.loads((written / "dataset.json").read_text())
+    *path, last = [int(key) if key.isdigit() else key for key in keys.split(".")]
+    block = functools.reduce(lambda block, key: block[key], path, meta)
+    del block[last]
+    (tmp_path / "dataset.json").write_text(json.dumps(meta))
+    with pytest.raises(InputError, match=rf"dataset.json: .*{keys}.*missing or damaged"):
+        Dataset(tmp_path)
+
+
+@pytest.mark.parametrize(("key", "value"), [("scene", None), ("outputs", ["Q"]), ("frames", []), ("device", "cpu")])
+def test_an_entry_of_the_wrong_kind_in_dataset_json_is_bad_input(written, tmp_path, key, value):
+    meta = json.loads((written / "dataset.json").read_text()) | {key: value}
+    (tmp_path / "dataset.json").write_text(json.dumps(meta))
+    with pytest.raises(InputError, match=key):
+        Dataset(tmp_path)

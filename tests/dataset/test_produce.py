@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import time
 
 import numpy as np
 import pytest
@@ -258,6 +259,50 @@ def test_light_beyond_half_floats_is_cut_and_counted(tmp_path):
     scene = make_scene(render={"denoise": "none", "outputs": ["A"]})
     summary = produce(scene, tmp_path, quiet=True, renderer=Bright(scene), frames=slice(0, 3))
     assert any("12 values of A above 65504" in m for m in summary.messages)
+
+
+def test_values_that_were_cut_are_counted_whichever_thread_cut_them(tmp_path, monkeypatch):
+    class Slow(int):
+        def __radd__(self, other):
+            time.sleep(0.05)
+            return int(self) + other
+
+    monkeypatch.setattr("varos_warp.dataset.produce.to_half", lambda image: (image.astype(np.float16), Slow(1)))
+    summary, _ = run(tmp_path, {"denoise": "none", "outputs": ["A"]}, frames=slice(0, 3))
+    assert any(m.startswith("6 values of A above") for m in summary.messages), summary.messages
+
+
+def test_the_denoiser_that_was_really_used_is_recorded_and_not_mixed_with_another(tmp_path, monkeypatch):
+    monkeypatch.setattr("varos_warp.dataset.produce.available_method", lambda method: "nlm")
+    run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))
+    assert Dataset(tmp_path).meta["samples"]["denoise"] == "nlm"
+    assert Dataset(tmp_path).meta["scene"]["render"]["denoise"] == "oidn"
+    monkeypatch.setattr("varos_warp.dataset.produce.available_method", lambda method: method)
+    run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))  # nothing is left to denoise
+    before = times(tmp_path)
+    with pytest.raises(InputError, match=r"samples.denoise: .*denoised with 'nlm', .*'oidn'"):
+        run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 2))
+    assert times(tmp_path) == before
+
+
+def test_a_denoiser_is_recorded_when_it_is_first_used(tmp_path):
+    run(tmp_path, {"outputs": ["D"]})
+    assert Dataset(tmp_path).meta["samples"]["denoise"] is None
+    run(tmp_path)
+    assert Dataset(tmp_path).meta["samples"]["denoise"] == "nlm"
+
+
+def test_going_on_on_another_device_is_said_and_the_first_one_stays_on_record(tmp_path):
+    class Other(FlatFloorRenderer):
+        device, device_name = "cuda:0", "a GPU"
+
+    scene = make_scene(render={"outputs": ["C"]})
+    run(tmp_path, scene=scene, frames=slice(0, 1))
+    summary = produce(scene, tmp_path, quiet=True, renderer=Other(scene), frames=slice(0, 2))
+    assert any("cpu (numpy)" in m and "cuda:0 (a GPU)" in m and "rounding" in m for m in summary.messages)
+    assert Dataset(tmp_path).meta["device"] == {"name": "cpu", "model": "numpy"}
+    again, _ = run(tmp_path, scene=scene, frames=slice(0, 3))
+    assert not any("rounding" in m for m in again.messages)
 
 
 def test_the_log_tells_how_long_each_frame_took(written):

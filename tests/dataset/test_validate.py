@@ -43,6 +43,28 @@ def test_a_dataset_of_ranges_along_the_ray_is_sound_too(tmp_path):
     assert problems(tmp_path) == ""
 
 
+def test_frames_without_sensors_are_sound(tmp_path):
+    produce(make_scene(), tmp_path, sensors=False, quiet=True, frames=slice(0, 3))
+    assert problems(tmp_path) == ""
+
+
+@pytest.mark.parametrize("name", ["imu0_poses_euler.csv", "imu0_data.csv", "depth0_data.csv",
+                                  "vehicle0_poses_quaternion.csv", "vehicle0_states.csv"])
+def test_a_missing_table_of_one_sensor_is_found_where_there_are_others(copy, name):
+    next(copy.rglob(name)).unlink()
+    assert f"{name}: there is no such file" in problems(copy)
+
+
+@pytest.mark.parametrize("damage", [lambda text: text[:len(text) // 2].rsplit("\n", 1)[0] + "\n",
+                                    lambda text: text.replace("gain", "gian")])
+def test_a_truncated_exposure_table_is_found(copy, damage):
+    path = next(copy.rglob("camL0_exposure_A.csv"))
+    path.write_text(damage(path.read_text()))
+    assert "camL0_exposure_A.csv" in problems(copy)
+    with pytest.raises(InputError, match=r"camL0_exposure_A.csv: .*gain"):
+        Dataset(copy).gain("A", 9)
+
+
 def test_a_dataset_without_images_is_sound(tmp_path):
     produce(make_scene(), tmp_path, images=False, quiet=True)
     assert problems(tmp_path) == ""

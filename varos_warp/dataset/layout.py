@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.dataset import files
+from varos_warp.dataset import files, schema
 from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
 
@@ -142,14 +142,13 @@ class Dataset:
             raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}",
                              file=self.root / "dataset.json", remedy="Make it anew, or read it with the version of "
                              "varos_warp that made it.")
-        try:
-            cameras = tuple(camera["id"] for camera in self.meta["cameras"])
-            self.layout = Layout(self.root, self.meta["sequence"], self.meta["vehicle"], cameras)
-            self.frames: list[int] = from_runs(self.meta["frames"]["ranges"])
-            self.outputs: list[str] = self.meta["outputs"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the entry {error} is missing or damaged", file=self.root / "dataset.json",
-                             remedy="Make the dataset anew.") from error
+        if flaw := schema.first_flaw(self.meta):
+            raise InputError(f"the entry {flaw} is missing or damaged", file=self.root / "dataset.json",
+                             remedy="Make the dataset anew.")
+        cameras = tuple(camera["id"] for camera in self.meta["cameras"])
+        self.layout = Layout(self.root, self.meta["sequence"], self.meta["vehicle"], cameras)
+        self.frames: list[int] = from_runs(self.meta["frames"]["ranges"])
+        self.outputs: list[str] = self.meta["outputs"]
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -218,11 +217,21 @@ class Dataset:
         key = output, self._camera(camera)
         if key not in self._gains:
             self._gains[key] = self.gains(*key)
+        if frame not in self._gains[key]:
+            raise InputError(f"has no gain of frame {frame}", file=self._exposure_file(*key),
+                             remedy="`run` again to make it anew.")
         return self._gains[key][frame]
+
+    def _exposure_file(self, output: str, camera: str) -> Path:
+        return self.layout.camera_file(camera, f"_exposure_{output}.csv")
 
     def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
         """Exposure gain of every frame of A or B."""
-        table = files.read_csv(self.layout.camera_file(self._camera(camera), f"_exposure_{output}.csv"))
+        path = self._exposure_file(output, self._camera(camera))
+        table = files.read_csv(path)
+        if missing := {"frame", "gain"} - set(table):
+            raise InputError(f"has no column {' and no column '.join(sorted(missing))}", file=path,
+                             remedy="`run` again to make it anew.")
         return dict(zip(table["frame"].tolist(), table["gain"].tolist(), strict=True))
 
     @cached_property

@@ -8,7 +8,7 @@ import contextlib
 import os
 import sys
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ from varos_warp.dataset.layout import Dataset, Layout, from_runs
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
-from varos_warp.render.denoise import denoise
+from varos_warp.render.denoise import available_method, denoise
 from varos_warp.render.outputs import OUTPUTS, linear_channels, to_half
 from varos_warp.scene.load import scene_to_dict
 
@@ -189,7 +189,9 @@ class _Job:
         self.plan = previous and previous["samples"]["plan"]
         self.device = previous and previous["device"]
         self.statistics: dict[tuple[str, str, int], exposure.Statistics] = {}
-        self.clamped: dict[str, int] = {}
+        self.clamped: Counter[str] = Counter()
+        before = previous["samples"] if previous else {}
+        self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
         self.timings: list[dict] = []
         self.work: list[tuple[int, str, str]] = []
         self.summary = Summary(str(layout.root), len(self.selected))
@@ -231,7 +233,8 @@ class _Job:
     def write_metadata(self) -> None:
         """Write dataset.json; the versions and the device stay those that the first frame was rendered with."""
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, plan=self.plan, device=self.device)
+                                   outputs=self.outputs, plan=self.plan, device=self.device,
+                                   denoisers=self.denoisers)
         if self.previous and self.previous["device"]:
             content["versions"] = self.previous["versions"]
         files.write_json(self.layout.metadata, content)
@@ -247,10 +250,37 @@ class _Job:
         wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
         self.summary.kept = wanted - self.summary.rendered
         if self.work:
+            self.choose_denoisers()
             self.renderer = renderer or self.open_renderer(device)
-            self.summary.device = f"{self.renderer.device} ({self.renderer.device_name})"
-            self.device = self.device or {"name": self.renderer.device, "model": self.renderer.device_name}
+            self.note_device()
             self.plan = self.plan or self.make_plan()
+
+    def choose_denoisers(self) -> None:
+        """Find what really denoises what is to be rendered, which is not what was asked for without pyoidn.
+
+        Raises:
+            InputError: If earlier frames were denoised otherwise.
+        """
+        render = self.scene.render
+        for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
+            if not any(letter in letters for _, _, letters in self.work):
+                continue
+            method, before = available_method(asked), self.denoisers[letter]
+            if before not in (None, method):
+                raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
+                                 f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
+                                 remedy="Go on where Open Image Denoise (pyoidn) is installed alike, or give another "
+                                        "folder with -o.")
+            self.denoisers[letter] = method
+
+    def note_device(self) -> None:
+        """Keep the first device on record, and say when another one goes on."""
+        here = {"name": self.renderer.device, "model": self.renderer.device_name}
+        self.summary.device = _device(here)
+        self.device = self.device or here
+        if here != self.device:
+            self.say(f"earlier frames were rendered on {_device(self.device)}, these are on {_device(here)}: pixels "
+                     "may differ in rounding; dataset.json keeps the first")
 
     def render(self) -> None:
         """Render what is missing."""
@@ -314,39 +344,44 @@ class _Job:
                                      "seconds": round(seconds, 4)})
                 pending.append(pool.submit(self.store, frame, camera, letters, image))
                 if len(pending) > BACKGROUND:
-                    pending.popleft().result()
+                    self.clamped += pending.popleft().result()
                 progress.advance()
             for future in pending:
-                future.result()
+                self.clamped += future.result()
 
     # ---------------------------------------------------------------------------------------------------- storing
 
-    def store(self, frame: int, camera: str, letters: str, image) -> None:
-        """Write what was rendered of one frame."""
+    def store(self, frame: int, camera: str, letters: str, image) -> Counter[str]:
+        """Write what was rendered of one frame; returns how many values were cut, by image type."""
+        clamped: Counter[str] = Counter()
         for letter in letters:
             try:
                 if OUTPUTS[letter].is_color:
-                    self.store_color(frame, camera, letter, getattr(image, letter))
+                    clamped[letter] = self.store_color(frame, camera, letter, getattr(image, letter))
                 else:
                     self.store_geometry(frame, camera, letter, getattr(image, letter))
             except InputError:
                 raise
             except ValueError as error:
                 raise RuntimeError(f"frame {frame}, camera {camera}, image {letter}: {error}") from error
+        return clamped
 
-    def store_color(self, frame: int, camera: str, letter: str, image) -> None:
-        """Write A or B: as rendered where asked for, denoised as half floats, and exposed if the gain is known."""
+    def store_color(self, frame: int, camera: str, letter: str, image) -> int:
+        """Write A or B: as rendered where asked for, denoised as half floats, and exposed if the gain is known.
+
+        Returns:
+            How many values were cut to the largest half float.
+        """
         render = self.scene.render
         if letter == "A" and render.linear_exr:
             files.write_exr(self.layout.linear(camera, frame), linear_channels(image))
-        method = render.denoise if letter == "A" else render.denoise_b
-        half, clamped = to_half(denoise(image.radiance, image.stderr, method))
-        self.clamped[letter] = self.clamped.get(letter, 0) + clamped
+        half, clamped = to_half(denoise(image.radiance, image.stderr, self.denoisers[letter]))
         self.statistics[camera, letter, frame] = exposure.statistics(half)
         files.write_exr(self.layout.exr(camera, letter, frame), {"RGB": half})
         gain = exposure.known_gain(getattr(render.exposure, letter), letter)
         if gain is not None:
             files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(half, gain))
+        return clamped
 
     def store_geometry(self, frame: int, camera: str, letter: str, image) -> None:
         """Write C or D."""
@@ -418,6 +453,10 @@ class _Job:
             list(pool.map(encode, frames, gains.tolist()))
         files.write_csv(table_path, [writers.TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
                         [s.log_average for s in found], [s.highlight for s in found])
+
+
+def _device(device: dict) -> str:
+    return f"{device['name']} ({device['model']})"
 
 
 def _read_gains(path: Path) -> dict[int, tuple[float, exposure.Statistics]]:

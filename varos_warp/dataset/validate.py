@@ -48,13 +48,21 @@ def validate(root, quiet: bool = False) -> Validation:
         InputError: If it is not a dataset at all.
     """
     data, result = Dataset(root), Validation()
-    for check in (_check_remains, _check_times, _check_poses, _check_cameras, _check_imu, _check_depth_gauge,
-                  _check_exposure):
+    for check in (_check_remains, _check_times, _check_poses, _check_cameras, _check_states, _check_imu,
+                  _check_depth_gauge, _check_exposure):
         _guard(result, check, data, result)
     _check_images(data, result, quiet)
     if "D" in data.outputs:
         _guard(result, _check_views, data, result)
     return result
+
+
+def recorded(data: Dataset) -> list[str]:
+    """``vehicle`` and its sensors where they were written; `render` alone writes none of them."""
+    names = ["vehicle", *data.meta["sensors"]]
+    written = data.layout.states.parent.exists() or any(
+        data.layout.sensor(name).parent.exists() for name in names[1:])
+    return names if written else []
 
 
 def _guard(result: Validation, check: Callable, *args) -> None:
@@ -96,7 +104,7 @@ def _check_times(data: Dataset, result: Validation) -> None:
         for output in data.outputs:
             if table[output].tolist() != [data.layout.png(camera, output, frame).name for frame in data.frames]:
                 result.problems.append(f"{path.name}: column {output} does not name the files of its frames")
-        if "imu0" in data.meta["sensors"] and data.imu()["time_ns"][-1] <= time_ns[-1]:
+        if "imu0" in recorded(data) and data.imu()["time_ns"][-1] <= time_ns[-1]:
             result.problems.append(f"{path.name}: the IMU has no sample after the last frame")
 
 
@@ -105,10 +113,8 @@ def _check_times(data: Dataset, result: Validation) -> None:
 
 def _check_poses(data: Dataset, result: Validation) -> None:
     """Euler angles, quaternions and matrices are the same poses, and the matrices are rotations."""
-    for name in ("vehicle", *data.meta["sensors"], *data.cameras):
+    for name in (*recorded(data), *data.cameras):
         paths = [data.layout.poses(name, form) for form in POSE_FORMS]
-        if name == "vehicle" and not any(path.exists() for path in paths):  # `render` alone writes no vehicle
-            continue
         euler, _, quaternion = (np.column_stack(list(files.read_csv(path).values())[1:]) for path in paths)
         T = data.poses(name)[1]
         R = T[:, :3, :3]
@@ -122,7 +128,7 @@ def _check_poses(data: Dataset, result: Validation) -> None:
 
 def _check_cameras(data: Dataset, result: Validation) -> None:
     """Camera poses are the vehicle's poses times the mounting, or stand still in the world."""
-    if not data.layout.states.exists():
+    if not recorded(data):
         return
     vehicle_time, T_w_v = data.poses("vehicle")
     for camera in data.cameras:
@@ -132,6 +138,15 @@ def _check_cameras(data: Dataset, result: Validation) -> None:
         expected = np.array(about["T_w_c"]) if "T_w_c" in about else T_w_v[index] @ np.array(about["T_v_c"])
         limit = 1e-9 + 8 * np.finfo(float).eps * np.abs(T_w_c).max()
         result.measure(f"{camera}: pose against the vehicle's", np.abs(T_w_c - expected).max(), limit, "m")
+
+
+def _check_states(data: Dataset, result: Validation) -> None:
+    """The vehicle's states are at the times and places of its poses."""
+    if not recorded(data):
+        return
+    states, (time_ns, T) = data.states(), data.poses("vehicle")
+    if not (np.array_equal(states["time_ns"], time_ns) and np.array_equal(states["position"], T[:, :3, 3])):
+        result.problems.append(f"{data.layout.states.name}: does not agree with the poses of the vehicle")
 
 
 def _difference2(x: np.ndarray, h: float) -> np.ndarray:
@@ -145,7 +160,7 @@ def _check_imu(data: Dataset, result: Validation) -> None:
     Medians, since exact poses given by hand may have corners. Limits: 1e-3 for the difference's own error (h^4 / 90
     times the sixth derivative), the rounding of positions far from the origin, and four times the noise.
     """
-    if "imu0" not in data.meta["sensors"] or not data.layout.sensor("imu0").exists():
+    if "imu0" not in recorded(data):
         return
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
     force = imu["acceleration"] - (bias["acceleration"] if bias else 0.0)
@@ -171,7 +186,7 @@ def _check_imu(data: Dataset, result: Validation) -> None:
 
 def _check_depth_gauge(data: Dataset, result: Validation) -> None:
     """Readings against the height of the gauge's own poses."""
-    if "depth0" not in data.meta["sensors"] or not data.layout.sensor("depth0").exists():
+    if "depth0" not in recorded(data):
         return
     gauge, (time_ns, T) = data.depth_gauge(), data.poses("depth0")
     if not np.array_equal(time_ns, gauge["time_ns"]):

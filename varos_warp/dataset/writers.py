@@ -213,7 +213,7 @@ CONVENTIONS = {
 
 
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
-             device: dict | None) -> dict:
+             device: dict | None, denoisers: dict[str, str | None]) -> dict:
     """Everything that dataset.json says.
 
     Args:
@@ -224,6 +224,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         outputs: Image types that it has or is to have.
         plan: What the planner chose; None: nothing is rendered yet.
         device: Where it was rendered first; None: nowhere yet.
+        denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
     """
     vehicle, render = scene.vehicle, scene.render
     mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
@@ -236,7 +237,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
         "depth": describe_depth(scene),
-        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": render.denoise, "denoise_b": render.denoise_b},
+        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
         "sensors": {name: describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
         "lights": [describe_light(light) for light in vehicle.lights],
