@@ -52,7 +52,8 @@ class Job:
             files.write_png(self.out / name(index), to_units(z, per_metre))
 
         count = len(self.data)
-        with ThreadPoolExecutor(os.cpu_count()) as pool, Progress(f"depth {camera}", count, quiet=self.quiet) as progress:
+        with (ThreadPoolExecutor(os.cpu_count()) as pool,
+              Progress(f"depth {camera}", count, quiet=self.quiet) as progress):
             for _ in pool.map(encode, range(count)):
                 progress.advance()
 
