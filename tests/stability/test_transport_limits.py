@@ -98,14 +98,17 @@ def test_the_image_does_not_depend_on_where_on_the_map_it_is(offset, with_ground
     np.testing.assert_allclose(there.D.range, here.D.range, rtol=1e-6)
 
 
-def test_single_scattering_far_from_the_origin_is_the_quadrature():
-    """Lamp 1 mm beside the ray, at UTM coordinates: digits lost there would be lost here first."""
+@pytest.mark.parametrize("terrain_at", [None, (4000.0, 3000.0, -50.0)])
+def test_single_scattering_far_from_the_origin_is_the_quadrature(terrain_at):
+    """Lamp 1 mm beside the ray, at UTM coordinates, at the edge of kilometres of terrain: the first to lose digits."""
     lamp, offset = (1e-3, 0.0, 1.0), np.array(MAPS[1])
     scene = one_ray_scene([point(lamp)], water(0.02, 0.06, 0.8)).model_dump()
     scene["trajectory"]["poses"][0]["position"] = tuple(offset)
     scene = Scene(**scene)
-    image = image_of(scene, [part(trimesh.Trimesh(*_plate(5.0)), Diffuse(reflectance=(0, 0, 0)), offset)],
-                     layers=("single",), spp=1024)
+    parts = [part(trimesh.Trimesh(*_plate(5.0)), Diffuse(reflectance=(0, 0, 0)), offset)]
+    if terrain_at is not None:
+        parts.append(ground(100.0, offset=offset + terrain_at))
+    image = image_of(scene, parts, layers=("single",), spp=1024)
     mean = image.radiance.reshape(-1, 3).mean(axis=0, dtype=float)
     stderr = np.sqrt((image.stderr.astype(float) ** 2).sum(axis=(0, 1))) / 256
     assert_agrees((mean, stderr), single_scattering(lamp, 0.02, 0.06, 0.8, 5.0))
