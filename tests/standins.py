@@ -74,6 +74,13 @@ def simulate(scene, *, progress=None):
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[])
 
 
+def path_samples(simulation):
+    """Where the vehicle is every 25 ms, and was meant to be."""
+    trajectory = simulation.trajectory
+    return (trajectory.time_ns[::5], trajectory.position[::5], trajectory.position[::5],
+            np.zeros(len(trajectory.time_ns[::5]), int))
+
+
 class FlatFloorRenderer:
     """Stands in for a FrameRenderer: a floor at z = -3 with a checker pattern and noise keyed as the real one's."""
 
@@ -116,7 +123,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False):
 
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
-    for name, members in {"sim.trajectory": {"simulate": simulate}, "render.plan": {"plan_render": plan_render},
+    for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
+                          "render.plan": {"plan_render": plan_render},
                           "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)
         module.__dict__.update(members)

@@ -203,15 +203,17 @@ def export(dataset: Folder,
 
 
 @verb
-def info(scene: SceneFile, set_: Set = None, json_: Json = False):
+def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
+    from varos_warp.dataset.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.load import load_scene
     from varos_warp.scene.meshes import build_parts
+    from varos_warp.sim.trajectory import path_samples
 
     loaded = load_scene(scene, set_ or ())
     parts = build_parts(loaded)
-    facts, found = scene_info(loaded, parts), check_scene(loaded, parts)
+    facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulated(loaded, quiet)))
     if json_:
         print_json({**facts, "warnings": found})
         return

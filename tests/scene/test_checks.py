@@ -6,7 +6,9 @@ import pytest
 from varos_warp.scene.checks import camera_info, check_scene, looks_like_transmission, scene_info, vehicle_radius
 from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict
 from varos_warp.scene.meshes import build_parts
+from varos_warp.scene.query import surface_distance
 from varos_warp.scene.terrain import write_ply
+from varos_warp.sim.vehicle import sphere
 
 TABLE_1 = {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345], "absorption_color": [0.0, 0.394, 1.0],
                           "anisotropy": 0.8}}
@@ -66,12 +68,72 @@ def test_waypoints_under_the_terrain_or_too_near_to_it_are_noticed_by_number():
     assert any("vehicle.cameras.0 (M0): is under the terrain at waypoint 1" in t for t in texts)
 
 
-def test_simulated_positions_are_checked_too():
-    s = scene(terrain=FLAT)
+def straight(start, end, *, seconds=10.0, waypoint=1, reference_z=0.0):
+    """Time, position, reference and waypoint of a vehicle that goes straight, at 5 cm steps or less."""
+    count = int(np.ceil(np.linalg.norm(np.subtract(end, start)) / 0.05)) + 1
+    position = np.linspace(start, end, count)
+    return (np.linspace(0, seconds * 1e9, count).astype(np.int64), position, position + [0, 0, reference_z],
+            np.full(count, waypoint))
+
+
+BOULDER = {"kind": "boulder", "diameter": 1.0, "position": [0, 5, 0]}
+
+
+def path_warnings(path, **blocks):
+    s = scene(waypoints=[path[1][0], path[1][-1]], **blocks)
     parts = build_parts(s)
-    assert check_scene(s, parts, np.array([[0, 0, 1.0], [1, 1, 0.3]])) == []
-    (text,) = check_scene(s, parts, np.array([[0, 0, 1.0], [1, 1, 0.05]]))
-    assert "position 1 is nearer to terrain" in text
+    assert check_scene(s, parts) == []  # the waypoints themselves are clear
+    return check_scene(s, parts, path)
+
+
+def test_a_way_through_a_boulder_between_two_clear_waypoints_is_noticed_with_waypoint_and_time():
+    (text,) = path_warnings(straight((0, 0, 0), (0, 10, 0)), objects=[BOULDER])
+    assert "on the way to waypoint 1" in text
+    assert "through objects.0" in text
+    assert 4.0 < float(text.split(" s,")[0].split("at ")[1]) < 6.0
+
+
+def test_a_way_close_by_is_noticed_with_its_distance_and_one_further_off_is_not():
+    rock = build_parts(scene(objects=[BOULDER]))[0].vertices
+    x = rock[:, 0].max() + 0.1
+    beside = straight((x, 0, rock[rock[:, 0].argmax(), 2]), (x, 10, rock[rock[:, 0].argmax(), 2]))
+    (text,) = path_warnings(beside, objects=[BOULDER])
+    assert "nearer to objects.0 than its radius of 0.21 m" in text
+    s = scene(objects=[BOULDER])
+    (part,) = build_parts(s)
+    assert f"({surface_distance(part.vertices, part.faces, beside[1]).min():.2f} m)" in text
+    assert path_warnings(straight((1.0, 0, 0), (1.0, 10, 0)), objects=[BOULDER]) == []
+
+
+def test_a_reference_that_touches_is_noticed_where_the_vehicle_happens_to_miss():
+    path = straight((0, 0, 2.0), (0, 10, 2.0), reference_z=-2.0)
+    (text,) = path_warnings(path, objects=[BOULDER])
+    assert "the course leads" in text
+    assert "through objects.0" in text
+
+
+def test_a_way_that_dives_under_the_terrain_is_noticed():
+    time_ns, position, _, waypoint = straight((0, -8, 0.4), (0, 8, 0.4))
+    position[:, 2] -= 0.8 * np.exp(-position[:, 1]**2)
+    (text,) = path_warnings((time_ns, position, position, waypoint), terrain=FLAT)
+    assert "through terrain" in text
+
+
+def test_a_waypoint_under_the_terrain_is_not_told_again_as_a_place_on_the_way():
+    s = scene(terrain=FLAT, waypoints=[(0, 0, 1), (0, 4, 0.05)])
+    texts = check_scene(s, build_parts(s), straight((0, 0, 1), (0, 4, 0.05)))
+    assert len(texts) == 1
+    assert "waypoint 1 is nearer to terrain" in texts[0]
+
+
+def test_a_camera_keeps_the_attitude_of_the_waypoint_before():
+    """Half a metre ahead of the vehicle, which looks away from the rock at both waypoints."""
+    s = scene_from_dict({
+        "trajectory": {"waypoints": [{"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 180]},
+                                     {"position": [0, 0.1, 0]}]},
+        "vehicle": {"lights": [LAMP], "cameras": [{"position": [0, 0.5, 0]}]}, "surface_depth_m": 80.0,
+        "objects": [{"kind": "boulder", "diameter": 0.5, "position": [0, 0.7, 0]}]})
+    assert check_scene(s, build_parts(s)) == []
 
 
 def test_a_camera_inside_an_object_is_noticed():
@@ -159,6 +221,8 @@ def test_info_lists_meshes_and_is_json():
     assert info["trajectory"] == {"kind": "waypoints", "count": 1}
 
 
-def test_the_vehicle_displaces_its_mass():
-    s = scene()
-    assert 1025.0 * 4.0 / 3.0 * np.pi * vehicle_radius(s) ** 3 == pytest.approx(40.0)
+@pytest.mark.parametrize("buoyancy", [0.0, 98.1, -98.1])
+def test_the_vehicle_displaces_its_mass_and_its_buoyancy(buoyancy):
+    s = scene(vehicle={"net_buoyancy": buoyancy})
+    assert 1025.0 * 4.0 / 3.0 * np.pi * vehicle_radius(s) ** 3 == pytest.approx(40.0 + buoyancy / 9.81)
+    assert vehicle_radius(s) == sphere(s.vehicle, s.gravity).radius

@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 import trimesh
 
 from varos_warp.scene.procedural import generate_terrain
-from varos_warp.scene.query import heights_at, is_inside, surface_distance, surface_height
+from varos_warp.scene.query import clearance, heights_at, is_inside, surface_distance
 
 BALL = trimesh.creation.icosphere(subdivisions=3)
 FAR = np.array([569_000.0, 7_035_000.0, -50.0])
@@ -50,8 +51,19 @@ def test_under_an_open_terrain_is_inside_and_under_an_overhang_is_not():
     assert is_inside(vertices, faces, points).tolist() == [True, False, True, False, True, False]
 
 
-def test_heights_lie_on_the_plane_and_are_nan_beside_it():
+@pytest.mark.parametrize("reach", [0.1, 0.5, 3.0])
+def test_clearance_is_the_distance_within_reach_and_infinite_beyond(reach):
+    vertices, faces = generate_terrain(20, 41, 2.0, seed=4)
+    big = np.array([[-30.0, -30, -3], [30, -30, -3], [0, 40, -3]])
+    vertices, faces = np.vstack([vertices, big]), np.vstack([faces, [[len(vertices) + i for i in range(3)]]])
+    points = np.random.default_rng(0).uniform([-14, -14, -5], [14, 14, 5], (500, 3))
+    exact = surface_distance(vertices, faces, points)
+    np.testing.assert_allclose(clearance(vertices, faces, points, reach), np.where(exact < reach, exact, np.inf),
+                               rtol=1e-12)
+    assert np.isinf(clearance(vertices, faces, points + [0, 0, 50], reach)).all()
+
+
+def test_heights_lie_on_the_plane_and_there_are_none_beside_it():
     vertices = np.array([[0, 0, 0], [2, 0, 2], [0, 2, 4]], float)
-    z = surface_height(vertices, np.array([[0, 1, 2]]), np.array([[0.5, 0.5], [3.0, 3.0]]))
-    assert z[0] == 0.5 + 1.0
-    assert np.isnan(z[1])
+    z = heights_at(vertices, np.array([[0, 1, 2]]), np.array([[0.5, 0.5], [3.0, 3.0]]))
+    assert [heights.tolist() for heights in z] == [[0.5 + 1.0], []]

@@ -6,7 +6,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene import terrain
 from varos_warp.scene.meshes import load_mesh
 from varos_warp.scene.procedural import add_detail, fractal_field, generate_terrain, grid_mesh
-from varos_warp.scene.query import surface_height
+from varos_warp.scene.query import heights_at
 
 
 def tile(offset, n=11):
@@ -48,7 +48,7 @@ def test_rasterised_heights_are_those_of_the_surface():
     axis = np.linspace(-9.9, 9.9, 57)
     z = terrain.rasterise(vertices, faces, axis, axis, chunk=5000)
     x, y = np.meshgrid(axis, axis)
-    expected = surface_height(vertices, faces, np.column_stack([x.ravel(), y.ravel()]))
+    expected = [heights[-1] for heights in heights_at(vertices, faces, np.column_stack([x.ravel(), y.ravel()]))]
     np.testing.assert_allclose(z.ravel(), expected, atol=1e-9)
 
 

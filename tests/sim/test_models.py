@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from regulators import care_gain, ideal_gain
 from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
@@ -13,11 +14,11 @@ from varos_warp.scene.description import Scene
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import limit
 from varos_warp.sim.clock import frame_count, ticks_per_sample
-from varos_warp.sim.control import care_gain, dare_gain, design, ideal_gain, plant, sampled
+from varos_warp.sim.control import dare_gain, design, plant, sampled
 from varos_warp.sim.current import Current, SampledCurrent
 from varos_warp.sim.noise import noise
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import PRESETS, Sphere, preset, sphere
+from varos_warp.sim.vehicle import PRESETS, Sphere, preset, sphere, terminal_rate
 
 # ------------------------------------------------------------------------------------------------------------ vehicle
 
@@ -31,7 +32,8 @@ def test_the_presets_are_the_published_vehicles(mass, radius, inertia, speed, ra
     assert body.virtual_mass == pytest.approx(1.5 * mass)
     assert body.carried == pytest.approx(1.0)
     assert body.max_speed == pytest.approx(speed, abs=5e-3)
-    assert np.degrees(body.max_angular_speed) == pytest.approx(rate, abs=0.5)
+    turning = terminal_rate(body.linear_rotational_drag, body.quadratic_rotational_drag, body.max_torque)
+    assert np.degrees(turning) == pytest.approx(rate, abs=0.5)
 
 
 @pytest.mark.parametrize("name", [name for name in PRESETS if name != "mass_kg"])

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from regulators import care_gain
 
 from varos_warp.errors import InputError
 from varos_warp.scene import description
 from varos_warp.scene.description import Scene
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import propagator
-from varos_warp.sim.control import Regulator, care_gain, dare_gain, design, is_slow, plant, sampled
+from varos_warp.sim.control import Regulator, dare_gain, design, is_slow, plant, sampled
 from varos_warp.sim.current import Current
 from varos_warp.sim.dynamics import ZERO, Dynamics, State, substeps
 from varos_warp.sim.guidance import Reference

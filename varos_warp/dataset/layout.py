@@ -167,6 +167,12 @@ class Dataset:
         """Ids of the cameras."""
         return self.layout.cameras
 
+    @property
+    def recorded(self) -> list[str]:
+        """``vehicle`` and the sensors on it where they were written; `varos-warp render` writes none of them."""
+        folders = [self.layout.states.parent, *(self.layout.sensor(name).parent for name in self.meta["sensors"])]
+        return ["vehicle", *self.meta["sensors"]] if any(map(Path.exists, folders)) else []
+
     def _camera(self, camera: str | None) -> str:
         if camera is not None and camera not in self.cameras:
             raise InputError("no such camera", key="camera", value=camera,

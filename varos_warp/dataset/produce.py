@@ -315,9 +315,10 @@ class _Job:
         from varos_warp.render.frame import FrameRenderer
         from varos_warp.scene.checks import check_scene
         from varos_warp.scene.meshes import build_parts
+        from varos_warp.sim.trajectory import path_samples
 
         parts = build_parts(self.scene)
-        for warning in check_scene(self.scene, parts):
+        for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
             self.say(warning)
         return FrameRenderer(self.scene, device, parts)
 

@@ -46,6 +46,16 @@ class Depth(Entry):
     scale_m: float
 
 
+class Water(Entry):
+    """Optical properties by channel [1/m]."""
+
+    source: str
+    sigma_a: Vec3
+    sigma_s: Vec3
+    albedo: Vec3
+    g: float
+
+
 class Samples(Entry):
     """How A and B were rendered; null: they were not yet."""
 
@@ -89,7 +99,7 @@ class Metadata(Entry):
     cameras: Annotated[list[Camera], Field(min_length=1)]
     sensors: dict[Literal["imu0", "depth0"], Sensor]
     lights: list[dict]
-    water: dict
+    water: Water
     gravity: Vec3
     surface_depth_m: float
     sources: dict[str, str | None]

@@ -57,14 +57,6 @@ def validate(root, quiet: bool = False) -> Validation:
     return result
 
 
-def recorded(data: Dataset) -> list[str]:
-    """``vehicle`` and its sensors where they were written; `render` alone writes none of them."""
-    names = ["vehicle", *data.meta["sensors"]]
-    written = data.layout.states.parent.exists() or any(
-        data.layout.sensor(name).parent.exists() for name in names[1:])
-    return names if written else []
-
-
 def _guard(result: Validation, check: Callable, *args) -> None:
     """A damaged file is one problem, and the other checks go on."""
     try:
@@ -104,7 +96,7 @@ def _check_times(data: Dataset, result: Validation) -> None:
         for output in data.outputs:
             if table[output].tolist() != [data.layout.png(camera, output, frame).name for frame in data.frames]:
                 result.problems.append(f"{path.name}: column {output} does not name the files of its frames")
-        if "imu0" in recorded(data) and data.imu()["time_ns"][-1] <= time_ns[-1]:
+        if "imu0" in data.recorded and data.imu()["time_ns"][-1] <= time_ns[-1]:
             result.problems.append(f"{path.name}: the IMU has no sample after the last frame")
 
 
@@ -113,7 +105,7 @@ def _check_times(data: Dataset, result: Validation) -> None:
 
 def _check_poses(data: Dataset, result: Validation) -> None:
     """Euler angles, quaternions and matrices are the same poses, and the matrices are rotations."""
-    for name in (*recorded(data), *data.cameras):
+    for name in (*data.recorded, *data.cameras):
         paths = [data.layout.poses(name, form) for form in POSE_FORMS]
         euler, _, quaternion = (np.column_stack(list(files.read_csv(path).values())[1:]) for path in paths)
         T = data.poses(name)[1]
@@ -128,7 +120,7 @@ def _check_poses(data: Dataset, result: Validation) -> None:
 
 def _check_cameras(data: Dataset, result: Validation) -> None:
     """Camera poses are the vehicle's poses times the mounting, or stand still in the world."""
-    if not recorded(data):
+    if not data.recorded:
         return
     vehicle_time, T_w_v = data.poses("vehicle")
     for camera in data.cameras:
@@ -142,7 +134,7 @@ def _check_cameras(data: Dataset, result: Validation) -> None:
 
 def _check_states(data: Dataset, result: Validation) -> None:
     """The vehicle's states are at the times and places of its poses."""
-    if not recorded(data):
+    if not data.recorded:
         return
     states, (time_ns, T) = data.states(), data.poses("vehicle")
     if not (np.array_equal(states["time_ns"], time_ns) and np.array_equal(states["position"], T[:, :3, 3])):
@@ -160,7 +152,7 @@ def _check_imu(data: Dataset, result: Validation) -> None:
     Medians, since exact poses given by hand may have corners. Limits: 1e-3 for the difference's own error (h^4 / 90
     times the sixth derivative), the rounding of positions far from the origin, and four times the noise.
     """
-    if "imu0" not in recorded(data):
+    if "imu0" not in data.recorded:
         return
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
     force = imu["acceleration"] - (bias["acceleration"] if bias else 0.0)
@@ -186,7 +178,7 @@ def _check_imu(data: Dataset, result: Validation) -> None:
 
 def _check_depth_gauge(data: Dataset, result: Validation) -> None:
     """Readings against the height of the gauge's own poses."""
-    if "depth0" not in recorded(data):
+    if "depth0" not in data.recorded:
         return
     gauge, (time_ns, T) = data.depth_gauge(), data.poses("depth0")
     if not np.array_equal(time_ns, gauge["time_ns"]):

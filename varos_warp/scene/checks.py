@@ -4,29 +4,33 @@ import numpy as np
 import trimesh
 
 from varos_warp.scene.description import Scene, SpotLight
-from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix
+from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry import Part
-from varos_warp.scene.query import is_inside, surface_distance
+from varos_warp.scene.hull import displaced_volume, sphere_radius
+from varos_warp.scene.query import clearance, is_inside
 from varos_warp.scene.water import optical_properties
 
-WATER_DENSITY = 1025.0
-"""[kg/m^3]; gives the radius of the neutrally buoyant sphere."""
-CHANNELS = ("red", "green", "blue")
+NEAREST = 16
+"""Places on a path that are asked whether they are inside of what they are near to."""
 
 
-def check_scene(scene: Scene, parts: list[Part], positions: np.ndarray | None = None) -> list[str]:
+def check_scene(scene: Scene, parts: list[Part], path: tuple | None = None) -> list[str]:
     """Warnings, one sentence each, of things that look wrong.
 
     Args:
         scene: The scene.
         parts: Its geometry, from ``build_parts``.
-        positions: Where the vehicle is simulated to go, float64 [N, 3]; absent: its waypoints or poses.
+        path: Where the vehicle is simulated to go, at steps of 5 cm or less, as ``path_samples`` gives it: time int64
+            [N] [ns], position [N, 3] [m], the reference that it was asked to follow [N, 3] [m], and the waypoint that
+            it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
-    poses = [pose_matrix(pose) for pose in scene.trajectory.waypoints or scene.trajectory.poses]
-    stops = np.array([T[:3, 3] for T in poses])
-    path = stops if positions is None else np.atleast_2d(positions)
+    stops = scene.trajectory.waypoints or scene.trajectory.poses
+    poses = [transform(turned.as_matrix(), stop.position)
+             for stop, turned in zip(stops, attitudes(stops), strict=True)]
+    at_stops, told = _check_stops(scene, parts, np.array([stop.position for stop in stops]))
+    on_the_way = [] if path is None else _check_path(scene, parts, path, told)
     return [*_check_water(scene), *_check_sizes(parts), *_check_cameras(scene), *_check_lights(scene, poses),
-            *_check_inside(scene, parts, poses), *_check_clearance(scene, parts, path, positions is None)]
+            *_check_inside(scene, parts, poses), *at_stops, *on_the_way]
 
 
 def scene_info(scene: Scene, parts: list[Part]) -> dict:
@@ -73,8 +77,8 @@ def camera_info(camera) -> dict:
 
 
 def vehicle_radius(scene: Scene) -> float:
-    """Radius [m] of the sphere of the vehicle's mass that floats neutrally in sea water."""
-    return float((3.0 * scene.vehicle.mass_kg / WATER_DENSITY / (4.0 * np.pi)) ** (1.0 / 3.0))
+    """Radius [m] of the vehicle's hull."""
+    return sphere_radius(displaced_volume(scene.vehicle.mass_kg, scene.vehicle.net_buoyancy, scene.gravity))
 
 
 # -------------------------------------------------------------------------------------------------------------- checks
@@ -173,31 +177,59 @@ def _check_inside(scene, parts, poses):
     return warnings
 
 
-def _check_clearance(scene, parts, points, are_stops):
-    """Places of the vehicle under the terrain, or nearer to anything than its radius."""
-    warnings, radius = [], vehicle_radius(scene)
-    name = _stop(scene) if are_stops else "position"
+def _check_stops(scene, parts, stops):
+    """Waypoints or poses under the terrain, or nearer to anything than the vehicle's radius, and where they are."""
+    warnings, radius, touching = [], vehicle_radius(scene), np.zeros(len(stops), bool)
     for part in parts:
-        # Far from the part's bounding box there is nothing to compute.
-        low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
-        over = ((points[:, :2] >= low[:2] - radius) & (points[:, :2] <= high[:2] + radius)).all(axis=1)
-        near = np.flatnonzero(over & (points[:, 2] <= high[2] + radius))
-        if len(near) == 0:
-            continue
-        under = np.zeros(len(points), bool)
+        under = np.zeros(len(stops), bool)
         if part.name == "terrain" or _is_closed(part):
-            under[near] = is_inside(part.vertices, part.faces, points[near])
-        distance = np.full(len(points), np.inf)
-        distance[near] = surface_distance(part.vertices, part.faces, points[near])
+            under = is_inside(part.vertices, part.faces, stops)
+        distance = clearance(part.vertices, part.faces, stops, radius)
         what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
         if under.any():
-            warnings.append(f"trajectory: {name} {_numbers(np.flatnonzero(under))} is {what}")
-        close = (distance < radius) & ~under
+            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {what}")
+        close = np.isfinite(distance) & ~under
         if close.any():
-            worst = int(np.argmin(np.where(close, distance, np.inf)))
-            warnings.append(f"trajectory: {name} {_numbers(np.flatnonzero(close))} is nearer to {part.name} than the "
-                            f"vehicle's radius of {radius:.2f} m ({distance[worst]:.2f} m)")
+            nearest = distance[close].min()
+            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(close))} is nearer to {part.name} "
+                            f"than the vehicle's radius of {radius:.2f} m ({nearest:.2f} m)")
+        touching |= under | close
+    return warnings, stops[touching]
+
+
+def _check_path(scene, parts, path, told):
+    """Where the vehicle goes, or was asked to go, through anything or nearer to it than its radius.
+
+    One warning per part, of the nearest place. A path that gets inside comes near the surface on its way, so only the
+    nearest places are asked whether they are inside. What goes on next to a stop in ``told`` [n, 3] is known already.
+    """
+    time_ns, position, reference, waypoint = path
+    radius, warnings = vehicle_radius(scene), []
+    for part in parts:
+        for points, what in ((position, "the vehicle goes"), (reference, "the course leads")):
+            distance = clearance(part.vertices, part.faces, points, radius)
+            distance[_runs_past(np.isfinite(distance), points, told, 2.0 * radius)] = np.inf
+            if not np.isfinite(distance).any():
+                continue
+            order = np.argsort(distance, kind="stable")[:np.count_nonzero(np.isfinite(distance))]
+            worst, nearest = order[0], order[:NEAREST]
+            solid = part.name == "terrain" or _is_closed(part)
+            through = solid and np.ptp(is_inside(part.vertices, part.faces, points[nearest]).astype(int)) > 0
+            how = f"through {part.name}" if through else (
+                f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
+            warnings.append(f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
+                            f"{time_ns[worst] * 1e-9:.2f} s, {what} {how}")
+            break
     return warnings
+
+
+def _runs_past(near, points, stops, reach):
+    """Which places [N] belong to an unbroken run of ``near`` ones that comes within ``reach`` of a stop."""
+    run = np.cumsum(np.diff(near, prepend=False))
+    at_stop = np.zeros(len(points), bool)
+    for stop in stops:
+        at_stop |= near & (np.linalg.norm(points - stop, axis=1) < reach)
+    return near & np.isin(run, run[at_stop])
 
 
 def _is_closed(part):

@@ -46,11 +46,6 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     return scene.model_dump(mode="json")
 
 
-def dump_scene(scene: Scene) -> str:
-    """The whole scene, every default filled in, as the text of a scene file."""
-    return yaml.safe_dump(scene_to_dict(scene), sort_keys=False, allow_unicode=True, width=120)
-
-
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the scene file."""
     return Scene.model_json_schema()

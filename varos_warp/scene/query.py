@@ -21,11 +21,6 @@ def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[
     return crossings
 
 
-def surface_height(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Height [N] of the highest surface at points ``xy`` [N, 2] [m]; NaN beside the mesh."""
-    return np.array([z[-1] if len(z) else np.nan for z in heights_at(vertices, faces, xy)])
-
-
 def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Whether points [N, 3] lie inside a closed mesh or under an open terrain, bool [N]: parity of what is overhead."""
     points = np.atleast_2d(points)
@@ -52,6 +47,30 @@ def surface_distance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray
         for chunk in np.array_split(np.arange(len(points)), max(1, len(points) // 256)):
             best[chunk] = _nearer(tree, triangles, members, radius[members].max(), points[chunk], best[chunk])
     return best
+
+
+def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+    """Distance [N] from points [N, 3] to the mesh where it is below ``reach`` [m]; infinite elsewhere.
+
+    Only the part of the mesh around the points, and the points around that part, are looked at.
+    """
+    points = np.atleast_2d(np.asarray(points, float))
+    triangles = np.asarray(vertices, float)[faces]
+    around = _boxes_meet(triangles.min(axis=1), triangles.max(axis=1), points, reach)
+    result = np.full(len(points), np.inf)
+    if around.any():
+        kept = faces[around]
+        corners = np.asarray(vertices, float)[np.unique(kept)]
+        # a triangle within reach has a corner within reach and its longest edge
+        edges = np.linalg.norm(triangles[around] - np.roll(triangles[around], 1, axis=1), axis=2)
+        near = np.isfinite(cKDTree(corners).query(points, distance_upper_bound=reach + edges.max())[0])
+        result[near] = surface_distance(vertices, kept, points[near]) if near.any() else np.inf
+    return np.where(result < reach, result, np.inf)
+
+
+def _boxes_meet(low: np.ndarray, high: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
+    """Whether boxes [N, 3] meet the box around points, which has a margin, bool [N]."""
+    return ((low <= points.max(axis=0) + margin) & (high >= points.min(axis=0) - margin)).all(axis=1)
 
 
 def _nearer(tree, triangles, members, radius, points, best):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import ceil, log2, sqrt
 
 import numpy as np
-from scipy.linalg import LinAlgError, expm, solve_continuous_are, solve_discrete_are
+from scipy.linalg import LinAlgError, expm, solve_discrete_are
 
 from varos_warp.errors import InputError
 from varos_warp.scene import description
@@ -66,18 +66,6 @@ def dare_gain(A, B, Q, R, h: float) -> tuple[np.ndarray, np.ndarray]:
     Ad, Bd, Qd, Rd, Nd = sampled(A, B, Q, R, h)
     P = solve_discrete_are(Ad, Bd, Qd, Rd, s=Nd)
     return np.linalg.solve(Rd + Bd.T @ P @ Bd, Bd.T @ P @ Ad + Nd.T), P
-
-
-def care_gain(A, B, Q, R) -> tuple[np.ndarray, np.ndarray]:
-    """The same for continuous time; what `dare_gain` tends to for short steps."""
-    P = solve_continuous_are(A, B, Q, R)
-    return np.linalg.solve(R, B.T @ P), P
-
-
-def ideal_gain(c: float, q: tuple[float, float], r: float) -> tuple[float, float]:
-    """Closed form (k1, k2) for a double integrator with drag ``c`` and an actuator without delay."""
-    k1 = sqrt(q[0] / r)
-    return k1, -c + sqrt(c**2 + q[1] / r + 2.0 * k1)
 
 
 def design(c: float, frequency: float, damping: float, q: tuple[float, float], r: float, *, integral: float = 0.0,

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import exp, inf, log, pi, sqrt
 
-from varos_warp.errors import InputError
 from varos_warp.scene import description
+from varos_warp.scene.hull import WATER_DENSITY, displaced_volume, sphere_radius
 from varos_warp.sim import quaternion
 from varos_warp.sim.quaternion import Quaternion, Vector
-
-WATER_DENSITY = 1025.0
-"""Sea water [kg/m^3]."""
 
 PRESETS = {
     "mass_kg": (12.0, 40.0, 100.0),
@@ -61,12 +58,12 @@ class Sphere:
     @cached_property
     def volume(self) -> float:
         """Displaced volume [m^3]; a neutral vehicle displaces its own mass."""
-        return (self.mass_kg + self.net_buoyancy / self.gravity) / WATER_DENSITY
+        return displaced_volume(self.mass_kg, self.net_buoyancy, self.gravity)
 
     @cached_property
     def radius(self) -> float:
         """Of the sphere of that volume [m]."""
-        return (3.0 * self.volume / (4.0 * pi)) ** (1.0 / 3.0)
+        return sphere_radius(self.volume)
 
     @cached_property
     def virtual_mass(self) -> float:
@@ -127,11 +124,6 @@ class Sphere:
         """Terminal speed at full thrust [m/s]."""
         return terminal_rate(self.linear_drag, self.quadratic_drag, self.max_force)
 
-    @property
-    def max_angular_speed(self) -> float:
-        """Terminal rate at full moment [rad/s]."""
-        return terminal_rate(self.linear_rotational_drag, self.quadratic_rotational_drag, self.max_torque)
-
     def stiffness(self, current_speed: float = 0.0) -> float:
         """Fastest decay rate lambda [1/s] of the motion by drag, at the largest speeds that can occur."""
         peak = peak_gain(self.actuator_damping)
@@ -170,10 +162,7 @@ def sphere(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:
     Raises:
         InputError: The vehicle weighs more under water than in air.
     """
-    if vehicle.net_buoyancy <= -vehicle.mass_kg * gravity:
-        raise InputError("would leave the vehicle without volume", key="vehicle.net_buoyancy",
-                         value=vehicle.net_buoyancy,
-                         remedy=f"It must be above -mass_kg * gravity = {-vehicle.mass_kg * gravity:g} N")
+    displaced_volume(vehicle.mass_kg, vehicle.net_buoyancy, gravity)  # refuses what has none
     values = {}
     for name in Sphere.__dataclass_fields__:
         value = gravity if name == "gravity" else getattr(vehicle, name)
