@@ -9,6 +9,7 @@ import time
 
 import pytest
 import standins
+import typer
 import yaml
 from typer.testing import CliRunner
 
@@ -102,6 +103,50 @@ def test_plan_prints_what_the_planner_says(scene_file):
     result = call("plan", scene_file, "--device", "cpu", "--json", "-q")
     assert json.loads(result.stdout) == {"spp": 8, "max_scatterings": None, "reasons": ["a test"]}
     assert "  - a test" in call("plan", scene_file, "--device", "cpu", "-q").output
+
+
+COMMON = "--device --frames --outputs --tolerance --spp --max-scatterings --layers --max-bounces --seed --denoise --set"
+JOB = COMMON + " --linear-exr --shard --json --quiet"
+
+
+@pytest.mark.parametrize(("verb", "options"), [
+    ("run", JOB), ("render", JOB), ("demo", JOB), ("plan", COMMON + " --json --quiet"),
+    ("simulate", "--seed --set --json --quiet"), ("info", "--set --json --quiet"), ("validate", "--json --quiet"),
+    ("report", "--json --quiet")])
+def test_every_verb_has_the_options_of_the_contract_that_mean_something_to_it(verb, options):
+    command = typer.main.get_command(cli.app).commands[verb]
+    assert set(options.split()) <= {name for parameter in command.params for name in parameter.opts}
+
+
+def test_plan_looks_at_the_frames_asked_for(scene_file, monkeypatch):
+    planned = []
+
+    def plan_render(scene, renderer, poses, *, measure_cost=False):
+        planned.append((len(poses), scene.render.denoise))
+        return standins.plan_render(scene, renderer, poses)
+
+    monkeypatch.setattr(sys.modules["varos_warp.render.plan"], "plan_render", plan_render)
+    call("plan", scene_file, "--device", "cpu", "-q", "--frames", "2:5", "--denoise", "none")
+    call("plan", scene_file, "--device", "cpu", "-q")
+    assert planned == [(3, "none"), (10, "nlm")]
+    assert "names no frame" in refused("plan", scene_file, "--device", "cpu", "-q", "--frames", "50:")
+
+
+def test_a_report_tells_where_it_is_as_json_or_not_at_all(scene_file, tmp_path):
+    call("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--outputs", "C", "--frames", "0:1")
+    page = str(tmp_path / "out" / "report.html")
+    assert json.loads(call("report", tmp_path / "out", "--json").stdout) == {"report": page}
+    assert call("report", tmp_path / "out", "-q").stdout == ""
+
+
+def test_a_demo_in_shards_writes_its_report_when_it_is_whole(tmp_path):
+    out = tmp_path / "demo"
+    arguments = ("demo", "-o", out, "--device", "cpu", "-q", "--outputs", "C", "--tolerance", 0.5)
+    assert call(*arguments, "--shard", "0/2").exit_code == 0
+    assert not (out / "report.html").exists()
+    assert call(*arguments, "--shard", "1/2").exit_code == 0
+    assert (out / "report.html").exists()
+    assert Dataset(out).meta["scene"]["render"]["tolerance"] == 0.5
 
 
 def test_report_writes_one_page(scene_file, tmp_path):

@@ -60,27 +60,24 @@ def verb(function):
 # -------------------------------------------------------------------------------------------------------- the main job
 
 
-@verb
-def run(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
-        tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
-        max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
-        linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
-        quiet: Quiet = False):
-    """Simulate, render and write the dataset; goes on where an earlier run stopped."""
-    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
-    make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard))
+def _job(name: str, text: str, **kind):
+    """`run` and `render` differ in what they write, not in what they take."""
+    def command(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
+                tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
+                max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
+                linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
+                quiet: Quiet = False):
+        changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise,
+                            linear_exr)
+        make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
+             **kind)
+
+    command.__name__, command.__doc__ = name, text
+    return verb(command)
 
 
-@verb
-def render(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
-           tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
-           max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
-           linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
-           quiet: Quiet = False):
-    """Render the frames only, without IMU, depth gauge and vehicle poses."""
-    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
-    make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
-         sensors=False)
+run = _job("run", "Simulate, render and write the dataset; goes on where an earlier run stopped.")
+render = _job("render", "Render the frames only, without IMU, depth gauge and vehicle poses.", sensors=False)
 
 
 @verb
@@ -92,51 +89,59 @@ def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, js
 
 @verb
 def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
-         spp: Spp = None, seed: Seed = None, denoise: Denoise = None, set_: Set = None, json_: Json = False,
+         tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
+         max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
+         linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
          quiet: Quiet = False):
     """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
     from varos_warp.dataset.layout import Dataset
     from varos_warp.dataset.report import write_report
     from varos_warp.scene.load import demo_scene_path
 
-    changed = overrides(set_, outputs, spp=spp, seed=seed, denoise=denoise)
-    make(demo_scene_path(), out, changed, json_, quiet, device=device, frames=parse_frames(frames))
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
+    whole = make(demo_scene_path(), out, changed, json_, quiet, device=device, frames=parse_frames(frames),
+                 shard=parse_shard(shard))
+    if not whole:
+        return
     page = write_report(Dataset(out), out / "report.html")
     if not json_:
         print(f"look at {out / 'contact_sheet.png'} and {page}")
 
 
-def make(path: Path, out: Path, changed: list[str], json_: bool, quiet: bool, **options) -> None:
-    """Produce a dataset and print what was done."""
+def make(path: Path, out: Path, changed: list[str], json_: bool, quiet: bool, **options) -> bool:
+    """Produce a dataset and print what was done; returns whether all that was asked for is there."""
     from varos_warp.dataset.produce import produce
     from varos_warp.scene.load import load_scene
 
     summary = produce(load_scene(path, changed), out, quiet=quiet, **options)
     if json_:
         print_json(asdict(summary))
-        return
+        return summary.complete
     images = f"{summary.rendered} images rendered, {summary.kept} kept" if options.get("images", True) else "no images"
     where = f" on {summary.device}" if summary.device else ""
     state = "" if summary.complete else "; not complete yet"
     print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
+    return summary.complete
 
 
 @verb
-def plan(scene: SceneFile, device: Device = "auto", tolerance: Tolerance = None, spp: Spp = None,
-         max_scatterings: MaxScatterings = None, max_bounces: MaxBounces = None, layers: Layers = None,
-         outputs: Outputs = None, seed: Seed = None, set_: Set = None, json_: Json = False, quiet: Quiet = False):
+def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
+         tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
+         max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
+         set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Say which models each output needs, why, and what it will cost."""
-    from varos_warp.dataset.produce import simulated
+    from varos_warp.dataset.produce import select, simulated
     from varos_warp.render.frame import FrameRenderer
     from varos_warp.render.plan import plan_render
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.load import load_scene
 
     device = resolve_device(device)
-    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed)
-    loaded = load_scene(scene, changed)
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise)
+    loaded, chosen = load_scene(scene, changed), parse_frames(frames)
     simulation = simulated(loaded, quiet)
-    poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
+    ticks = simulation.frame_ticks
+    poses = [simulation.trajectory.T_w_v(ticks[frame]) for frame in select(chosen, len(ticks))]
     result = plan_render(loaded, FrameRenderer(loaded, device), poses, measure_cost=True).to_dict()
     if json_:
         print_json(result)
@@ -173,12 +178,17 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
 
 @verb
 def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
-        "-o", "--out", help="HTML file; report.html in the dataset by default.")] = None):
+        "-o", "--out", help="HTML file; report.html in the dataset by default.")] = None,
+        json_: Json = False, quiet: Quiet = False):
     """Write one self-contained HTML page: frames, sensors, trajectory, plan, timings."""
     from varos_warp.dataset.layout import Dataset
     from varos_warp.dataset.report import write_report
 
-    print(write_report(Dataset(dataset), out or dataset / "report.html"))
+    page = write_report(Dataset(dataset), out or dataset / "report.html")
+    if json_:
+        print_json({"report": str(page)})
+    elif not quiet:
+        print(page)
 
 
 @verb
