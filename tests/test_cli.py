@@ -318,7 +318,8 @@ def test_an_interrupted_run_ends_with_status_130_and_whole_files_only(scene_file
     """A process of its own, whose frames take a while, gets the signal in the middle."""
     program = tmp_path / "program.py"
     program.write_text(
-        "import sys, time, pytest, standins\n"
+        "import signal, sys, time, pytest, standins\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs inherit an ignored SIGINT\n"
         "standins.install(pytest.MonkeyPatch())\n"
         "render = standins.FlatFloorRenderer.render\n"
         "standins.FlatFloorRenderer.render = lambda *a, **k: (time.sleep(0.5), render(*a, **k))[1]\n"
