@@ -127,7 +127,7 @@ def test_depth_of_a_wrong_scale_is_found_between_views(copy):
     (copy / "dataset.json").write_text(json.dumps(meta))
     text = problems(copy)
     assert "C against the slopes of D" not in text
-    assert "D of every 9th frame" in text
+    assert "D of frames 9 apart" in text
 
 
 def test_camera_poses_of_another_frame_are_found(copy):

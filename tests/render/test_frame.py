@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from chance import ALPHA, assert_plausible, two_sided
+from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
 from scipy import stats
 
 from varos_warp.errors import InputError
@@ -355,3 +356,11 @@ def test_a_gpu_takes_any_number_of_samples_for_one_pixel():
     error = np.hypot(*(image.stderr.astype(float) for image in images))
     assert np.all(np.abs(images[0].radiance.astype(float) - images[1].radiance) < 5 * error)
     assert np.all(images[1].stderr < 0.5 * images[0].stderr)
+
+
+def test_kernels_are_loaded_once_and_before_the_launch():
+    """A binary for another block size would be compiled again inside the first launch, and its time not be counted."""
+    renderer = FrameRenderer(one_ray_scene(VAROS_LAMPS, VAROS_WATER, pixels=2), "cpu", parts=[floor(2.0, 0.5)])
+    renderer.render(np.eye(4), spp=1)
+    for kernel in renderer._loaded:
+        assert {block for _, block in kernel.module.execs} == {1}, kernel.key

@@ -312,7 +312,7 @@ def _view_pairs(data: Dataset) -> Iterator[tuple[str, tuple[int, str], tuple[int
     second = max(1, round(data.meta["frames"]["rate_hz"]))
     reach = min(second, len(data.frames) - 1)
     for camera in data.cameras:
-        for step, name in {reach: f"D of every {reach}th frame", 1: "D of successive frames"}.items():
+        for step, name in {reach: f"D of frames {reach} apart", 1: "D of successive frames"}.items():
             known = set(data.frames)
             pairs = [(f, f + step) for f in data.frames if step > 0 and f + step in known]
             for i in np.unique(np.linspace(0, len(pairs) - 1, min(PAIRS, len(pairs))).astype(int)):

@@ -234,7 +234,9 @@ class FrameRenderer:
     def _develop(self, film: Film, spp: int, layers) -> RadianceImage:
         shape = film.squares.shape[1:]
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in (*LAYERS, "radiance", "stderr")}
-        wp.launch(develop, dim=shape, inputs=[film, spp], outputs=list(images.values()), device=self.device)
+        self._load(develop)
+        outputs = list(images.values())
+        wp.launch(develop, dim=shape, inputs=[film, spp], outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
         arrays = {name: image.numpy() for name, image in images.items()}
         return RadianceImage(
             arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers}
@@ -271,6 +273,7 @@ class FrameRenderer:
         """Compile a kernel before threads need it, and count the time apart."""
         if kernel not in self._loaded:
             start = time.perf_counter()
-            kernel.module.load(self.device, block_dim=BLOCK_DIM if self.device != "cpu" else None)
+            # the block size is part of a binary's identity, and a CPU launch always has 1
+            kernel.module.load(self.device, block_dim=1 if self.device == "cpu" else BLOCK_DIM)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
