@@ -172,10 +172,10 @@ class FrameRenderer:
     # ------------------------------------------------------------------------------------------------- the images
 
     def _render_water(self, view, T_w_v, spp, max_scatterings, max_bounces, layers, key) -> RadianceImage:
-        if not (self.world.has_surfaces or self.world.water.sigma_s.any()) or not self.scene.vehicle.lights:
+        medium = bool(self.world.water.sigma_s.any())
+        if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
-        medium = bool(self.world.water.sigma_s.any())
         spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
@@ -220,9 +220,7 @@ class FrameRenderer:
     def _film(self, view, spp: int) -> Film:
         """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
         width, height = view.resolution
-        # strata * spp is counted in 32 bits
-        most = min(spp, GPU_THREADS // (width * height), (2**31 - 1) // spp)
-        strata = 1 if self.device == "cpu" else max(1, most)
+        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
         shape = (strata, height, width)
         if shape not in self._films:
             film = Film()
