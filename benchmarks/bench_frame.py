@@ -3,7 +3,7 @@
     python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--resolution 320x180] [-o results.json]
 
 Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time
-is reported apart. A path is one camera sample: the renderer follows two walks from it, the plain kernel one.
+is reported apart. A path is one camera sample with the walk that follows it.
 """
 
 import argparse

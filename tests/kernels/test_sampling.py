@@ -60,7 +60,7 @@ STREAMS = {
     "neighbouring keys": {"key": COUNT},
     "a column of a 1280 pixel wide image": {"pixel": 1280 * (COUNT % 720), "sample": COUNT // 720},
     "the samples of a 64 spp image": {"pixel": COUNT // 64, "sample": COUNT % 64},
-    "the segments of many walks": {"pixel": COUNT // 32, "dimension": (1 << 20) + 3 * (COUNT % 32)},
+    "the segments of many walks": {"pixel": COUNT // 32, "dimension": 4 + 3 * (COUNT % 32)},
     "pixels of powers of two": {"pixel": (COUNT % 31) * (1 << 16), "sample": COUNT // 31},
 }
 

@@ -2,9 +2,9 @@
 
 Every segment of a path gathers the light that lamps send into it with one more event: reflected off the surface at
 its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
-of more events is carried by two walks, one that starts with a scattering on the camera's segment and one that starts
-with a reflection at its end: both branches, where a free flight would take one of them by chance. A walk moves from
-vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or dropped.
+of more events is carried by a walk. It starts with a scattering on the camera's segment or with a reflection at its
+end, and moves from vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or
+dropped.
 """
 
 from dataclasses import dataclass
@@ -327,33 +327,45 @@ def camera_segment(ray: Ray):
     walk.alive = 1
     walk.vertex = water_vertex(ray.o, ray.d)
     walk.throughput = wp.vec3(1.0)
-    walk.dimension = 1
     return walk
 
 
 @wp.func
-def start_walk(scene: SceneData, vertex: Vertex, throughput: wp.vec3):
-    """Walk that turns first at ``vertex``, on the camera's segment or at its end."""
+def start_walk(
+    scene: SceneData,
+    o: wp.vec3,
+    d: wp.vec3,
+    hit: Hit,
+    end: Vertex,
+    max_scatterings: int,
+    max_bounces: int,
+    u: wp.vec4,
+):
+    """Walk that turns first in the water on the camera's segment, or on the surface at its ``end``.
+
+    Where both can be, either is taken half of the time.
+    """
     walk = Walk()
-    walk.vertex = vertex
-    walk.throughput = throughput
-    walk.scatterings = 1 - vertex.on_surface
-    walk.bounces = vertex.on_surface
-    walk.dimension = wp.where(vertex.on_surface == 1, 1 << 20, 1 << 10)
-    walk.alive = wp.where(brightest(throughput) > 0.0, 1, 0)
+    walk.dimension = 4
+    from_water = max_scatterings > 0
+    from_surface = hit.face >= 0 and max_bounces > 0 and brightest(end.reflectance) > 0.0
+    both = from_water and from_surface
+    if from_water and (u[2] < 0.5 or not both):
+        near = lamp_distance(scene, o)
+        t = sample_first_scattering(scene.medium, near, hit.t, u[0], u[1])
+        walk.vertex = water_vertex(o + t * d, d)
+        walk.scatterings = 1
+        walk.throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
+        walk.throughput /= first_scattering_pdf(scene.medium, near, hit.t, t)
+    elif from_surface:
+        walk.vertex = end
+        walk.bounces = 1
+        walk.throughput = transmittance(scene.medium, hit.t)
+    if both:
+        walk.throughput *= 2.0
+    walk.alive = wp.where(brightest(walk.throughput) > 0.0, 1, 0)
     walk.expected_at_start = expected_light(scene, walk)
     return walk
-
-
-@wp.func
-def start_water_walk(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: wp.vec4):
-    """Walk that starts with a scattering on the camera's segment."""
-    near = lamp_distance(scene, o)
-    t = sample_first_scattering(scene.medium, near, t_max, u[0], u[1])
-    throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
-    return start_walk(
-        scene, water_vertex(o + t * d, d), throughput / first_scattering_pdf(scene.medium, near, t_max, t)
-    )
 
 
 @wp.func
@@ -408,11 +420,6 @@ def advance(scene: SceneData, walk: Walk, hit: Hit, end: Vertex, max_scatterings
     return moved
 
 
-CAMERA = wp.constant(0)
-WATER = wp.constant(1)
-SURFACE = wp.constant(2)
-
-
 @cache
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """Path tracing of a range of rows, specialised to ``spec``.
@@ -444,70 +451,60 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         L_direct = wp.vec3(0.0)
         L_single = wp.vec3(0.0)
         L_multiple = wp.vec3(0.0)
-        stage = int(CAMERA)
+        on_camera = bool(True)
         walk = Walk()
-        surface_walk = Walk()
         while sample < end:
             # a ray: through the pixel, or on from the vertex where a walk turns
-            if stage == CAMERA:
+            if on_camera:
                 u = uniforms(key, pixel, sample, 0)
                 ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
                 walk = camera_segment(ray)
-                surface_walk = Walk()
-            u = uniforms(key, pixel, sample, walk.dimension)
-            if stage != CAMERA:
+            else:
                 lamp_share = float(0.0)
                 if wp.static(spec.medium):
                     lamp_share = wp.where(walk.scatterings < max_scatterings, 0.5, 0.0)
+                u = uniforms(key, pixel, sample, walk.dimension)
                 v = uniforms(key, pixel, sample, walk.dimension + 1)
                 walk = turn(scene, walk, lamp_share, u, v[0])
-                u = uniforms(key, pixel, sample, walk.dimension + 2)
 
             if walk.alive == 1:
                 o = walk.vertex.p
                 d = walk.vertex.d
                 hit = first_hit(scene, o, d)
+                u = uniforms(key, pixel, sample, walk.dimension + 2)
                 v = uniforms(key, pixel, sample, walk.dimension + 3)
                 walk.dimension += 4
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end
                 L_water = wp.vec3(0.0)
                 if wp.static(spec.medium and (spec.single or spec.multiple)):
-                    if walk.scatterings < max_scatterings and (wp.static(spec.single) or stage != CAMERA):
+                    if walk.scatterings < max_scatterings and (wp.static(spec.single) or not on_camera):
                         L_water = gather_in_scattered(scene, o, d, hit.t, u[0], u[1])
                 L_surface = wp.vec3(0.0)
                 end_vertex = Vertex()
                 if hit.face >= 0:
                     end_vertex = surface_vertex(scene, hit, d)
-                    if walk.bounces < max_bounces and (wp.static(spec.direct) or stage != CAMERA):
+                    if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
                         L_surface = gather_reflected(scene, hit, end_vertex.n, u[2])
                         L_surface = wp.cw_mul(end_vertex.reflectance, L_surface)
                         L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), L_surface)
 
                 # where the path goes on
-                if stage == CAMERA:
+                if on_camera:
                     L_single = L_water
                     L_direct = L_surface
+                    on_camera = False
                     walk.alive = 0
                     if wp.static(spec.multiple):
-                        if hit.face >= 0 and max_bounces > 0:
-                            surface_walk = start_walk(scene, end_vertex, transmittance(scene.medium, hit.t))
-                        if wp.static(spec.medium):
-                            if max_scatterings > 0:
-                                walk = start_water_walk(scene, o, d, hit.t, v)
-                                stage = WATER
+                        walk = start_walk(scene, o, d, hit, end_vertex, max_scatterings, max_bounces, v)
                 else:
                     L_multiple += wp.cw_mul(walk.throughput, L_water + L_surface)
                     walk = advance(scene, walk, hit, end_vertex, max_scatterings, max_bounces, v)
 
-            # the sample's next walk, or the next sample
-            if walk.alive == 0 and stage != SURFACE and surface_walk.alive == 1:
-                walk = surface_walk
-                stage = SURFACE
             if walk.alive == 0:
                 sums = add_sample(sums, L_direct, L_single, L_multiple)
                 L_multiple = wp.vec3(0.0)
-                stage = CAMERA
+                on_camera = True
                 sample += 1
         store(film, stratum, row, col, sums)
 

@@ -176,6 +176,7 @@ class FrameRenderer:
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
+        max_scatterings = max_scatterings if medium else 0
         spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
