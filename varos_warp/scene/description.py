@@ -220,7 +220,19 @@ class Rust(Block):
     amount: Unit = 0.5
 
 
-Material = Annotated[Diffuse | SlopeBlend | Rust, Field(discriminator="kind")]
+class Dirt(Block):
+    """A surface under a layer of silt, in patches; the pattern follows from the object's position (paper 3.1.2)."""
+
+    kind: Literal["dirt"]
+    base: UnitRgb = (0.45, 0.45, 0.47)
+    """Reflectance of the clean surface."""
+    amount: Unit = 0.5
+    """Share of the surface that is covered."""
+    silt: UnitRgb = (0.27, 0.24, 0.18)
+    """Reflectance of the silt."""
+
+
+Material = Annotated[Diffuse | SlopeBlend | Rust | Dirt, Field(discriminator="kind")]
 
 
 # ------------------------------------------------------------------------------------------------------------- water

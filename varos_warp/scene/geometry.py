@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.scene.description import Diffuse, Rust, SlopeBlend
+from varos_warp.scene.description import Material
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Part:
     """float64 [V, 3] [m]."""
     faces: np.ndarray
     """int32 [F, 3], counter-clockwise seen from outside."""
-    material: Diffuse | SlopeBlend | Rust
+    material: Material
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The object's position [m]; seeds its procedural material."""
     smooth_angle: float = np.pi / 6

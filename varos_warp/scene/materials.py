@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.kernels import texture
-from varos_warp.scene.description import Rust, SlopeBlend
+from varos_warp.scene.description import Dirt, Rust, SlopeBlend
 from varos_warp.scene.geometry import Part
 
 _GROUND = {"sand": texture.SAND, "rock": texture.ROCK}
@@ -33,6 +33,10 @@ def device_material(part: Part, seed: int, local_origin: np.ndarray) -> texture.
         record.kind = int(texture.RUST)
         record.seed = wp.uint32(position_seed(seed, part.origin))
         record.base, record.amount = wp.vec3(*material.base), material.amount
+    elif isinstance(material, Dirt):  # the mean of its pattern
+        record.kind = int(texture.DIFFUSE)
+        mean = (1.0 - material.amount) * np.array(material.base) + material.amount * np.array(material.silt)
+        record.base = wp.vec3(*mean)
     else:
         record.kind = int(texture.DIFFUSE)
         record.base = wp.vec3(*material.reflectance)
