@@ -14,6 +14,7 @@ from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval, hg_sample
 from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.single_scatter import irradiance_unoccluded
+from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -88,7 +89,9 @@ def trace_plainly(
                     break
                 T = transmittance(scene.medium, hit.t)
                 throughput = 3.0 * wp.cw_mul(throughput, T) / (T[0] + T[1] + T[2])
-                throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, hit.n))
+                angle = wp.where(depth == 1, camera.pixel_angle, WALK_ANGLE)
+                footprint = footprint_width(angle, hit.t, d, hit.n)
+                throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, hit.n, footprint))
                 for i in range(scene.lights.shape[0]):
                     L += wp.cw_mul(throughput, reflected(scene, scene.lights[i], hit, hit.n))
                 o = hit.start

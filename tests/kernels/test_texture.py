@@ -18,7 +18,7 @@ UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 def colour(material: texture.Material, p: wp.array(dtype=wp.vec3), n: wp.array(dtype=wp.vec3),
            out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    out[i] = texture.reflectance(material, p[i], n[i])
+    out[i] = texture.reflectance(material, p[i], n[i], 0.0)
 
 
 def reflectance(material, p, n=UP, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0)):

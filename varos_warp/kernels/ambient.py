@@ -7,13 +7,21 @@ from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.intersect import SceneData, first_hit, hit_reflectance, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import sample_cosine, uniforms
+from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
 def ambient_radiance(
-    scene: SceneData, o: wp.vec3, d: wp.vec3, max_bounces: int, key: wp.uint32, pixel: int, sample: int
+    scene: SceneData,
+    o: wp.vec3,
+    d: wp.vec3,
+    pixel_angle: float,
+    max_bounces: int,
+    key: wp.uint32,
+    pixel: int,
+    sample: int,
 ):
     """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
     throughput = wp.vec3(1.0)
@@ -25,7 +33,9 @@ def ambient_radiance(
         if hit.face < 0:
             return throughput
         n = shading_normal(scene, hit)
-        throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n))
+        angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
+        footprint = footprint_width(angle, hit.t, direction, hit.n)
+        throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n, footprint))
         bounces += 1
         u = uniforms(key, pixel, sample, bounces)
         direction = sample_cosine(n, u[0], u[1])
@@ -60,6 +70,6 @@ def trace_ambient(
     for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
         u = uniforms(key, pixel, sample, 0)
         ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
-        L = ambient_radiance(scene, ray.o, ray.d, max_bounces, key, pixel, sample)
+        L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
         sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0))
     store(film, stratum, row, col, sums)

@@ -19,6 +19,8 @@ class Camera:
     fy: float
     cx: float
     cy: float
+    pixel_angle: float
+    """Angle of a pixel [rad]: 1 / fx."""
     aperture: float
     """Radius of the lens [m]; 0 is a pinhole."""
     focus: float

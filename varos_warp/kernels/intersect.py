@@ -103,9 +103,9 @@ def shading_normal(scene: SceneData, hit: Hit):
 
 
 @wp.func
-def hit_reflectance(scene: SceneData, hit: Hit, n: wp.vec3):
-    """Lambertian reflectance per channel at a hit."""
-    return reflectance(scene.materials[scene.face_material[hit.face]], hit.p, n)
+def hit_reflectance(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
+    """Lambertian reflectance per channel at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
+    return reflectance(scene.materials[scene.face_material[hit.face]], hit.p, n, footprint)
 
 
 @wp.func

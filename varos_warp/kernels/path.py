@@ -28,6 +28,7 @@ from varos_warp.kernels.medium import (
 from varos_warp.kernels.phase import hg_eval, hg_sample
 from varos_warp.kernels.sampling import joint_pdf, sample_cosine, sample_joint, uniforms
 from varos_warp.kernels.single_scatter import in_scattered, irradiance_unoccluded
+from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -68,15 +69,15 @@ def water_vertex(p: wp.vec3, d: wp.vec3):
 
 
 @wp.func
-def surface_vertex(scene: SceneData, hit: Hit, d: wp.vec3):
-    """Vertex on the surface that a ray along ``d`` hit."""
+def surface_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
+    """Vertex on the surface that a ray along ``d`` hit; ``angle`` [rad] is the width of what the ray stands for."""
     vertex = Vertex()
     vertex.on_surface = 1
     vertex.p = hit.start
     vertex.d = d
     vertex.n_geometric = hit.n
     vertex.n = shading_normal(scene, hit)
-    vertex.reflectance = hit_reflectance(scene, hit, vertex.n)
+    vertex.reflectance = hit_reflectance(scene, hit, vertex.n, footprint_width(angle, hit.t, d, hit.n))
     return vertex
 
 
@@ -483,7 +484,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 L_surface = wp.vec3(0.0)
                 end_vertex = Vertex()
                 if hit.face >= 0:
-                    end_vertex = surface_vertex(scene, hit, d)
+                    end_vertex = surface_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, WALK_ANGLE))
                     if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
                         L_surface = gather_reflected(scene, hit, end_vertex.n, u[2])
                         L_surface = wp.cw_mul(end_vertex.reflectance, L_surface)

@@ -10,6 +10,9 @@ RUST = wp.constant(2)
 SAND = wp.constant(0)
 ROCK = wp.constant(1)
 
+WALK_ANGLE = wp.constant(0.2)
+"""Width of the cone that a ray of a walk stands for [rad]: such rays carry no sharp image."""
+
 
 @wp.struct
 class Material:
@@ -29,6 +32,15 @@ class Material:
     flat_size: float
     """Size of one tile [m]."""
     steep_size: float
+
+
+@wp.func
+def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
+    """Width on the surface [m] of what a ray along ``d`` stands for: a cone of ``angle`` [rad], ``t`` [m] away.
+
+    The side of the square that has the area of the cone's section with the surface: between its two widths.
+    """
+    return angle * t / wp.sqrt(wp.max(wp.abs(wp.dot(d, n)), 0.02))
 
 
 @wp.func
@@ -94,8 +106,8 @@ def rust(m: Material, p: wp.vec3):
 
 
 @wp.func
-def reflectance(m: Material, p: wp.vec3, n: wp.vec3):
-    """Reflectance per channel at ``p`` (local world) with normal ``n``; never above 1."""
+def reflectance(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
+    """Reflectance per channel at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m]; at most 1."""
     if m.kind == SLOPE_BLEND:
         c = slope_blend(m, p + m.offset, n)
     elif m.kind == RUST:

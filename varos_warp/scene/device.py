@@ -117,6 +117,7 @@ class DeviceScene:
         record.position = wp.vec3(*(T_w_c[:3, 3] - self.origin))
         record.right, record.down, record.forward = (wp.vec3(*T_w_c[:3, axis]) for axis in range(3))
         record.fx, record.fy, record.cx, record.cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+        record.pixel_angle = 1.0 / K[0, 0]
         open_lens = camera.f_stop > 0.0 and not pinhole
         record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
         record.focus = camera.focus_m if open_lens else 1.0
