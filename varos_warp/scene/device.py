@@ -72,6 +72,7 @@ class DeviceScene:
         self.mesh = wp.Mesh(
             points=upload(vertices.astype(np.float32), wp.vec3),
             indices=upload(faces.ravel().astype(np.int32), wp.int32),
+            bvh_constructor="sah",  # the GPU's own builder is faster, but its trees trace 15 to 40 % slower
             bvh_leaf_size=self.leaf_size,
         )
         counts = [len(part.faces) for part in parts]
