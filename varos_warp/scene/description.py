@@ -187,6 +187,51 @@ ParametricObject = Pipe | Elbow | PipeSupport | Bolt | Nut | Valve | Boulder
 Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind")]
 
 
+class Scatter(Block):
+    """Copies of one object strewn over the terrain, where chance and ``clearance_m`` put them."""
+
+    object: Object
+    """What is copied, its own scale and rotation applied first; it has no position."""
+    count: Annotated[int, Field(ge=1, le=20000)]
+    area: tuple[float, float, float, float] | None = None
+    """xmin, ymin, xmax, ymax [m]; without ``area``, ``circle`` and ``polygon`` the whole terrain."""
+    circle: tuple[float, float, Positive] | None = None
+    """x, y and radius [m]."""
+    polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = None
+    """Corners x, y [m], in order."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """Of the places, together with the scene's; more copies keep the places of the first ones."""
+    clearance_m: float = 0.0
+    """Least gap between the circles around two copies, seen from above, and to any object; below zero they overlap."""
+    sink_m: float = 0.0
+    """How deep the lowest point lies under the ground [m, times the copy's scale]; negative: above it."""
+    random_yaw: bool = True
+    """Each copy turned about the vertical at random."""
+    max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
+    """Copies lean with the terrain, at most so far: 0 stands upright, 90 follows every slope."""
+    max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+    """Only where the terrain is no steeper than this."""
+    scale_range: tuple[Positive, Positive] = (1.0, 1.0)
+    """Smallest and largest scale; all between are equally likely."""
+
+    @field_validator("object", mode="before")
+    @classmethod
+    def _file_is_mesh(cls, value: Any):
+        return {"kind": "mesh", **value} if isinstance(value, dict) and "kind" not in value else value
+
+    @model_validator(mode="after")
+    def _one_area(self):
+        if sum(region is not None for region in (self.area, self.circle, self.polygon)) > 1:
+            raise ValueError("give at most one of area, circle, polygon")
+        if self.area is not None and not (self.area[0] < self.area[2] and self.area[1] < self.area[3]):
+            raise ValueError("an area is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
+        if any(self.object.position):
+            raise ValueError("the object of a scatter has no position; sink_m lowers the copies, or raises them")
+        if self.scale_range[0] > self.scale_range[1]:
+            raise ValueError("scale_range is [smallest, largest]")
+        return self
+
+
 # --------------------------------------------------------------------------------------------------------- materials
 
 
@@ -557,6 +602,7 @@ class Scene(Block):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     terrain: AnyTerrain | None = None
     objects: list[Object] = []
+    scatter: list[Scatter] = []
     materials: dict[str, Material] = {}
     water: Water | Literal["none"] = "none"
     surface_depth_m: float = 0.0
@@ -594,8 +640,16 @@ class Scene(Block):
                 for k, m in materials.items()}
 
     @model_validator(mode="after")
+    def _scatter_has_ground(self):
+        if self.scatter and self.terrain is None:
+            raise ValueError("scatter.0: there is no terrain to scatter anything on")
+        return self
+
+    @model_validator(mode="after")
     def _materials_exist(self):
-        for key, placed in [("terrain", self.terrain)] + [(f"objects.{i}", o) for i, o in enumerate(self.objects)]:
+        blocks = [("terrain", self.terrain), *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
+                  *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter))]
+        for key, placed in blocks:
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
                 raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})")

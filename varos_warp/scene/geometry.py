@@ -1,6 +1,6 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,3 +24,40 @@ class Part:
     """[rad]"""
     smooth_shading: bool = False
     """Whether A and B are lit with the smoothed normals."""
+
+    def boxes(self) -> list["Part"]:
+        """This part: what encloses it."""
+        return [self]
+
+
+@dataclass(frozen=True)
+class Instances:
+    """One mesh that stands in many places: what a block of ``scatter`` makes."""
+
+    name: str
+    """Key in the scene file: ``scatter.0``."""
+    vertices: np.ndarray
+    """float64 [V, 3] [m] of the prototype o, in its own axes."""
+    faces: np.ndarray
+    """int32 [F, 3], counter-clockwise seen from outside."""
+    T_w_o: np.ndarray
+    """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
+    material: Material
+    smooth_angle: float = np.pi / 6
+    """[rad]"""
+    smooth_shading: bool = False
+
+    def __len__(self):
+        return len(self.T_w_o)
+
+    def parts(self) -> list[Part]:
+        """Every copy as a part of its own, ``scatter.0.17``, its position as the seed of its material."""
+        return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
+                     tuple(T[:3, 3].tolist()), self.smooth_angle, self.smooth_shading)
+                for i, T in enumerate(self.T_w_o)]
+
+    def boxes(self) -> list[Part]:
+        """Every copy as the corners of its bounding box, turned with it, without faces."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        return replace(self, vertices=corners, faces=np.zeros((0, 3), np.int32)).parts()

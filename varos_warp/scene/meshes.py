@@ -12,7 +12,8 @@ from varos_warp.errors import InputError
 from varos_warp.scene import assets, procedural, terrain
 from varos_warp.scene.description import Diffuse, MeshObject, ProceduralTerrain, Scene
 from varos_warp.scene.frames import euler_to_matrix
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.scatter import Taken, scatter
 
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 
@@ -57,16 +58,30 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -
 
 
 def build_parts(scene: Scene) -> list[Part]:
-    """Everything solid in the scene, in world coordinates (float64): the terrain, then the objects in file order."""
+    """Everything solid in the scene, in world coordinates (float64): terrain, objects in file order, every copy."""
+    parts = build_single_parts(scene)
+    return parts + [copy for instances in build_instances(scene, parts) for copy in instances.parts()]
+
+
+def build_single_parts(scene: Scene) -> list[Part]:
+    """What stands in one place only: the terrain, then the objects in file order."""
     parts = [] if scene.terrain is None else [_part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))]
-    for i, block in enumerate(scene.objects):
-        key = f"objects.{i}"
-        if isinstance(block, MeshObject):
-            mesh = load_mesh(scene.resolve(block.file), f"{key}.file", block.up_axis)
-        else:
-            mesh = assets.make_asset(block, key)
-        parts.append(_part(scene, block, key, *mesh))
-    return parts
+    return parts + [_object_part(scene, block, f"objects.{i}") for i, block in enumerate(scene.objects)]
+
+
+def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
+    """One mesh with many poses for every block of ``scatter``; ``parts`` are those that stand in one place."""
+    taken = Taken(objects=parts[1:])  # the first is the terrain, without which nothing is scattered
+    return [scatter(block, f"scatter.{i}", _object_part(scene, block.object, f"scatter.{i}.object"), parts[0], taken,
+                    scene.seed) for i, block in enumerate(scene.scatter)]
+
+
+def _object_part(scene, block, key):
+    if isinstance(block, MeshObject):
+        mesh = load_mesh(scene.resolve(block.file), f"{key}.file", block.up_axis)
+    else:
+        mesh = assets.make_asset(block, key)
+    return _part(scene, block, key, *mesh)
 
 
 def _terrain_mesh(scene):

@@ -5,20 +5,38 @@ import trimesh
 from scipy.spatial import cKDTree
 
 
-def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
-    """Heights z [m] at which the vertical lines through the points ``xy`` [N, 2] cross the mesh, ascending, per point.
+def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where vertical lines through the points ``xy`` [N, 2] cross the mesh: number of the line, of the face, height z.
 
-    A line through an edge or a vertex crosses one of the faces that meet there (half-open edges), so that the number
-    of crossings above a point tells inside from outside.
+    Sorted by line, then by height [m]. A line through an edge or a vertex crosses one of the faces that meet there
+    (half-open edges), so that the number of crossings above a point tells inside from outside. Triangles are sorted
+    into trees by size, as in ``surface_distance``.
     """
+    xy = np.atleast_2d(np.asarray(xy, float))
     triangles = np.asarray(vertices, float)[faces]
     low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
-    crossings = []
-    for x, y in np.atleast_2d(xy):
-        near = (low[:, 0] <= x) & (x <= high[:, 0]) & (low[:, 1] <= y) & (y <= high[:, 1])
-        candidates = triangles[near]
-        crossings.append(np.sort(_plane_heights(candidates[_covers(candidates, x, y)], x, y)))
-    return crossings
+    around = np.flatnonzero(_boxes_meet(low, high, xy, 0.0)) if len(xy) else np.zeros(0, int)
+    centre, radius = 0.5 * (low + high)[around], 0.5 * np.linalg.norm((high - low)[around], axis=1)
+    size = np.frexp(radius)[1]
+    line, face = [np.zeros(0, int)], [np.zeros(0, int)]
+    for exponent in np.unique(size):
+        members = np.flatnonzero(size == exponent)
+        near = cKDTree(centre[members]).query_ball_point(xy, radius[members].max() + 1e-6)  # more than rounding
+        line.append(np.repeat(np.arange(len(xy)), [len(found) for found in near]))
+        face.append(around[members[np.concatenate([*near, []]).astype(int)]])
+    line, face = np.concatenate(line), np.concatenate(face)
+    covers = _covers(triangles[face], *xy[line].T)
+    line, face = line[covers], face[covers]
+    z = _plane_heights(triangles[face], *xy[line].T)
+    order = np.lexsort((z, line))
+    return line[order], face[order], z[order]
+
+
+def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
+    """Heights z [m] at which vertical lines through the points ``xy`` [N, 2] cross the mesh, ascending, per point."""
+    count = len(np.atleast_2d(xy))
+    line, _, z = crossings(vertices, faces, xy)
+    return np.split(z, np.searchsorted(line, np.arange(1, count)))
 
 
 def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -88,7 +106,10 @@ def _nearer(tree, triangles, members, radius, points, best):
 
 
 def _covers(triangles, x, y):
-    """Even-odd rule in the horizontal plane; each edge is evaluated from its lower end, alike for both its faces."""
+    """Even-odd rule in the horizontal plane; each edge is evaluated from its lower end, alike for both its faces.
+
+    ``x`` and ``y`` are a point for every triangle, [n].
+    """
     inside = np.zeros(len(triangles), bool)
     for i in range(3):
         a, b = triangles[:, i, :2], triangles[:, (i + 1) % 3, :2]
@@ -101,7 +122,7 @@ def _covers(triangles, x, y):
 
 
 def _plane_heights(triangles, x, y):
-    """Height of each triangle's plane at one point of the horizontal plane [n]."""
+    """Height of each triangle's plane at its point of the horizontal plane [n]."""
     a = triangles[:, 0]
     n = np.cross(triangles[:, 1] - a, triangles[:, 2] - a)
     return a[:, 2] - (n[:, 0] * (x - a[:, 0]) + n[:, 1] * (y - a[:, 1])) / n[:, 2]
