@@ -8,7 +8,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, visible
+from varos_warp.kernels.intersect import Hit, SceneData, hit_reflectance, make_rays
 from varos_warp.kernels.light import Light, brightest, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval, hg_sample
@@ -17,6 +17,8 @@ from varos_warp.kernels.single_scatter import irradiance_unoccluded
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
+
+first_hit, visible = make_rays(instances=False)
 
 
 @wp.func

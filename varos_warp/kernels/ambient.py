@@ -1,10 +1,12 @@
 """Image B: the scene without water in uniform ambient light of radiance 1."""
 
+from functools import cache
+
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import SceneData, first_hit, hit_reflectance, shading_normal
+from varos_warp.kernels.intersect import SceneData, hit_reflectance, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
@@ -12,64 +14,70 @@ from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.func
-def ambient_radiance(
-    scene: SceneData,
-    o: wp.vec3,
-    d: wp.vec3,
-    pixel_angle: float,
-    max_bounces: int,
-    key: wp.uint32,
-    pixel: int,
-    sample: int,
-):
-    """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
-    throughput = wp.vec3(1.0)
-    origin = o
-    direction = d
-    bounces = int(0)
-    while bounces <= max_bounces:
-        hit = first_hit(scene, origin, direction)
-        if hit.face < 0:
-            return throughput
-        n = shading_normal(scene, hit)
-        angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
-        footprint = footprint_width(angle, hit.t, direction, hit.n)
-        throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n, footprint))
-        bounces += 1
-        u = uniforms(key, pixel, sample, bounces)
-        direction = sample_cosine(n, u[0], u[1])
-        origin = hit.start
-        survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
-        if u[2] >= survival:
-            return wp.vec3(0.0)
-        # around a smoothed normal some directions dip into the surface: mirrored out, no light is lost
-        below = wp.min(wp.dot(direction, hit.n), 0.0)
-        direction = direction - 2.0 * below * hit.n
-        throughput /= survival
-    return wp.vec3(0.0)
+@cache
+def make_ambient_kernel(instances: bool) -> wp.Kernel:
+    """Image B, for scenes with or without instances."""
+    first_hit, _ = make_rays(instances)
 
+    @wp.func
+    def ambient_radiance(
+        scene: SceneData,
+        o: wp.vec3,
+        d: wp.vec3,
+        pixel_angle: float,
+        max_bounces: int,
+        key: wp.uint32,
+        pixel: int,
+        sample: int,
+    ):
+        """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
+        throughput = wp.vec3(1.0)
+        origin = o
+        direction = d
+        bounces = int(0)
+        while bounces <= max_bounces:
+            hit = first_hit(scene, origin, direction)
+            if hit.face < 0:
+                return throughput
+            n = shading_normal(scene, hit)
+            angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
+            footprint = footprint_width(angle, hit.t, direction, hit.n)
+            throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n, footprint))
+            bounces += 1
+            u = uniforms(key, pixel, sample, bounces)
+            direction = sample_cosine(n, u[0], u[1])
+            origin = hit.start
+            survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
+            if u[2] >= survival:
+                return wp.vec3(0.0)
+            # around a smoothed normal some directions dip into the surface: mirrored out, no light is lost
+            below = wp.min(wp.dot(direction, hit.n), 0.0)
+            direction = direction - 2.0 * below * hit.n
+            throughput /= survival
+        return wp.vec3(0.0)
 
-@wp.kernel(enable_backward=False)
-def trace_ambient(
-    scene: SceneData,
-    camera: Camera,
-    first_row: int,
-    spp: int,
-    max_bounces: int,
-    key: wp.uint32,
-    # out
-    film: Film,
-):
-    """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
-    tile_row, col, stratum = wp.tid()
-    row = first_row + tile_row
-    strata, width = film.squares.shape[0], film.squares.shape[2]
-    pixel = row * width + col
-    sums = Sums()
-    for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
-        u = uniforms(key, pixel, sample, 0)
-        ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
-        L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
-        sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0))
-    store(film, stratum, row, col, sums)
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_ambient(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        spp: int,
+        max_bounces: int,
+        key: wp.uint32,
+        # out
+        film: Film,
+    ):
+        """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
+        tile_row, col, stratum = wp.tid()
+        row = first_row + tile_row
+        strata, width = film.squares.shape[0], film.squares.shape[2]
+        pixel = row * width + col
+        sums = Sums()
+        for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
+            u = uniforms(key, pixel, sample, 0)
+            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
+            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
+            sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0))
+        store(film, stratum, row, col, sums)
+
+    return trace_ambient

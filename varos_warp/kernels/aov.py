@@ -1,34 +1,43 @@
 """Images C and D: what the ray through each pixel's centre hits first."""
 
+from functools import cache
+
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.intersect import SceneData, corner_normal, first_hit
+from varos_warp.kernels.intersect import SceneData, corner_normal, make_rays
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.kernel(enable_backward=False)
-def trace_first_hits(
-    scene: SceneData,
-    camera: Camera,
-    first_row: int,
-    # out
-    normal: wp.array2d(dtype=wp.vec3),
-    depth: wp.array2d(dtype=float),
-    distance: wp.array2d(dtype=float),
-):
-    """World normal, planar depth z and distance along the ray [m], all [height, width]; inf where nothing is hit."""
-    tile_row, col = wp.tid()
-    row = first_row + tile_row
-    # the centre of the lens, whatever the aperture
-    ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
-    hit = first_hit(scene, ray.o, ray.d)
-    if hit.face < 0:
-        normal[row, col] = wp.vec3(0.0)
-        depth[row, col] = wp.inf
-        distance[row, col] = wp.inf
-        return
-    normal[row, col] = corner_normal(scene.smooth_normals, hit)
-    depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
-    distance[row, col] = hit.t
+@cache
+def make_first_hits_kernel(instances: bool) -> wp.Kernel:
+    """Images C and D, for scenes with or without instances."""
+    first_hit, _ = make_rays(instances)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_first_hits(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        # out
+        normal: wp.array2d(dtype=wp.vec3),
+        depth: wp.array2d(dtype=float),
+        distance: wp.array2d(dtype=float),
+    ):
+        """World normal, planar depth z and distance along the ray [m], all [height, width]; inf: nothing is hit."""
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        # the centre of the lens, whatever the aperture
+        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
+        hit = first_hit(scene, ray.o, ray.d)
+        if hit.face < 0:
+            normal[row, col] = wp.vec3(0.0)
+            depth[row, col] = wp.inf
+            distance[row, col] = wp.inf
+            return
+        normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
+        depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
+        distance[row, col] = hit.t
+
+    return trace_first_hits

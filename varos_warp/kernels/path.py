@@ -15,7 +15,7 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import BLOCK_DIM, FAR, NEAR
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import Hit, SceneData, first_hit, hit_reflectance, shading_normal, visible
+from varos_warp.kernels.intersect import Hit, SceneData, hit_reflectance, make_rays, shading_normal
 from varos_warp.kernels.light import LitInterval, brightest, lit_interval
 from varos_warp.kernels.medium import (
     Medium,
@@ -27,7 +27,7 @@ from varos_warp.kernels.medium import (
 )
 from varos_warp.kernels.phase import hg_eval, hg_sample
 from varos_warp.kernels.sampling import joint_pdf, sample_cosine, sample_joint, uniforms
-from varos_warp.kernels.single_scatter import in_scattered, irradiance_unoccluded
+from varos_warp.kernels.single_scatter import LampLight, in_scattered, irradiance_unoccluded
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -43,6 +43,8 @@ class PathSpec:
     single: bool = True
     multiple: bool = True
     """Which layers are wanted."""
+    instances: bool = False
+    """Something stands in many places."""
 
 
 @wp.struct
@@ -259,9 +261,12 @@ def gather_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:
             lit = candidate
-    if total <= 0.0:
-        return wp.vec3(0.0)
-    return in_scattered(scene, scene.lights[pick.index], lit, o, d, v) * (total / pick.weight)
+    scattered = LampLight()
+    if total > 0.0:
+        scattered = in_scattered(scene, scene.lights[pick.index], lit, o, d, v)
+        scattered.lamp = pick.index
+        scattered.L *= total / pick.weight
+    return scattered
 
 
 @wp.func
@@ -279,11 +284,12 @@ def gather_reflected(scene: SceneData, hit: Hit, n: wp.vec3, u: float):
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:
             E = candidate
-    if total <= 0.0:
-        return wp.vec3(0.0)
-    if not visible(scene, hit.start, scene.lights[pick.index].position):
-        return wp.vec3(0.0)
-    return E * (total / (pick.weight * wp.pi))
+    reflected = LampLight()
+    if total > 0.0:
+        reflected.lamp = pick.index
+        reflected.p = hit.start
+        reflected.L = E * (total / (pick.weight * wp.pi))
+    return reflected
 
 
 # ------------------------------------------------------------------------------------------------------------- walks
@@ -429,6 +435,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     whatever their paths are doing (path regeneration, Novak et al. 2010). The launch bounds trade registers for threads
     that hide the latency of rays: 22.7 instead of 12.6 million paths/s on an H200.
     """
+    first_hit, visible = make_rays(spec.instances)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_DIM, 6))
     def trace_paths(
@@ -480,15 +487,20 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 L_water = wp.vec3(0.0)
                 if wp.static(spec.medium and (spec.single or spec.multiple)):
                     if walk.scatterings < max_scatterings and (wp.static(spec.single) or not on_camera):
-                        L_water = gather_in_scattered(scene, o, d, hit.t, u[0], u[1])
+                        scattered = gather_in_scattered(scene, o, d, hit.t, u[0], u[1])
+                        if brightest(scattered.L) > 0.0:
+                            if visible(scene, scattered.p, scene.lights[scattered.lamp].position):
+                                L_water = scattered.L
                 L_surface = wp.vec3(0.0)
                 end_vertex = Vertex()
                 if hit.face >= 0:
                     end_vertex = surface_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, WALK_ANGLE))
                     if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
-                        L_surface = gather_reflected(scene, hit, end_vertex.n, u[2])
-                        L_surface = wp.cw_mul(end_vertex.reflectance, L_surface)
-                        L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), L_surface)
+                        reflected = gather_reflected(scene, hit, end_vertex.n, u[2])
+                        if brightest(reflected.L) > 0.0:
+                            if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
+                                L_surface = wp.cw_mul(end_vertex.reflectance, reflected.L)
+                                L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), L_surface)
 
                 # where the path goes on
                 if on_camera:

@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.intersect import Hit, SceneData, visible
+from varos_warp.kernels.intersect import Hit, SceneData
 from varos_warp.kernels.light import Light, LitInterval, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval
@@ -35,6 +35,15 @@ def one_minus_cos_at(y: float, h: float, distance: float):
     return 1.0 + y / distance
 
 
+@wp.struct
+class LampLight:
+    """Radiance that a lamp's light adds to a ray with one event at ``p``, as if nothing stood between the two."""
+
+    lamp: int
+    p: wp.vec3
+    L: wp.vec3
+
+
 @wp.func
 def in_scattered(scene: SceneData, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float):
     """Estimate of the radiance that one lamp's light adds to a ray by scattering once in the lit interval.
@@ -42,17 +51,15 @@ def in_scattered(scene: SceneData, light: Light, lit: LitInterval, o: wp.vec3, d
     Unbiased with one equiangular sample ``u`` (Kulla and Fajardo 2012) restricted to the cone: the distance law cancels
     against the density, and ``lit.angle`` = 1/(pdf d^2) is all that remains.
     """
+    scattered = LampLight()
     if lit.angle <= 0.0:
-        return wp.vec3(0.0)
+        return scattered
     y = sample_equiangular(lit.h, lit.ya, lit.yb, u)
     t = wp.max(lit.foot + y, 0.0)
-    p = o + t * d
+    scattered.p = o + t * d
     distance = wp.sqrt(lit.h * lit.h + y * y)
     weight = lit.angle * hg_eval(one_minus_cos_at(y, lit.h, distance), scene.medium.g)
-    weight *= falloff(light, wp.dot(p - light.position, light.axis) / distance)
-    if weight <= 0.0:
-        return wp.vec3(0.0)
-    if not visible(scene, p, light.position):
-        return wp.vec3(0.0)
+    weight *= falloff(light, wp.dot(scattered.p - light.position, light.axis) / distance)
     T = transmittance(scene.medium, t + distance)
-    return weight * wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), T)
+    scattered.L = weight * wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), T)
+    return scattered

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.ambient import trace_ambient
-from varos_warp.kernels.aov import trace_first_hits
+from varos_warp.kernels.ambient import make_ambient_kernel
+from varos_warp.kernels.aov import make_first_hits_kernel
 from varos_warp.kernels.conventions import ALL, BLOCK_DIM
 from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.path import PathSpec, make_path_kernel
@@ -177,7 +177,7 @@ class FrameRenderer:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
         max_scatterings = max_scatterings if medium else 0
-        spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers)
+        spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers, self.world.has_instances)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
         self._launch(
@@ -195,7 +195,7 @@ class FrameRenderer:
             return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
         film = self._film(view, spp)
         self._launch(
-            trace_ambient,
+            make_ambient_kernel(self.world.has_instances),
             view,
             film,
             [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],
@@ -213,7 +213,8 @@ class FrameRenderer:
         depth = wp.empty((height, width), dtype=float, device=self.device)
         distance = wp.empty((height, width), dtype=float, device=self.device)
         camera = self.world.camera(view, T_w_v, pinhole=True)
-        self._launch(trace_first_hits, view, None, [self.world.data, camera], [normal, depth, distance])
+        kernel = make_first_hits_kernel(self.world.has_instances)
+        self._launch(kernel, view, None, [self.world.data, camera], [normal, depth, distance])
         return NormalImage(normal.numpy()), DepthImage(depth.numpy(), distance.numpy())
 
     # ---------------------------------------------------------------------------------------------- films, launches
