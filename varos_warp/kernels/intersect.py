@@ -48,6 +48,8 @@ class SceneData:
     has_shading_normals: int
     smooth_normals: wp.array(dtype=wp.vec3)
     """Normals of image C, per face corner in the mesh's axes."""
+    corner_values: wp.array(dtype=wp.vec3)
+    """Per face corner, texture coordinates or colours from mesh files (see texture.surface_at); empty without any."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
@@ -218,6 +220,17 @@ def shading_normal(scene: SceneData, hit: Hit):
 
 
 @wp.func
+def file_value(scene: SceneData, hit: Hit):
+    """What the file of the mesh gives for a hit: ``corner_values`` between the corners."""
+    if scene.corner_values.shape[0] == 0:
+        return wp.vec3(0.0)
+    corner = 3 * hit.face
+    w = 1.0 - hit.bary[0] - hit.bary[1]
+    value = hit.bary[0] * scene.corner_values[corner] + hit.bary[1] * scene.corner_values[corner + 1]
+    return value + w * scene.corner_values[corner + 2]
+
+
+@wp.func
 def hit_reflectance(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
     """Lambertian reflectance per channel at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
-    return reflectance(scene.materials[hit.part], hit.p, n, footprint)
+    return reflectance(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)

@@ -114,7 +114,15 @@ class MeshObject(Placed):
     shading: Literal["flat", "smooth"] = "flat"
 
 
-class Pipe(Placed):
+class Parametric(Placed):
+    """An object that is made from its measures."""
+
+    chord_error_m: Positive | None = None
+    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, from 0.05 to 0.38 mm."""
+    shading: Literal["flat", "smooth"] = "smooth"
+
+
+class Pipe(Parametric):
     """A straight pipe along its own z axis, centred at its origin."""
 
     kind: Literal["pipe"]
@@ -123,10 +131,9 @@ class Pipe(Placed):
     length: Positive
     wall: Positive | None = None
     """Wall thickness [m]; 8 % of the radius when absent, the radius or more for a solid rod."""
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class Elbow(Placed):
+class Elbow(Parametric):
     """A pipe bend in its own xz plane, from the origin along +z towards +x."""
 
     kind: Literal["elbow"]
@@ -135,55 +142,57 @@ class Elbow(Placed):
     angle_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 90.0
     wall: Positive | None = None
     """As for a pipe."""
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class PipeSupport(Placed):
+class Flange(Parametric):
+    """A plate flange (EN 1092-1, PN 16) for a pipe of ``radius`` along its own z axis, from z = 0 up."""
+
+    kind: Literal["flange"]
+    radius: Positive
+    """Outer radius of the pipe [m]; between the standard's sizes the nearest one, scaled."""
+
+
+class PipeSupport(Parametric):
     """A saddle that carries a pipe of ``radius`` along its own y axis; its origin is on the pipe's axis."""
 
     kind: Literal["pipe_support"]
     radius: Positive
     height: Positive | None = None
     """From the pipe's axis down to the foot [m]; twice the radius when absent."""
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class Bolt(Placed):
-    """A hexagon bolt along its own z axis, head down at the origin."""
+class Bolt(Parametric):
+    """A hexagon bolt (ISO 4014) along its own z axis, head down at the origin."""
 
     kind: Literal["bolt"]
     size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
     length: Positive | None = None
     """Shank length [m]; four diameters when absent."""
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class Nut(Placed):
-    """A hexagon nut around its own z axis."""
+class Nut(Parametric):
+    """A hexagon nut (ISO 4032) around its own z axis, centred."""
 
     kind: Literal["nut"]
     size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class Valve(Placed):
+class Valve(Parametric):
     """A flanged valve on a pipe of ``radius`` along its own y axis, its hand wheel above (+z)."""
 
     kind: Literal["valve"]
     radius: Positive
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-class Boulder(Placed):
+class Boulder(Parametric):
     """A rock, about ``diameter`` wide, centred at its origin; its shape follows from ``seed``."""
 
     kind: Literal["boulder"]
     diameter: Positive = 0.6
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    shading: Literal["flat", "smooth"] = "smooth"
 
 
-ParametricObject = Pipe | Elbow | PipeSupport | Bolt | Nut | Valve | Boulder
+ParametricObject = Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder
 Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind")]
 
 
@@ -243,10 +252,13 @@ class Diffuse(Block):
 
 
 class Texture(Block):
-    """A procedural texture, tiled ``tiles`` times over the terrain."""
+    """A texture that covers the surface without end: its tile is ``size_m`` wide, or fits ``tiles`` times into it."""
 
-    texture: Literal["sand", "rock"]
+    texture: Annotated[str, Field(min_length=1)]
+    """``sand``, ``rock`` or an image file, relative to the scene file."""
     tiles: Positive = 50.0
+    size_m: Positive | None = None
+    """Width of a tile [m], instead of ``tiles``; 1 to 2 m suit sand and rock."""
 
 
 class SlopeBlend(Block):
@@ -257,12 +269,25 @@ class SlopeBlend(Block):
     steep: Texture = Texture(texture="rock")
 
 
+class Metal(Block):
+    """Bare metal: it mirrors as roughly as ``roughness`` says."""
+
+    kind: Literal["metal"]
+    base: UnitRgb = (0.56, 0.57, 0.58)
+    """Reflectance at normal incidence."""
+    roughness: Unit = 0.3
+
+
 class Rust(Block):
-    """Bare metal with rust patches; the pattern follows from the object's position (paper 3.1.2)."""
+    """Metal or paint with rust patches; the pattern follows from the object's position (paper 3.1.2)."""
 
     kind: Literal["rust"]
     base: UnitRgb = (0.45, 0.45, 0.47)
+    """Reflectance of what is between the patches."""
     amount: Unit = 0.5
+    """Share of the surface that is rusty."""
+    roughness: Unit | None = None
+    """Of the bare metal between the patches, which then mirrors; absent: it is matte, as paint."""
 
 
 class Dirt(Block):
@@ -277,7 +302,7 @@ class Dirt(Block):
     """Reflectance of the silt."""
 
 
-Material = Annotated[Diffuse | SlopeBlend | Rust | Dirt, Field(discriminator="kind")]
+Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind")]
 
 
 # ------------------------------------------------------------------------------------------------------------- water
@@ -559,7 +584,7 @@ class Render(Block):
     """What is rendered and how well."""
 
     frame_rate_hz: Positive = 10.0
-    outputs: list[Literal["A", "B", "C", "D"]] = ["A", "B", "C", "D"]
+    outputs: list[Literal["A", "B", "C", "D", "S"]] = ["A", "B", "C", "D"]
     tolerance: Positive = 0.02
     """Relative error asked of A when ``spp`` is absent."""
     spp: Annotated[int, Field(ge=1)] | None = None

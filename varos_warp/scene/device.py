@@ -13,8 +13,9 @@ from varos_warp.kernels.texture import Material
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
-from varos_warp.scene.materials import device_material
+from varos_warp.scene.materials import corner_values, device_material
 from varos_warp.scene.normals import corner_normals, face_normals
+from varos_warp.scene.textures import Textures
 from varos_warp.scene.water import optical_properties
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
@@ -47,6 +48,7 @@ class DeviceScene:
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
         self.has_surfaces = bool(parts)
+        self.part_names: list[str] = []
         self.has_instances = any(isinstance(part, Instances) for part in parts)
         self.data = SceneData()
         self.data.medium = self._medium()
@@ -81,9 +83,12 @@ class DeviceScene:
         self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
         self.face_count = sum(counts) + sum(len(group) * len(group.faces) for group in copied)
         placed = [*single, *(box for group in copied for box in group.boxes())]
-        self.materials = self._array([device_material(part, self.scene.seed, self.origin) for part in placed], Material)
+        self.textures = Textures(self.scene, self.device)
+        self.materials = self._array([device_material(p, self.scene, self.origin, self.textures) for p in placed], Material)
         self.data.materials = self.materials
         self._upload_normals([*single, *copied])
+        self.corner_values = self._array(corner_values([*single, *copied]), wp.vec3)
+        self.data.corner_values = self.corner_values
 
     def _array(self, values, dtype) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)

@@ -8,6 +8,16 @@ from varos_warp.scene.description import Material
 
 
 @dataclass(frozen=True)
+class Skin:
+    """Colours that a mesh file brings along: a texture map with its coordinates, or colours of the corners."""
+
+    corners: np.ndarray
+    """float32 [F, 3, 2]: u, v (v up; they repeat outside of 0..1); or [F, 3, 3]: linear reflectances."""
+    image: np.ndarray | None = None
+    """float32 [H, W, 3]: linear reflectances, rows from the top, sides powers of two; None with colours."""
+
+
+@dataclass(frozen=True)
 class Part:
     """One connected-by-name piece of the world, in world coordinates."""
 
@@ -24,6 +34,8 @@ class Part:
     """[rad]"""
     smooth_shading: bool = False
     """Whether A and B are lit with the smoothed normals."""
+    skin: Skin | None = None
+    """What the file says of the surface; None where the scene names a material."""
 
     def boxes(self) -> list["Part"]:
         """This part: what encloses it."""
@@ -46,6 +58,7 @@ class Instances:
     smooth_angle: float = np.pi / 6
     """[rad]"""
     smooth_shading: bool = False
+    skin: Skin | None = None
 
     def __len__(self):
         return len(self.T_w_o)
@@ -53,7 +66,7 @@ class Instances:
     def parts(self) -> list[Part]:
         """Every copy as a part of its own, ``scatter.0.17``, its position as the seed of its material."""
         return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
-                     tuple(T[:3, 3].tolist()), self.smooth_angle, self.smooth_shading)
+                     tuple(T[:3, 3].tolist()), self.smooth_angle, self.smooth_shading, self.skin)
                 for i, T in enumerate(self.T_w_o)]
 
     def boxes(self) -> list[Part]:

@@ -4,12 +4,13 @@ import zlib
 
 import numpy as np
 import warp as wp
+from scipy.special import ndtri
 
 from varos_warp.kernels import texture
-from varos_warp.scene.description import Dirt, Rust, SlopeBlend
-from varos_warp.scene.geometry import Part
-
-_GROUND = {"sand": texture.SAND, "rock": texture.ROCK}
+from varos_warp.kernels.tiling import PERIOD
+from varos_warp.scene.description import Diffuse, Dirt, Metal, Rust, Scene, SlopeBlend, Texture
+from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.textures import Textures
 
 
 def position_seed(seed: int, position) -> int:
@@ -17,27 +18,107 @@ def position_seed(seed: int, position) -> int:
     return zlib.crc32(np.asarray(position, np.float64).tobytes(), seed)
 
 
-def device_material(part: Part, seed: int, local_origin: np.ndarray) -> texture.Material:
-    """Record of a part's material; ``seed`` is the scene's, ``local_origin`` [3] that of the device's world."""
+def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures: Textures) -> texture.Material:
+    """Record of a part's material.
+
+    Args:
+        part: The part, or a box around it: its lowest corner anchors the pattern.
+        scene: Gives the seed and the names of materials.
+        local_origin: float64 [3], origin of the device's world.
+        textures: Where images come from; must outlive the record.
+
+    Raises:
+        InputError: An image of the material is missing or damaged.
+    """
     record = texture.Material()
-    record.offset = wp.vec3(*(local_origin - part.vertices.min(axis=0)))
+    low = part.vertices.min(axis=0)
+    record.offset = wp.vec3(*(local_origin - low))
+    record.seed = wp.uint32(position_seed(scene.seed, part.origin))
     material = part.material
-    if isinstance(material, SlopeBlend):
-        extent = float(np.ptp(part.vertices[:, :2], axis=0).max())
-        record.kind = int(texture.SLOPE_BLEND)
-        record.seed = wp.uint32(position_seed(seed, part.origin))
-        record.flat, record.steep = int(_GROUND[material.flat.texture]), int(_GROUND[material.steep.texture])
-        record.flat_size = max(extent / material.flat.tiles, 1e-6)
-        record.steep_size = max(extent / material.steep.tiles, 1e-6)
-    elif isinstance(material, Rust):
-        record.kind = int(texture.RUST)
-        record.seed = wp.uint32(position_seed(seed, part.origin))
-        record.base, record.amount = wp.vec3(*material.base), material.amount
-    elif isinstance(material, Dirt):  # the mean of its pattern
-        record.kind = int(texture.DIFFUSE)
-        mean = (1.0 - material.amount) * np.array(material.base) + material.amount * np.array(material.silt)
-        record.base = wp.vec3(*mean)
-    else:
+    if part.skin is not None:
+        _set_skin(record, part, textures)
+    elif isinstance(material, SlopeBlend):
+        _set_ground(record, part, local_origin - low, textures, scene)
+    elif isinstance(material, Rust | Dirt):
+        _set_layer(record, part)
+    elif isinstance(material, Metal):
+        record.kind = int(texture.METAL)
+        record.base, record.roughness = wp.vec3(*material.base), material.roughness
+    elif isinstance(material, Diffuse):
         record.kind = int(texture.DIFFUSE)
         record.base = wp.vec3(*material.reflectance)
+    else:
+        raise TypeError(f"no device material for {type(material).__name__}")
     return record
+
+
+def _set_skin(record, part, textures):
+    """The mesh file's own colours."""
+    record.kind = int(texture.COLOURED if part.skin.image is None else texture.MAPPED)
+    if part.skin.image is not None:
+        record.flat = textures.map(part.skin.image)
+
+
+def _set_ground(record, part, offset, textures, scene):
+    """Tiles on what is flat and what is steep, or one on both."""
+    material = part.material
+    record.kind = int(texture.TILED if material.flat == material.steep else texture.SLOPE_BLEND)
+    key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")
+    for name in ("flat", "steep"):
+        block = getattr(material, name)
+        size = tile_size(block, part)
+        setattr(record, name, textures.tile(block.texture, f"{key}.{name}.texture", size))
+        setattr(record, f"{name}_offset", wp.vec3(*np.remainder(offset, float(PERIOD) * size)))
+        setattr(record, f"{name}_size", size)
+    if material.flat.texture == "sand":
+        record.ripple = float(np.clip(0.11 * record.flat_size, 0.06, 0.3))
+
+
+def tile_size(block: Texture, part: Part) -> float:
+    """Width of a tile on a part [m]."""
+    extent = float(np.ptp(part.vertices[:, :2], axis=0).max())
+    return block.size_m or max(extent / block.tiles, 1e-6)
+
+
+def _set_layer(record, part):
+    """Rust or dirt over something; its patches are of the size of the part's features."""
+    material = part.material
+    extent = float(np.ptp(part.vertices, axis=0).max())
+    record.cycles = float(np.clip(4.0 / max(extent, 1e-6), 6.0, 60.0))
+    record.base = wp.vec3(*material.base)
+    deviation = float(texture.NOISE_DEVIATION)
+    if isinstance(material, Rust):
+        record.kind = int(texture.RUST)
+        record.metallic = int(material.roughness is not None)
+        record.roughness = material.roughness or 0.0
+    else:
+        record.kind = int(texture.DIRT)
+        record.silt = wp.vec3(*material.silt)
+        deviation = float(np.hypot(deviation, 0.5 / np.sqrt(3.0)))  # and half the slope, over a whole sphere
+    record.threshold = float(np.clip(-deviation * ndtri(material.amount), -10.0, 10.0))
+
+
+def corner_values(parts: list[Part | Instances]) -> np.ndarray:
+    """What ``texture.surface_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
+
+    Of texture maps u, v and their units per metre of surface, of colours the reflectances.
+    """
+    if not any(part.skin is not None for part in parts):
+        return np.zeros((0, 3), np.float32)
+    return np.concatenate([_part_values(part).reshape(-1, 3) for part in parts])
+
+
+def _part_values(part):
+    values = np.zeros((len(part.faces), 3, 3), np.float32)
+    if part.skin is None:
+        return values
+    corners = part.skin.corners
+    values[..., :corners.shape[-1]] = corners
+    if part.skin.image is not None:
+        scale = np.cbrt(np.linalg.det(part.T_w_o[0, :3, :3])) if isinstance(part, Instances) else 1.0
+        a, b, c = np.moveaxis(part.vertices[part.faces] * scale, 1, 0)
+        on_surface = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        u, v = corners[:, 1].astype(float) - corners[:, 0], corners[:, 2].astype(float) - corners[:, 0]
+        on_map = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        values[..., 2] = np.sqrt(on_map / np.maximum(on_surface, 1e-30))[:, None]
+    return values

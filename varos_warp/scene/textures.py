@@ -1,0 +1,235 @@
+"""Images for the device: pyramids of texture maps, and of tiles whose values blend without losing their histogram."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+from PIL import Image as PillowImage
+from scipy.special import ndtr, ndtri
+
+from varos_warp.errors import InputError
+from varos_warp.kernels import bake
+from varos_warp.kernels.tiling import REACH, VALUES, Image
+from varos_warp.scene.description import Scene
+from varos_warp.scene.frames import intrinsics
+
+GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
+"""The tiles that ship, computed when first asked for."""
+
+LARGEST = 8192
+"""Longest side of an image on the device [texels]; larger files are reduced to it."""
+
+_BINS = 4096
+_NORMAL_QUANTILES = np.clip(ndtri((np.arange(65536) + 0.5) / 65536), -REACH, REACH).astype(np.float32)
+_QUADRATURE = ndtri((np.arange(128) + 0.5) / 128)
+
+
+class Textures:
+    """The images of a scene on a device, each once; owns the memory that records of materials point to."""
+
+    def __init__(self, scene: Scene, device: str):
+        self.scene, self.device = scene, device
+        self.texel_m = min(1.0 / intrinsics(camera)[0, 0] for camera in scene.vehicle.cameras)
+        """What the finest pixel covers at a distance of 1 m [m]: how fine procedural tiles are made."""
+        self.images: dict = {}
+
+    def tile(self, texture: str, key: str, tile_m: float) -> Image:
+        """Tile ``texture``: one of GROUND, or an image file that ``key`` of the scene file names."""
+        if texture in GROUND:
+            resolution = ground_resolution(tile_m, self.texel_m)
+            return self._image((texture, resolution), lambda: ground_tile(texture, resolution, self.device))
+        path = self.scene.resolve(texture)
+        return self._image(path, lambda: tile_pyramid(read_image(path, key)))
+
+    def map(self, reflectance: np.ndarray) -> Image:
+        """Texture map of linear reflectances, float32 [H, W, 3]."""
+        return self._image(id(reflectance), lambda: map_pyramid(reflectance), reflectance)
+
+    def _image(self, key, make, alive=None) -> Image:
+        if key not in self.images:
+            self.images[key] = make().upload(self.device), alive  # what an id belongs to must stay
+        return self.images[key][0]
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """An image with its coarser levels as kernels read it (see ``kernels.tiling.Image``)."""
+
+    texels: np.ndarray
+    """uint32 [T], all levels, the finest first."""
+    width: int
+    height: int
+    levels: int
+    colours: np.ndarray | None = None
+    """Of a tile: float32 [levels, VALUES, 3]."""
+    basis: np.ndarray | None = None
+    """Of a tile: [3, 3]."""
+
+    @property
+    def nbytes(self) -> int:
+        """Memory on the device [bytes]."""
+        return self.texels.nbytes + (0 if self.colours is None else self.colours.nbytes)
+
+    def upload(self, device: str) -> Image:
+        """The record of the image; it keeps its arrays alive."""
+        image = Image()
+        image.texels = wp.array(self.texels, dtype=wp.uint32, device=device)
+        image.width, image.height, image.levels = self.width, self.height, self.levels
+        if self.colours is not None:
+            image.colours = wp.array(self.colours, dtype=wp.vec3, device=device)
+            image.basis = wp.mat33(*self.basis.ravel())
+        return image
+
+
+def map_pyramid(reflectance: np.ndarray) -> Pyramid:
+    """Pyramid of a texture map, float [H, W, 3] linear, sides powers of two; its texels are the reflectances."""
+    levels = _levels(np.asarray(reflectance, np.float32))
+    return Pyramid(_pack(levels), levels[0].shape[1], levels[0].shape[0], len(levels))
+
+
+def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
+    """Pyramid of a tile, float [H, W, 3] linear, sides powers of two, that can be blended with itself.
+
+    Along the principal axes of its colours, each value becomes the normal quantile of its rank (Heitz and Neyret 2018,
+    section 3); equal values are spread at random over theirs. What a Gaussian mean over a texel of a coarse level
+    stands for is the mean of the colours that it may have been made of (ibid., section 4.2): the mean of the
+    whole tile at the top.
+    """
+    pixels = np.asarray(reflectance, np.float32).reshape(-1, 3)
+    _, basis = np.linalg.eigh(np.cov(pixels[::7].T) if len(pixels) > 64 else np.cov(pixels.T))
+    basis = basis[:, ::-1]  # the axis of largest variance first
+    rng = np.random.default_rng(seed)
+    gaussian, quantiles = [], []
+    for values in (pixels @ basis.astype(np.float32)).T:
+        g, quantile = _gaussianise(values, rng)
+        gaussian.append(g)
+        quantiles.append(quantile)
+    levels = _levels(np.stack(gaussian, axis=1).reshape(reflectance.shape))
+    colours = np.stack([_colours(quantiles, levels[0], level) for level in levels])
+    texels = _pack([(level + REACH) / (2 * REACH) for level in levels])
+    return Pyramid(texels, levels[0].shape[1], levels[0].shape[0], len(levels), colours.astype(np.float32), basis)
+
+
+def _gaussianise(values, rng):
+    """Normal quantile [N] of the rank of each value [N], and the function back from probabilities to values."""
+    low, high = float(values.min()), float(values.max())
+    span = max(high - low, 1e-6)
+    place = np.minimum(((values - low) * (_BINS / span)).astype(np.int32), _BINS - 1)
+    counts = np.bincount(place, minlength=_BINS)
+    cumulative = np.concatenate([[0.0], np.cumsum(counts)]) / len(values)
+    start, share = cumulative[:-1].astype(np.float32), (counts / len(values)).astype(np.float32)
+    rank = start[place] + share[place] * rng.random(len(values), dtype=np.float32)
+    g = _NORMAL_QUANTILES[np.minimum((65536 * rank).astype(np.int32), 65535)]
+    sums = np.bincount(place, values, minlength=_BINS)
+    held = counts > 0
+    means = sums[held] / counts[held]
+    middles = (start + 0.5 * share)[held]
+    if counts[held].min() > 0.01 * len(values):  # a few distinct values: nothing lies between them
+        edges = cumulative[1:][held]
+        return g, lambda p: means[np.minimum(np.searchsorted(edges, p), len(means) - 1)]
+    return g, lambda p: np.interp(p, middles, means)
+
+
+def _colours(quantiles, finest, level):
+    """What each of VALUES Gaussian means stands for on a level, [VALUES, 3]."""
+    g = (np.arange(VALUES) + 0.5) / VALUES * 2 * REACH - REACH
+    lost = np.sqrt(np.maximum(finest.var(axis=(0, 1)) - level.var(axis=(0, 1)), 0.0))
+    return np.stack([q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1) for q, s in zip(quantiles, lost, strict=True)],
+                    axis=1)
+
+
+def _levels(image):
+    """The image and its means over 2 x 2 texels, down to a single row or column."""
+    height, width, _ = image.shape
+    if height & (height - 1) or width & (width - 1):
+        raise ValueError(f"sides of an image must be powers of two, not {width} x {height}")
+    levels = [image]
+    while min(levels[-1].shape[:2]) > 1:
+        fine = levels[-1]
+        levels.append(0.25 * (fine[::2, ::2] + fine[1::2, ::2] + fine[::2, 1::2] + fine[1::2, 1::2]))
+    return levels
+
+
+def _pack(levels):
+    """Levels of values 0..1 as uint32: 11, 11 and 10 bits."""
+    packed = []
+    for level in levels:
+        r, g, b = (np.rint(level[..., k] * top).astype(np.uint32) for k, top in enumerate((2047, 2047, 1023)))
+        packed.append((r | g << 11 | b << 22).ravel())
+    return np.concatenate(packed)
+
+
+# ---------------------------------------------------------------------------------------------------------- procedural
+
+
+def ground_resolution(tile_m: float, texel_m: float) -> int:
+    """Side of a procedural tile [texels]: 1024 or 2048, its texels about ``texel_m`` wide."""
+    return int(2 ** np.clip(np.round(np.log2(tile_m / texel_m)), 10, 11))
+
+
+@lru_cache(maxsize=8)
+def ground_tile(kind: str, resolution: int, device: str = "cpu") -> Pyramid:
+    """Pyramid of the ``sand`` or the ``rock`` that ships, computed on ``device`` on the first call of a process."""
+    return tile_pyramid(bake_ground(kind, resolution, device))
+
+
+def bake_ground(kind: str, resolution: int, device: str = "cpu") -> np.ndarray:
+    """Reflectances of a periodic tile of ``sand`` or ``rock``, float32 [resolution, resolution, 3] linear."""
+    tile = wp.zeros((resolution, resolution), dtype=wp.vec3, device=device)
+    bands = (os.cpu_count() or 1) if device == "cpu" else 1
+    rows = -(-resolution // bands)
+
+    def launch(first):
+        size = (min(rows, resolution - first), resolution)
+        wp.launch(bake.bake_ground, size, [GROUND[kind], wp.uint32(1), first], [tile], device=device)
+
+    wp.load_module(bake, device=device)
+    with ThreadPoolExecutor(bands) as pool:
+        list(pool.map(launch, range(0, resolution, rows)))
+    return tile.numpy()
+
+
+# --------------------------------------------------------------------------------------------------------------- files
+
+
+def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
+    """Reflectances of an image file, float32 [H, W, 3] linear, resized to sides that are powers of two.
+
+    Raises:
+        InputError: The file is missing or is no image.
+    """
+    path = Path(path)
+    if not path.is_file():
+        problem = "is a folder, not an image" if path.is_dir() else "there is no such image file"
+        known = " or ".join(GROUND)
+        raise InputError(problem, file=path, key=key, remedy=f"Give {known}, or the path relative to the scene file.")
+    try:
+        with PillowImage.open(path) as image:
+            return decode_image(image)
+    except Exception as error:  # Pillow's readers raise many kinds on damaged files
+        raise InputError(f"cannot be read as an image: {str(error).strip() or type(error).__name__}", file=path,
+                         key=key, remedy="Export it anew, as PNG or JPEG.") from error
+
+
+def decode_image(image: PillowImage.Image) -> np.ndarray:
+    """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
+    if image.mode in ("I;16", "I", "F"):  # gray of more than 8 bits, which Pillow would cut off
+        values = np.asarray(image, np.float32)
+        image = PillowImage.fromarray(np.clip(values / max(65535.0, values.max()) * 255.0, 0, 255).astype(np.uint8))
+    image = image.convert("RGB")
+    size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
+    if size != image.size:
+        image = image.resize(size, PillowImage.Resampling.BICUBIC)
+    return _SRGB_TO_LINEAR[np.asarray(image)]
+
+
+def _srgb_to_linear(values):
+    """IEC 61966-2-1."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+_SRGB_TO_LINEAR = _srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
