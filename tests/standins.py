@@ -85,6 +85,7 @@ class FlatFloorRenderer:
     """Stands in for a FrameRenderer: a floor at z = -3 with a checker pattern and noise keyed as the real one's."""
 
     device, device_name, compile_seconds = "cpu", "numpy", 0.0
+    segments = ({"id": 1, "key": "terrain", "kind": "terrain", "material": "checker", "material_id": 1},)
 
     def __init__(self, scene, device="auto", parts=None):
         self.scene, self.calls, self.stop_after = scene, [], None
@@ -113,7 +114,8 @@ class FlatFloorRenderer:
         B = SimpleNamespace(radiance=(tone[..., None] * np.ones(3)).astype(np.float32), stderr=error * 0, layers={})
         C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))
         D = SimpleNamespace(depth=z.astype(np.float32), range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))
-        return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D}.items() if k in outputs})
+        S = SimpleNamespace(instance=hit.astype(np.int32), material=hit.astype(np.int32))
+        return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D, "S": S}.items() if k in outputs})
 
 
 def plan_render(scene, renderer, poses, *, measure_cost=False):

@@ -111,6 +111,35 @@ def test_an_image_of_another_frame_under_this_name_is_found(copy):
     assert "camL0_A-00000004.png: is not its EXR" in problems(copy)
 
 
+@pytest.fixture
+def segmented(tmp_path):
+    """A dataset with images D and S."""
+    produce(make_scene(render={"outputs": ["D", "S"]}), tmp_path, quiet=True, frames=slice(0, 3))
+    return tmp_path
+
+
+def test_segmentation_is_written_with_a_table_of_its_numbers_and_is_sound(segmented):
+    data = Dataset(segmented)
+    assert data.segments()[0]["key"] == "terrain"
+    image = data.image("S", 1)
+    assert image.dtype == np.int32
+    assert set(np.unique(image)) == {0, 1}
+    assert files.read_csv(data.layout.camera_file("L0", "_timestamps.csv"))["S"][2].endswith("S-00000002.png")
+    assert problems(segmented) == ""
+
+
+def test_a_number_that_the_table_does_not_list_is_found(segmented):
+    path = Dataset(segmented).layout.png("L0", "S", 1)
+    files.write_png(path, files.read_png(path) * 7)
+    assert f"{path.name}: segments.json does not list [7]" in problems(segmented)
+
+
+def test_a_hole_in_the_segmentation_is_found(segmented):
+    path = Dataset(segmented).layout.png("L0", "S", 1)
+    files.write_png(path, files.read_png(path) * 0)
+    assert f"{path.name}: has nothing where D has a surface" in problems(segmented)
+
+
 def test_strays_and_remains_are_found(copy):
     folder = copy / "vehicle0/cam0/A"
     shutil.copy(folder / "seq01_veh0_camL0_A-00000004.png", folder / "seq01_veh0_camL0_A-00000099.png")

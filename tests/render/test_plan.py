@@ -293,7 +293,7 @@ class Clockwork:
 
     def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
         pixels = camera.resolution[0] * camera.resolution[1]
-        self.now += 1e-6 * pixels * {"A": spp, "B": spp_b, "CD": 1}[outputs]
+        self.now += 1e-6 * pixels * {"A": spp, "B": spp_b, "CDS": 1}[outputs]
         self.compile_seconds += 5.0
         self.now += 5.0
 

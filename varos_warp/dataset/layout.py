@@ -2,8 +2,8 @@
 
 Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, figure 5)::
 
-    dataset.json  README.txt  contact_sheet.png
-    vehicle0/cam0/{A,B,C,D}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr
+    dataset.json  README.txt  contact_sheet.png  segments.json
+    vehicle0/cam0/{A,B,C,D,S}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
     vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
@@ -46,6 +46,11 @@ class Layout:
     def metadata(self) -> Path:
         """What the dataset is, for machines."""
         return self.root / "dataset.json"
+
+    @property
+    def segments(self) -> Path:
+        """What the numbers of S stand for."""
+        return self.root / "segments.json"
 
     @property
     def vehicle_dir(self) -> Path:
@@ -196,17 +201,21 @@ class Dataset:
     # ---------------------------------------------------------------------------------------------------- images
 
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """A decoded image: linear radiance of A and B from the 8 bit image, unit normals of C, metres of D."""
+        """A decoded image: linear radiance of A and B from the 8 bit image, unit normals of C, metres of D, ids of S."""
         return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """Pixels of the PNG: uint8 [H, W, 3], of D uint16 [H, W]."""
+        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W]."""
         return files.read_png(self.layout.png(self._camera(camera), output, frame))
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
         channels = files.read_exr(self.layout.exr(self._camera(camera), output, frame))
         return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
+
+    def segments(self) -> list[dict]:
+        """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
+        return files.read_json(self.layout.segments)["segments"]
 
     def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""

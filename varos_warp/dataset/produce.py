@@ -24,7 +24,7 @@ from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
 from varos_warp.render.denoise import available_method, denoise
-from varos_warp.render.outputs import OUTPUTS, linear_channels, to_half
+from varos_warp.render.outputs import OUTPUTS, SEGMENT_LEVELS, linear_channels, to_half
 from varos_warp.scene.load import scene_to_dict
 
 BACKGROUND = max(2, min(8, (os.cpu_count() or 2) // 2))
@@ -253,7 +253,22 @@ class _Job:
             self.choose_denoisers()
             self.renderer = renderer or self.open_renderer(device)
             self.note_device()
+            self.write_segments()
             self.plan = self.plan or self.make_plan()
+
+    def write_segments(self) -> None:
+        """Write what the numbers of S stand for, where S is asked for.
+
+        Raises:
+            InputError: If there are more objects than 16 bits can number.
+        """
+        if "S" not in self.scene.render.outputs:
+            return
+        rows = self.renderer.segments
+        if len(rows) > SEGMENT_LEVELS:
+            raise InputError(f"{len(rows)} objects cannot be numbered in 16 bits", key="render.outputs", value="S",
+                             remedy="Leave out S, or scatter fewer.")
+        files.write_json(self.layout.segments, {"0": "nothing", "segments": rows})
 
     def choose_denoisers(self) -> None:
         """Find what really denoises what is to be rendered, which is not what was asked for without pyoidn.
@@ -385,10 +400,13 @@ class _Job:
         return clamped
 
     def store_geometry(self, frame: int, camera: str, letter: str, image) -> None:
-        """Write C or D."""
+        """Write C, D or S."""
         render = self.scene.render
         if letter == "C":
             files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(image.normal))
+            return
+        if letter == "S":
+            files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(image.instance))
             return
         if render.depth_exr:
             channels = {"Z": image.depth, "range": image.range}

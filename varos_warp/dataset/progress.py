@@ -73,6 +73,45 @@ class Progress:
               file=sys.stderr, flush=True)
 
 
+class Steps:
+    """Shows which step of a job is at work and how far it is; use it in a ``with`` statement.
+
+    Args:
+        label: The job.
+        names: Its steps, in order.
+        quiet: Say nothing.
+    """
+
+    def __init__(self, label: str, names, quiet: bool = False):
+        self.label, self.names, self.quiet = label, list(names), quiet
+        self._bar, self._said = None, None
+
+    def __enter__(self) -> "Steps":
+        if not self.quiet and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(TextColumn("{task.description}"), BarColumn(), TextColumn("elapsed"), TimeElapsedColumn(),
+                            console=Console(stderr=True))
+            self._bar.start()
+            self._task = self._bar.add_task(self.label, total=len(self.names))
+        self._start = time.monotonic()
+        return self
+
+    def __exit__(self, kind, value, trace) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def reach(self, name: str, share: float) -> None:
+        """Tell that a share of a step is done, 0 to 1; a log gets a line when a step begins."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self.names.index(name) + share, description=f"{self.label}: {name}")
+        elif not self.quiet and name != self._said and time.monotonic() - self._start >= 1.0:
+            self._said = name
+            print(f"{self.label}: {name} after {_clock(time.monotonic() - self._start)}", file=sys.stderr, flush=True)
+
+
 def _clock(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -21,12 +21,14 @@ def spread(frames: list[int], count: int) -> list[int]:
 
 
 def preview(data: Dataset, output: str, frame: int, camera: str | None, width: int):
-    """A small picture (PIL) for the eye: A, B and C as they are, D in colours from near (bright) to far (dark)."""
+    """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object."""
     from PIL import Image
 
     pixels = data.pixels(output, frame, camera)
     if output == "D":
         pixels = _depth_colors(pixels)
+    elif output == "S":
+        pixels = _segment_colors(pixels)
     image = Image.fromarray(pixels)
     return image.resize((width, max(1, round(image.height * width / image.width))), Image.Resampling.BOX)
 
@@ -42,6 +44,15 @@ def _depth_colors(pixels: np.ndarray) -> np.ndarray:
     colors = (colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
     colors[~hit] = 0
     return colors
+
+
+def _segment_colors(pixels: np.ndarray) -> np.ndarray:
+    """A colour for each number, unlike those of its neighbours (hues a golden section apart); black where it is 0."""
+    from matplotlib.colors import hsv_to_rgb
+
+    number = pixels.astype(float)
+    hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), np.where(pixels > 0, 0.95, 0.0)], -1)
+    return (hsv_to_rgb(hsv) * 255).astype(np.uint8)
 
 
 def whole_frames(data: Dataset, camera: str) -> list[int]:

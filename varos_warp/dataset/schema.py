@@ -93,7 +93,7 @@ class Metadata(Entry):
     versions: Versions
     device: Device | None
     frames: Frames
-    outputs: list[Literal["A", "B", "C", "D"]]
+    outputs: list[Literal["A", "B", "C", "D", "S"]]
     depth: Depth
     samples: Samples
     cameras: Annotated[list[Camera], Field(min_length=1)]

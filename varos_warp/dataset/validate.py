@@ -208,7 +208,7 @@ def _check_images(data: Dataset, result: Validation, quiet: bool) -> None:
     with Progress("reading", total, quiet=quiet) as progress:
         for frame in data.frames:
             for camera in data.cameras:
-                for check in (_colors_agree, _geometry_agrees):
+                for check in (_colors_agree, _geometry_agrees, _segments_agree):
                     try:
                         problems += check(data, result, frame, camera, angles)
                     except InputError as error:
@@ -263,6 +263,19 @@ def _geometry_agrees(data: Dataset, result: Validation, frame: int, camera: str,
     if both.any():
         cosine = np.einsum("...i,...i", slope[both], normal[both])
         angles.append(float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))))
+    return problems
+
+
+def _segments_agree(data: Dataset, result: Validation, frame: int, camera: str, _angles) -> list[str]:
+    """S numbers only what segments.json lists, and has something wherever D has."""
+    if "S" not in data.outputs:
+        return []
+    name, pixels = data.layout.png(camera, "S", frame).name, _read(data, result, "S", frame, camera)
+    problems = []
+    if unknown := set(np.unique(pixels).tolist()) - {0, *(row["id"] for row in data.segments())}:
+        problems.append(f"{name}: segments.json does not list {sorted(unknown)[:5]}")
+    if "D" in data.outputs and ((pixels == 0) & (data.pixels("D", frame, camera) < DEPTH_LEVELS)).any():
+        problems.append(f"{name}: has nothing where D has a surface")
     return problems
 
 

@@ -90,9 +90,10 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
     path = layout.camera_file(camera.id, ".yaml")
     text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
     files.write_bytes(path, text.encode())
+    letters = "ABCDS" if "S" in outputs else "ABCD"  # the released sequence has four columns
     names = [[layout.png(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
-             for letter in "ABCD"]
-    files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *"ABCD"], time_ns, *names)
+             for letter in letters]
+    files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *letters], time_ns, *names)
     write_poses(layout, camera.id, time_ns, np.array([camera_pose(camera, T) for T in T_w_v]))
 
 

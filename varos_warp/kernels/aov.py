@@ -1,4 +1,4 @@
-"""Images C and D: what the ray through each pixel's centre hits first."""
+"""Images C, D and S: what the ray through each pixel's centre hits first."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_first_hits_kernel(instances: bool) -> wp.Kernel:
-    """Images C and D, for scenes with or without instances."""
+    """Images C, D and S, for scenes with or without instances."""
     first_hit, _ = make_rays(instances)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -24,8 +24,12 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
         normal: wp.array2d(dtype=wp.vec3),
         depth: wp.array2d(dtype=float),
         distance: wp.array2d(dtype=float),
+        instance: wp.array2d(dtype=wp.int32),
     ):
-        """World normal, planar depth z and distance along the ray [m], all [height, width]; inf: nothing is hit."""
+        """World normal, planar depth z and distance along the ray [m], number of the part from 1, all [height, width].
+
+        Where nothing is hit: zeros, inf, inf, 0.
+        """
         tile_row, col = wp.tid()
         row = first_row + tile_row
         # the centre of the lens, whatever the aperture
@@ -35,9 +39,11 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
             normal[row, col] = wp.vec3(0.0)
             depth[row, col] = wp.inf
             distance[row, col] = wp.inf
+            instance[row, col] = 0
             return
         normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
         depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
         distance[row, col] = hit.t
+        instance[row, col] = hit.part + 1
 
     return trace_first_hits

@@ -1,4 +1,4 @@
-"""One frame: the radiance of A and B, the normals of C and the depth of D from one pose of the vehicle."""
+"""One frame: the radiance of A and B, the normals of C, the depth of D and the objects of S from one pose of the vehicle."""
 
 import os
 import time
@@ -17,6 +17,7 @@ from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
+from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
 TILE_ROWS = 8
@@ -54,6 +55,16 @@ class DepthImage:
 
 
 @dataclass(frozen=True)
+class SegmentImage:
+    """What the pixel centres' rays hit first, int32 [H, W]; 0 where nothing is hit. See `FrameRenderer.segments`."""
+
+    instance: np.ndarray
+    """Number of the terrain or object, from 1."""
+    material: np.ndarray
+    """Number of its material in the scene file, from 1; 0 also where it has none."""
+
+
+@dataclass(frozen=True)
 class Frame:
     """What was asked for of one pose; the rest is None."""
 
@@ -61,6 +72,7 @@ class Frame:
     B: RadianceImage | None = None
     C: NormalImage | None = None
     D: DepthImage | None = None
+    S: SegmentImage | None = None
 
 
 def _usable_cores() -> int:
@@ -69,7 +81,7 @@ def _usable_cores() -> int:
 
 def _check_request(outputs, layers, **numbers):
     """Refuse what cannot be rendered: unknown letters and layers, numbers under their least value."""
-    for key, names, known in (("outputs", outputs, "ABCD"), ("layers", layers, LAYERS)):
+    for key, names, known in (("outputs", outputs, "ABCDS"), ("layers", layers, LAYERS)):
         unknown = [name for name in names if name not in known]
         if unknown or not len(names):
             raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
@@ -105,6 +117,8 @@ class FrameRenderer:
             parts = build_parts(scene)
         self.world = DeviceScene(scene, parts, self.device)
         self.origin = self.world.origin
+        self.segments = segment_table(scene, self.world.part_names)
+        """What the numbers of S stand for: a row for each."""
         self.threads = threads or _usable_cores()
         self.compile_seconds = 0.0
         self._films: dict[tuple[int, int, int], Film] = {}
@@ -130,7 +144,7 @@ class FrameRenderer:
         Args:
             T_w_v: pose of the vehicle in the world.
             camera: id of a camera of the scene, or a camera that is not in it; absent: the first.
-            outputs: any of A, B, C, D.
+            outputs: any of A, B, C, D and S.
             spp: samples per pixel of A; absent: the scene's, or 64.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
@@ -153,9 +167,9 @@ class FrameRenderer:
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, key)
-        if "C" in outputs or "D" in outputs:
-            normals, depths = self._render_first_hits(view, T_w_v)
-            images |= {name: image for name, image in (("C", normals), ("D", depths)) if name in outputs}
+        if set("CDS") & set(outputs):
+            first_hits = self._render_first_hits(view, T_w_v)
+            images |= {name: image for name, image in first_hits.items() if name in outputs}
         return Frame(**images)
 
     def _camera(self, name: str | Camera | None) -> Camera:
@@ -204,18 +218,22 @@ class FrameRenderer:
         image = self._develop(film, spp, ("direct",))
         return RadianceImage(image.radiance, image.stderr)
 
-    def _render_first_hits(self, view, T_w_v) -> tuple[NormalImage, DepthImage]:
+    def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
-        if not self.world.has_surfaces:
-            nothing = np.full((height, width), np.inf, np.float32)
-            return NormalImage(np.zeros((height, width, 3), np.float32)), DepthImage(nothing, nothing.copy())
-        normal = wp.empty((height, width), dtype=wp.vec3, device=self.device)
-        depth = wp.empty((height, width), dtype=float, device=self.device)
-        distance = wp.empty((height, width), dtype=float, device=self.device)
-        camera = self.world.camera(view, T_w_v, pinhole=True)
-        kernel = make_first_hits_kernel(self.world.has_instances)
-        self._launch(kernel, view, None, [self.world.data, camera], [normal, depth, distance])
-        return NormalImage(normal.numpy()), DepthImage(depth.numpy(), distance.numpy())
+        shape = (height, width)
+        normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
+        instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
+        if self.world.has_surfaces:
+            camera = self.world.camera(view, T_w_v, pinhole=True)
+            kernel = make_first_hits_kernel(self.world.has_instances)
+            self._launch(kernel, view, None, [self.world.data, camera], [normal, depth, distance, instance])
+        ids = instance.numpy()
+        return {
+            "C": NormalImage(normal.numpy()),
+            "D": DepthImage(depth.numpy(), distance.numpy()),
+            "S": SegmentImage(ids, np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids]),
+        }
 
     # ---------------------------------------------------------------------------------------------- films, launches
 

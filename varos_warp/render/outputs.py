@@ -1,7 +1,8 @@
-"""THE table of image types A, B, C and D: what each holds, how it becomes the pixels of a file, and back.
+"""THE table of image types A, B, C, D and S: what each holds, how it becomes the pixels of a file, and back.
 
 A and B: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
 C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535] (paper eq. (1) and 4.1).
+S: number of the object, 0 where there is none.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,8 @@ import numpy as np
 
 HALF_MAX = 65504.0
 """Largest finite half float."""
+SEGMENT_LEVELS = 65535
+"""Most objects that S can number."""
 DEPTH_LEVELS = 65535
 """Highest value of D: at or beyond the end of the depth range, or nothing hit."""
 
@@ -80,6 +83,16 @@ def decode_depth(pixels: np.ndarray, depth_range_m: tuple[float, float]) -> np.n
     return np.where(pixels == DEPTH_LEVELS, np.inf, depth).astype(np.float32)
 
 
+def encode_segments(instance: np.ndarray, _scale: None = None) -> np.ndarray:
+    """uint16 [H, W] of the numbers of objects."""
+    return np.asarray(instance).astype(np.uint16)
+
+
+def decode_segments(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
+    """Numbers of objects int32 [H, W]; 0 where nothing was hit."""
+    return pixels.astype(np.int32)
+
+
 @dataclass(frozen=True)
 class Output:
     """One row of the table."""
@@ -93,7 +106,7 @@ class Output:
     is_color: bool
     """Linear radiance, which has an EXR and an exposure."""
     encode: Callable[..., np.ndarray]
-    """(image, scale) -> pixels; the scale is the gain of A and B, the depth range of D, None for C."""
+    """(image, scale) -> pixels; the scale is the gain of A and B, the depth range of D, None for C and S."""
     decode: Callable[..., np.ndarray]
     """(pixels, scale) -> image."""
 
@@ -103,6 +116,7 @@ OUTPUTS = {row.letter: row for row in (
     Output("B", "RGB image without water", 3, np.uint8, True, encode_color, decode_color),
     Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
     Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
+    Output("S", "Number of the object in each pixel", 1, np.uint16, False, encode_segments, decode_segments),
 )}
 
 

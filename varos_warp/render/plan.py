@@ -92,7 +92,8 @@ def _models(scene: Scene, spp: int, max_scatterings: int | None) -> dict[str, st
              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
     return {"A": f"paths with {' and '.join(words)}, {spp} samples per pixel, denoise {render.denoise}",
             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
-            "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres"}
+            "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
+            "S": "first hits of pixel centres"}
 
 
 # ------------------------------------------------------------------------------------------------------------ the pilot
@@ -370,7 +371,7 @@ def _pool(image: np.ndarray, side: int) -> np.ndarray:
 def _cost(scene: Scene, renderer, poses, spp: int, max_scatterings: int | None) -> dict[str, Any]:
     """Seconds that rendering takes on this device, from the middle pose; denoising and writing go on beside it."""
     asked = scene.render.outputs
-    groups = {"A": (spp, "A" in asked), "B": (scene.render.spp_b, "B" in asked), "CD": (1, {"C", "D"} & set(asked))}
+    groups = {"A": (spp, "A" in asked), "B": (scene.render.spp_b, "B" in asked), "CDS": (1, set("CDS") & set(asked))}
     seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, samples, max_scatterings)
                             for camera in scene.vehicle.cameras)
                for letters, (samples, wanted) in groups.items() if wanted}

@@ -36,8 +36,15 @@ class Preprocess(Block):
     region: tuple[float, float, float, float] | None = None
     """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
     merge_tolerance_m: NonNegative = 0.001
-    shrinkwrap_resolution: Annotated[int, Field(ge=2)] | None = None
+    """Vertices nearer than this become one."""
+    fill_holes_m: NonNegative | None = None
+    """Holes up to this wide are filled; absent: up to ten median edges. A shrinkwrap closes all of them."""
+    shrinkwrap_resolution: Annotated[int, Field(ge=2)] | Literal["auto"] | None = None
+    """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model."""
+    close: Literal["skirt", "solid", "none"] = "skirt"
+    """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
     target_vertices: Annotated[int, Field(ge=4)] | None = None
+    """Decimate to about so many vertices."""
 
     @field_validator("region")
     @classmethod

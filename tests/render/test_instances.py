@@ -1,0 +1,113 @@
+"""Copies of a mesh: traced as instances they are what they are as meshes of their own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chance import assert_plausible, two_sided
+from scipy.ndimage import binary_erosion
+from scipy.spatial.transform import Rotation
+
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.assets import make_asset
+from varos_warp.scene.description import Diffuse, Nut
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.load import scene_from_dict
+
+SCENE = {
+    "water": {"coefficients": {"sigma_s": [0.01, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.0], "phase": {"g": 0.6}}},
+    "vehicle": {
+        "lights": [{"kind": "point", "position": [0.3, 0, 0.2], "intensity": [4, 4, 4]}],
+        "cameras": [{"id": "M0", "resolution": [64, 48], "rotation_euler_deg": [-35, 0, 0]}],
+    },
+    "render": {"frame_rate_hz": 10},
+    "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+}
+POSE = np.array([[1, 0, 0, 0], [0, 1, 0, -1.2], [0, 0, 1, 1.0], [0, 0, 0, 1]], float)
+
+
+def nuts(count=60):
+    """Large nuts of all sizes and attitudes, strewn over a square of 2 m."""
+    rng = np.random.default_rng(4)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = Rotation.random(count, random_state=4).as_matrix() * rng.uniform(2, 6, (count, 1, 1))
+    T[:, :3, 3] = np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(0.0, 0.3, count)])
+    mesh = make_asset(Nut(kind="nut", size="M24"))
+    return Instances("scatter.0", *mesh, T, Diffuse(reflectance=(0.7, 0.4, 0.2)), smooth_shading=True)
+
+
+def ground():
+    corners = np.array([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], float)
+    return Part("terrain", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.4, 0.4, 0.4)))
+
+
+def render(parts, pose=POSE, **how):
+    return FrameRenderer(scene_from_dict(SCENE), "cpu", parts=parts).render(pose, outputs="ABCDS", **how)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    copies = nuts()
+    return [render(parts, spp=64, spp_b=64) for parts in ([ground(), copies], [ground(), *copies.parts()])]
+
+
+def test_depth_normals_and_numbers_are_those_of_separate_meshes(pair):
+    """To the rounding of float32, but for a pixel on an edge."""
+    instanced, separate = pair
+    assert len(np.unique(instanced.S.instance)) > 30
+    same = instanced.S.instance == separate.S.instance
+    assert same.mean() > 0.999
+    hit = same & np.isfinite(separate.D.depth)
+    np.testing.assert_allclose(instanced.D.depth[hit], separate.D.depth[hit], rtol=1e-5)
+    # barycentric weights are known to rounding over the size of a bevel, 1e-4 m
+    np.testing.assert_allclose(instanced.C.normal[hit], separate.C.normal[hit], atol=5e-3)
+
+
+@pytest.mark.parametrize("letter", ["A", "B"])
+def test_radiance_is_that_of_separate_meshes(pair, letter):
+    """Shadows, interreflection and scattered light: means over the image and over its quarters."""
+    one, other = (getattr(frame, letter) for frame in pair)
+    difference = (one.radiance - other.radiance).astype(float)
+    variance = (one.stderr.astype(float) ** 2 + other.stderr.astype(float) ** 2)
+    scores = [difference[rows, columns].sum((0, 1)) / np.sqrt(variance[rows, columns].sum((0, 1)))
+              for rows in (slice(0, 24), slice(24, 48)) for columns in (slice(0, 32), slice(32, 64))]
+    assert_plausible(two_sided(np.array(scores)))
+    assert np.all(variance.sum((0, 1)) ** 0.5 < 0.01 * other.radiance.sum((0, 1)))
+
+
+def test_a_copy_throws_a_shadow():
+    """A plate in the air, as an instance: direct light is missing exactly where the plate hides the lamp."""
+    half, height, lamp = 0.3, 0.5, POSE[:3, 3] + (0.3, 0, 0.2)
+    corners = half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    T = np.eye(4)
+    T[:3, 3] = 0.1, -0.5, height
+    plate = Instances("scatter.0", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), T[None], Diffuse())
+    frame = render([ground(), plate], spp=4, layers=("direct",))
+    camera = scene_from_dict(SCENE).vehicle.cameras[0]
+    T_w_c, (u, v) = camera_pose(camera, POSE), np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(intrinsics(camera)).T
+    on_ground = binary_erosion(frame.S.instance == 1, np.ones((3, 3)))  # pixels that the plate's edge does not reach
+    p = (frame.D.depth[on_ground][:, None] * rays[on_ground]) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+    crossing = p + (height / lamp[2]) * (lamp - p) - T[:3, 3]
+    reach = np.abs(crossing[:, :2]).max(axis=1)
+    clear = np.abs(reach - half) > 0.06  # a pixel is up to that long there
+    dark = (frame.A.radiance[on_ground] == 0.0).all(axis=1)
+    assert dark.sum() > 50
+    assert np.array_equal(dark[clear], reach[clear] < half)
+
+
+def test_copies_alone_and_far_from_the_origin():
+    """No mesh stands there once; coordinates of 1e6 m move with the local origin."""
+    away = np.array([1e6, -2e6, 0.0])
+    copies = nuts(20)
+    far = replace(copies, T_w_o=copies.T_w_o + np.pad(away[:, None], ((0, 1), (3, 0)))[None])
+    pose = POSE.copy()
+    pose[:3, 3] += away
+    scene = scene_from_dict(SCENE | {"trajectory": {"poses": [{"position": [1e6, -2e6, 0]}]}})
+    near_depth = render([copies]).D.depth
+    far_depth = FrameRenderer(scene, "cpu", parts=[far]).render(pose, outputs="D").D.depth
+    hit = np.isfinite(near_depth) & np.isfinite(far_depth)
+    assert hit.sum() > 200
+    assert (np.isfinite(near_depth) == np.isfinite(far_depth)).mean() > 0.999
+    np.testing.assert_allclose(far_depth[hit], near_depth[hit], rtol=1e-5, atol=1e-5)
