@@ -201,7 +201,7 @@ class Dataset:
     # ---------------------------------------------------------------------------------------------------- images
 
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """A decoded image: linear radiance of A and B from the 8 bit image, unit normals of C, metres of D, ids of S."""
+        """A decoded image: linear radiance of A and B (from 8 bits), unit normals of C, metres of D, numbers of S."""
         return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""One frame: the radiance of A and B, the normals of C, the depth of D and the objects of S from one pose of the vehicle."""
+"""One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
 import os
 import time
