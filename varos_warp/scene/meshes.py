@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from varos_warp.scene.description import Diffuse, MeshObject, ProceduralTerrain,
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.scatter import Taken, scatter
+from varos_warp.scene.skins import join_skins
 
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 
@@ -39,22 +41,51 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -
     Raises:
         InputError: The file is missing, empty, unreadable, without triangles, or holds vertices that are not finite.
     """
+    return load_skinned_mesh(path, key, up_axis, with_skin=False)[:2]
+
+
+def load_skinned_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *, with_skin: bool = True):
+    """``load_mesh`` and the colours that the file brings along: vertices, faces and a Skin or None.
+
+    Base colour maps are read from GLB, glTF and OBJ files, colours of vertices or faces from PLY, GLB and OFF files.
+    """
     path = Path(path)
-    _check_file(path, key)
-    try:
-        with np.errstate(invalid="ignore"):  # infinite vertices are refused below
-            vertices, faces, axis = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path)
-    except Exception as error:  # every format's reader raises its own kinds
-        problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
-        raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
-    _check_mesh(vertices, faces, path, key)
-    mesh = trimesh.Trimesh(vertices @ TO_Z_UP[up_axis or axis].T, faces, process=False)
+    vertices, faces, skin = _read(path, key, up_axis, with_skin)
+    _check_finite(vertices, path, key)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
-    mesh.update_faces(mesh.area_faces > 0.0)
+    kept = mesh.area_faces > 0.0
+    mesh.update_faces(kept)
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) == 0:
         raise InputError("all triangles of the mesh have zero area", file=path, key=key, remedy="Export it anew.")
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32)
+    skin = skin and replace(skin, corners=skin.corners[kept])
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin
+
+
+def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The same as it stands in the file: nothing merged or dropped, and vertices may be NaN or infinite.
+
+    Raises:
+        InputError: The file is missing, empty, unreadable or without triangles.
+    """
+    return _read(Path(path), key, up_axis, False)[:2]
+
+
+def _read(path, key, up_axis, with_skin):
+    """Vertices, faces and, if asked for, the Skin of a mesh file, as it stands there."""
+    _check_file(path, key)
+    try:
+        with np.errstate(invalid="ignore"):  # vertices that are not finite are the caller's
+            read = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path, with_skin)
+            vertices, faces, axis, skin = read
+    except Exception as error:  # every format's reader raises its own kinds
+        problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
+        raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
+    _check_faces(vertices, faces, path, key)
+    up = TO_Z_UP[up_axis or axis]
+    with np.errstate(invalid="ignore"):
+        return vertices if (up == np.eye(3)).all() else vertices @ up.T, np.asarray(faces, np.int32), skin
 
 
 def build_parts(scene: Scene) -> list[Part]:
@@ -78,7 +109,8 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
 
 def _object_part(scene, block, key):
     if isinstance(block, MeshObject):
-        mesh = load_mesh(scene.resolve(block.file), f"{key}.file", block.up_axis)
+        path = scene.resolve(block.file)
+        mesh = load_skinned_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
     else:
         mesh = assets.make_asset(block, key)
     return _part(scene, block, key, *mesh)
@@ -90,23 +122,24 @@ def _terrain_mesh(scene):
         return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
                                            block.rockiness, block.seed)
     files = [block.file] if isinstance(block.file, str) else block.file
-    meshes = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis) for file in files]
-    vertices, faces = terrain.join(meshes)
+    alone = len(files) == 1 and block.preprocess is None and block.material is None
+    loaded = [load_skinned_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
+    vertices, faces = terrain.join((vertices, faces) for vertices, faces, _ in loaded)
     if block.preprocess is not None:
         options = block.preprocess.model_dump()
         vertices, faces = terrain.preprocess(vertices, faces, **options, key="terrain.preprocess")
     if block.detail is not None:
         vertices = procedural.add_detail(vertices, **block.detail.model_dump())
-    return vertices, faces
+    return vertices, faces, loaded[0][2]
 
 
-def _part(scene, block, key, vertices, faces):
+def _part(scene, block, key, vertices, faces, skin=None):
     """A mesh where its block places it: scaled, turned, moved."""
     placed = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T + np.asarray(block.position)
     return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
                 material=scene.materials[block.material] if block.material is not None else Diffuse(),
                 origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth")
+                smooth_shading=block.shading == "smooth", skin=skin)
 
 
 # -------------------------------------------------------------------------------------------------------------- checks
@@ -125,35 +158,41 @@ def _check_file(path, key):
                          remedy="Copy or export it again; the transfer may have broken off.")
 
 
-def _check_mesh(vertices, faces, path, key):
-    """Triangles, all between vertices that exist and are finite."""
+def _check_faces(vertices, faces, path, key):
+    """Triangles, all between vertices that exist."""
     if len(faces) == 0:
         raise InputError("the mesh has no triangles", file=path, key=key,
                          remedy="Point clouds and lines cannot be rendered; export a surface.")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"a face names vertex {faces.max()} of {len(vertices)}", file=path, key=key,
                          remedy="The file is damaged; export it again.")
+
+
+def _check_finite(vertices, path, key):
+    """No vertex is NaN or infinite."""
     bad = ~np.isfinite(vertices).all(axis=1)
     if bad.any():
         number = int(np.flatnonzero(bad)[0])
         raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite (the first is number {number})",
-                         file=path, key=key, remedy="Remove them in a mesh editor and export again.")
+                         file=path, key=key, remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
 
 
 # ------------------------------------------------------------------------------------------------------------- readers
 
 
-def _read_with_trimesh(path):
-    """Vertices, faces and up axis of a file that trimesh reads in double precision."""
-    loaded = trimesh.load_scene(path, process=False, **({"skip_materials": True} if path.suffix == ".obj" else {}))
-    meshes = []
+def _read_with_trimesh(path, with_skin):
+    """Vertices, faces, up axis and Skin or None of a file that trimesh reads in double precision."""
+    options = {"skip_materials": True} if path.suffix.lower() == ".obj" and not with_skin else {}
+    loaded = trimesh.load_scene(path, process=False, **options)
+    meshes, skinned = [], []
     for node in loaded.graph.nodes_geometry:
         matrix, name = loaded.graph[node]
         mesh = loaded.geometry[name]
         if isinstance(mesh, trimesh.Trimesh):
             meshes.append(_transformed(mesh.vertices, mesh.faces, matrix))
+            skinned.append((mesh, bool(np.linalg.det(matrix[:3, :3]) < 0.0)))
     vertices, faces = terrain.join(meshes)
-    return vertices, faces, "y" if _gltf_is_y_up(path) else "z"
+    return vertices, faces, "y" if _gltf_is_y_up(path) else "z", join_skins(skinned) if with_skin else None
 
 
 def _transformed(vertices, faces, matrix):
@@ -184,7 +223,7 @@ def _read_dae(path):
         _walk_dae(node, np.eye(4), meshes)
     vertices, faces = terrain.join(meshes)
     unit = document.assetInfo.unitmeter
-    return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower()
+    return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower(), None
 
 
 def _walk_dae(node, matrix, meshes):

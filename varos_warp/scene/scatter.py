@@ -59,7 +59,7 @@ def scatter(block: Scatter, key: str, prototype: Part, terrain: Part, taken: Tak
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
     return Instances(key, vertices, prototype.faces, T, prototype.material, prototype.smooth_angle,
-                     prototype.smooth_shading)
+                     prototype.smooth_shading, prototype.skin)
 
 
 def _places(block, key, vertices, terrain, taken, seed):

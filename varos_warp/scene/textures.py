@@ -227,9 +227,9 @@ def decode_image(image: PillowImage.Image) -> np.ndarray:
     return _SRGB_TO_LINEAR[np.asarray(image)]
 
 
-def _srgb_to_linear(values):
-    """IEC 61966-2-1."""
+def srgb_to_linear(values: np.ndarray) -> np.ndarray:
+    """Linear values of sRGB ones in 0..1 (IEC 61966-2-1)."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-_SRGB_TO_LINEAR = _srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
+_SRGB_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
