@@ -276,32 +276,57 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yam
 @verb
 def preprocess(
         meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Files, which are joined.")],
-        out: Annotated[Path, typer.Option("-o", "--out", help="PLY file.")],
+        out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
         vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many.")] = None,
         merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than this [m].")] = 0.001,
-        shrinkwrap: Annotated[int | None, typer.Option(min=2, help="Wrap a grid of so many rows from above.")] = None,
+        fill_holes: Annotated[float | None, typer.Option(
+            min=0.0, help="Fill holes up to this wide [m], by default ten median edges.")] = None,
+        shrinkwrap: Annotated[str, typer.Option(
+            metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
+            "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto",
+        close: Annotated[str, typer.Option(metavar="skirt|solid|none", help="Close the outline of a wrapped sheet by "
+                                           "a skirt, or by skirt and bottom.")] = "skirt",
         region: Annotated[str | None, typer.Option(metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only.")] = None,
+        scale: Annotated[float, typer.Option(help="Multiply coordinates; 0.001 if they are millimetres.")] = 1.0,
         up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None,
-        json_: Json = False):
+        device: Device = "auto", json_: Json = False, quiet: Quiet = False):
     """Join, merge, repair, shrinkwrap and decimate meshes, and print the error that it made."""
-    from varos_warp.scene.terrain import preprocess_meshes, write_ply
+    from varos_warp.dataset.files import write_json
+    from varos_warp.dataset.progress import Steps
+    from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.terrain import STEPS, preprocess_meshes, write_ply
 
-    if up_axis not in (None, "x", "y", "z"):
-        raise InputError("is no axis", key="--up-axis", value=up_axis, remedy="Use x, y or z.")
-    (points, faces), facts = preprocess_meshes(
-        meshes, vertices, merge_tolerance_m=merge_tolerance, shrinkwrap_resolution=shrinkwrap,
-        region=parse_region(region), up_axis=up_axis)
+    _check_choice("--up-axis", up_axis, (None, "x", "y", "z"))
+    _check_choice("--close", close, ("skirt", "solid", "none"))
+    with Steps("preprocess", STEPS, quiet) as steps:
+        (points, faces), facts = preprocess_meshes(
+            meshes, vertices, merge_tolerance_m=merge_tolerance, fill_holes_m=fill_holes, close=close, scale=scale,
+            shrinkwrap_resolution=parse_shrinkwrap(shrinkwrap), region=parse_region(region), up_axis=up_axis,
+            device=resolve_device(device), progress=steps.reach)
     write_ply(out, points, faces)
+    write_json(out.with_suffix(".json"), {"out": out.name, **facts})
     if json_:
         print_json({"out": str(out), **facts})
-        return
+    elif not quiet:
+        _print_preprocessed(out, facts)
+    for warning in facts["warnings"]:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
+def _print_preprocessed(out: Path, facts: dict) -> None:
+    """The report of `preprocess_meshes` as tables."""
     _print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
                                            for key, value in facts["after"].items()])
-    _print_table(["distance [m]", "rms", "95 %", "largest"],
-                 [[name, *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max"))] for name, key in
-                  (("from the original to the result", "distance_to_result_m"),
-                   ("from the result to the original", "distance_to_original_m"))])
-    print(f"{out} is written")
+    ways = (("from the original to the result", "distance_to_result_m"),
+            ("from the result to the original", "distance_to_original_m"))
+    _print_table(["distance [m], normals [deg]", "rms", "95 %", "largest", "normals: mean", "95 %", "largest"],
+                 [[name, *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max")),
+                   *(f"{facts[key]['normal_deg'][x]:.3g}" for x in ("mean", "p95", "max"))] for name, key in ways])
+    symmetric = facts["symmetric_m"]
+    print(f"both ways: rms {symmetric['rms']:.3g} m, Hausdorff {symmetric['hausdorff']:.3g} m (sampled)")
+    print(*(f"{key.replace('_', ' ')}: {value}" for key, value in facts["counts"].items() if value), sep=", ")
+    print(*(f"{key} {value:.1f} s" for key, value in facts["seconds"].items()), sep=", ")
+    print(f"{out} is written, and its report {out.with_suffix('.json')}")
 
 
 # ---------------------------------------------------------------------------------------------------------- arguments
@@ -356,6 +381,21 @@ def parse_region(text: str | None) -> tuple[float, float, float, float] | None:
     except ValueError:
         raise InputError("is not XMIN,YMIN,XMAX,YMAX", key="--region", value=text) from None
     return values
+
+
+def parse_shrinkwrap(text: str) -> int | str | None:
+    """A number of vertices, ``auto`` or ``none``."""
+    if text in ("auto", "none"):
+        return None if text == "none" else text
+    if not (text.isdecimal() and int(text) >= 2):
+        raise InputError("is not a number of vertices, at least 2", key="--shrinkwrap", value=text,
+                         remedy="For example 1024, auto or none.")
+    return int(text)
+
+
+def _check_choice(key: str, value, known: tuple) -> None:
+    if value not in known:
+        raise InputError("is unknown", key=key, value=value, remedy=f"Use one of {', '.join(filter(None, known))}.")
 
 
 # ----------------------------------------------------------------------------------------------------------- printing

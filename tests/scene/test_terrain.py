@@ -101,7 +101,7 @@ def test_the_report_of_preprocessing_tells_counts_and_the_error_made(tmp_path):
     assert report["after"]["triangles"] == len(f)
     coarse = terrain.preprocess_meshes([tmp_path / "a.ply"], 300)[1]
     exact = terrain.preprocess_meshes([tmp_path / "a.ply"])[1]
-    assert exact["distance_to_result_m"]["max"] < 1e-9
+    assert exact["distance_to_result_m"]["max"] < 30 * 2.0**-23  # the BVH is in float32
     rms = [r["distance_to_result_m"]["rms"] for r in (exact, report, coarse)]
     assert rms == sorted(rms)
     assert 0.001 < rms[1] < 0.1

@@ -1,0 +1,63 @@
+"""Fewer triangles by quadric edge collapse (Garland and Heckbert 1997, SIGGRAPH), in bounded memory."""
+
+import fast_simplification
+import numpy as np
+
+from varos_warp.scene.terrain.joining import join, merge_equal
+from varos_warp.scene.terrain.repair import clean
+from varos_warp.scene.terrain.topology import compact
+
+TILE = 4_000_000
+"""Most triangles decimated in one go: the library takes about 350 bytes for each."""
+
+SPARE = 4
+"""A tile keeps so many times its share of the target, for the last pass over the whole to choose from."""
+
+
+def decimate(vertices, faces, target_vertices: int, progress=lambda share: None):
+    """About ``target_vertices`` vertices. Large meshes are first thinned out tile by tile, seams untouched.
+
+    Args:
+        vertices: float64 [V, 3] [m].
+        faces: int32 [F, 3].
+        target_vertices: At most about so many.
+        progress: Called with the share that is done.
+    """
+    target = max(4, round(len(faces) * target_vertices / len(vertices)))
+    centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # quadrics of large coordinates lose digits
+    vertices = vertices - centre
+    if len(faces) > TILE and SPARE * target < len(faces):
+        vertices, faces = _thin_out(vertices, faces, SPARE * target / len(faces), progress)
+    vertices, faces = clean(*_simplify(vertices, faces, target))
+    return vertices + centre, faces
+
+
+def _simplify(vertices, faces, target, **options):
+    """At most about ``target`` triangles."""
+    if target >= len(faces):
+        return vertices, faces
+    points, triangles = fast_simplification.simplify(vertices, faces, target_count=target, **options)
+    return points, np.asarray(triangles, np.int32)
+
+
+def _thin_out(vertices, faces, share, progress):
+    """Every tile decimated to a share of its triangles; its rim stays as it is, so that the tiles fit again."""
+    thin, tiles = [], _tiles(vertices, faces, np.arange(len(faces), dtype=np.int32))
+    for number, tile in enumerate(tiles):
+        part = compact(vertices, faces[tile])
+        thin.append(_simplify(*part, max(4, round(share * len(tile))), preserve_border=True))
+        progress(0.8 * (number + 1) / len(tiles))
+    return merge_equal(*join(thin))
+
+
+def _tiles(vertices, faces, members):
+    """Lists of neighbouring faces, none longer than ``TILE``: halves of halves along the longest side."""
+    if len(members) <= TILE:
+        return [members]
+    corner = faces[members, 0]
+    axis = int(np.argmax(np.ptp(vertices[corner], axis=0)))
+    place = vertices[corner, axis]
+    left = place < np.median(place)
+    if not left.any():
+        return [members]
+    return _tiles(vertices, faces, members[left]) + _tiles(vertices, faces, members[~left])
