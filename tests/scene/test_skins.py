@@ -51,7 +51,8 @@ def gltf(path):
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
         "textures": [{"source": 0}], "images": [{"bufferView": 3, "mimeType": "image/png"}], "accessors": accessors,
-        "bufferViews": [{"buffer": 0, "byteOffset": a, "byteLength": len(c)} for a, c in zip(starts, chunks, strict=False)],
+        "bufferViews": [{"buffer": 0, "byteOffset": a, "byteLength": len(c)} for a, c in
+                        zip(starts[:-1], chunks, strict=True)],
         "buffers": [{"byteLength": starts[-1], "uri": f"data:application/octet-stream;base64,{data}"}]}
     path.write_text(json.dumps(document))
     return path
