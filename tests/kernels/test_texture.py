@@ -22,7 +22,8 @@ UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 def colour(material: texture.Material, p: wp.array(dtype=wp.vec3), n: wp.array(dtype=wp.vec3),
            footprint: float, out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    out[i] = texture.reflectance(material, p[i], n[i], wp.vec3(0.0), footprint)
+    surface = texture.surface_at(material, p[i], n[i], wp.vec3(0.0), footprint)
+    out[i] = surface.reflectance + surface.specular
 
 
 @cache
