@@ -8,12 +8,12 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.intersect import Hit, SceneData, hit_reflectance, make_rays
+from varos_warp.kernels.intersect import Hit, SceneData, hit_surface, make_rays
 from varos_warp.kernels.light import Light, brightest, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval, hg_sample
 from varos_warp.kernels.sampling import sample_cosine, uniforms
-from varos_warp.kernels.single_scatter import irradiance_unoccluded
+from varos_warp.kernels.single_scatter import lamp_beam
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -41,7 +41,7 @@ def scattered(scene: SceneData, p: wp.vec3, d: wp.vec3):
 @wp.func
 def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
     """Radiance of a white Lambertian surface at ``hit`` lit by one lamp."""
-    E = irradiance_unoccluded(scene, light, hit, n)
+    E = wp.max(wp.dot(n, wp.normalize(light.position - hit.p)), 0.0) * lamp_beam(scene, light, hit.p)
     if wp.max(E) <= 0.0:
         return E
     if not visible(scene, hit.start, light.position):
@@ -93,7 +93,7 @@ def trace_plainly(
                 throughput = 3.0 * wp.cw_mul(throughput, T) / (T[0] + T[1] + T[2])
                 angle = wp.where(depth == 1, camera.pixel_angle, WALK_ANGLE)
                 footprint = footprint_width(angle, hit.t, d, hit.n)
-                throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, hit.n, footprint))
+                throughput = wp.cw_mul(throughput, hit_surface(scene, hit, hit.n, footprint).reflectance)
                 for i in range(scene.lights.shape[0]):
                     L += wp.cw_mul(throughput, reflected(scene, scene.lights[i], hit, hit.n))
                 o = hit.start

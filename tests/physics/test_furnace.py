@@ -1,5 +1,7 @@
 """Furnaces: uniform light around surfaces of known reflectance (B), and closed spheres that keep all light (A)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,8 +9,9 @@ from chance import assert_plausible, two_sided
 from rig import Z, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
 
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Diffuse, Metal, Scene
 from varos_warp.scene.geometry import Part
+from varos_warp.scene.lobe import lobe_albedo_table
 
 
 def part(mesh, reflectance, smooth=False):
@@ -73,6 +76,41 @@ def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(re
         image = clear([part(mesh, reflectance, smooth)], camera_scene(focal_mm=10.0), spp=16)
         assert np.all(image.radiance == np.float32(reflectance))
         assert np.all(image.stderr == 0.0)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.4, 0.9])
+def test_white_metal_vanishes_in_uniform_light(roughness):
+    """Its lobe gives back all light (to the 0.6 % of its table), on a convex object and between spikes and pits."""
+    white = Metal(kind="metal", base=(1, 1, 1), roughness=roughness)
+    ball = replace(part(sphere(0.5, centre=(0.3, 3, -0.5)), 1.0, smooth=True), material=white)
+    spikes = replace(part(rough_ground(), 1.0), material=white)
+    scene = camera_scene((0, -2, 0.5), rotation_euler_deg=[-20, 0, 0])
+    for parts, most, spp in (([ball], 0.006, 64), ([ball, spikes], 0.012, 256)):
+        image = clear(parts, scene, spp)
+        error = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / image.stderr[..., 0].size
+        assert abs(image.radiance[..., 0].astype(float).mean() - 1) < most + Z * error
+        assert error < 0.006
+
+
+def test_direct_light_on_metal_is_the_lobe_times_the_beam():
+    """A lamp beside the camera and a slanted plate: GGX, Smith and Fresnel written out in float64."""
+    roughness, base, T = 0.5, np.array([0.9, 0.6, 0.3]), 3.0
+    lamp = np.array([0.8, 0.3, -0.2])
+    plate = replace(floor(T, 0.5), material=Metal(kind="metal", base=tuple(base), roughness=roughness))
+    scene = one_ray_scene([point(lamp)], water(0.0, 0.0, 0.0))
+    made = radiance(scene, [plate], "direct", spp=4)[0]
+    offset, n, v = lamp - [0, 0, T], np.array([0.0, 0, -1]), np.array([0.0, 0, -1])
+    distance, alpha = np.linalg.norm(offset), roughness**2
+    l = offset / distance
+    h = (v + l) / np.linalg.norm(v + l)
+    D = alpha**2 / (np.pi * ((n @ h) ** 2 * (alpha**2 - 1) + 1) ** 2)
+    Lambda = [(np.sqrt(1 + alpha**2 * (1 - (n @ w) ** 2) / (n @ w) ** 2) - 1) / 2 for w in (v, l)]
+    F = base + (1 - base) * (1 - v @ h) ** 5
+    E = lobe_albedo_table()[:, -1]
+    E = np.interp(roughness, np.linspace(0, 1, len(E)), E)
+    once = F * D / (1 + sum(Lambda)) / (4 * (n @ v) * (n @ l))
+    expected = once * (1 + base * (1 - E) / E) * (n @ l) / distance**2
+    np.testing.assert_allclose(made, expected, rtol=1e-4)
 
 
 @pytest.mark.parametrize("reflectance", [0.3, 0.8, 1.0])

@@ -6,9 +6,10 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import SceneData, hit_reflectance, make_rays, shading_normal
+from varos_warp.kernels.intersect import SceneData, hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
-from varos_warp.kernels.sampling import sample_cosine, uniforms
+from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.surface import sample_surface, sample_weight
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -30,7 +31,7 @@ def make_ambient_kernel(instances: bool) -> wp.Kernel:
         pixel: int,
         sample: int,
     ):
-        """Radiance along a ray: reflectances multiply until the path escapes to the light around the scene."""
+        """Radiance along a ray: surfaces take their shares until the path escapes to the light around the scene."""
         throughput = wp.vec3(1.0)
         origin = o
         direction = d
@@ -42,10 +43,12 @@ def make_ambient_kernel(instances: bool) -> wp.Kernel:
             n = shading_normal(scene, hit)
             angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
             footprint = footprint_width(angle, hit.t, direction, hit.n)
-            throughput = wp.cw_mul(throughput, hit_reflectance(scene, hit, n, footprint))
+            surface = hit_surface(scene, hit, n, footprint)
             bounces += 1
             u = uniforms(key, pixel, sample, bounces)
-            direction = sample_cosine(n, u[0], u[1])
+            v = -direction
+            direction = sample_surface(surface, n, v, u[0], u[1], u[3])
+            throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, v, direction))
             origin = hit.start
             survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
             if u[2] >= survival:

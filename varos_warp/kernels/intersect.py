@@ -7,7 +7,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.light import Light
 from varos_warp.kernels.medium import Medium
-from varos_warp.kernels.texture import Material, reflectance
+from varos_warp.kernels.texture import Material, surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -50,6 +50,8 @@ class SceneData:
     """Normals of image C, per face corner in the mesh's axes."""
     corner_values: wp.array(dtype=wp.vec3)
     """Per face corner, texture coordinates or colours from mesh files (see texture.surface_at); empty without any."""
+    lobe_albedo: wp.array2d(dtype=float)
+    """Of a white metal, see surface.lobe_albedo; empty without metals."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
@@ -231,6 +233,6 @@ def file_value(scene: SceneData, hit: Hit):
 
 
 @wp.func
-def hit_reflectance(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
-    """Lambertian reflectance per channel at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
-    return reflectance(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)
+def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
+    """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
+    return surface_at(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)

@@ -15,7 +15,7 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import BLOCK_DIM, FAR, NEAR
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import Hit, SceneData, hit_reflectance, make_rays, shading_normal
+from varos_warp.kernels.intersect import Hit, SceneData, hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import LitInterval, brightest, lit_interval
 from varos_warp.kernels.medium import (
     Medium,
@@ -26,9 +26,10 @@ from varos_warp.kernels.medium import (
     truncated_exponential_pdf,
 )
 from varos_warp.kernels.phase import hg_eval, hg_sample
-from varos_warp.kernels.sampling import joint_pdf, sample_cosine, sample_joint, uniforms
-from varos_warp.kernels.single_scatter import LampLight, in_scattered, irradiance_unoccluded
-from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
+from varos_warp.kernels.sampling import joint_pdf, sample_joint, uniforms
+from varos_warp.kernels.single_scatter import LampLight, in_scattered, lamp_beam
+from varos_warp.kernels.surface import sample_surface, surface_albedo, surface_eval, surface_pdf
+from varos_warp.kernels.texture import WALK_ANGLE, Surface, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -49,7 +50,7 @@ class PathSpec:
 
 @wp.struct
 class Vertex:
-    """Where a walk turns: in the water, or on a surface with its normals and reflectance."""
+    """Where a walk turns: in the water, or on a surface with its normals and what it does with light."""
 
     on_surface: int
     p: wp.vec3
@@ -57,7 +58,7 @@ class Vertex:
     """Direction in which the ray came."""
     n_geometric: wp.vec3
     n: wp.vec3
-    reflectance: wp.vec3
+    surface: Surface
 
 
 @wp.func
@@ -79,7 +80,7 @@ def surface_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
     vertex.d = d
     vertex.n_geometric = hit.n
     vertex.n = shading_normal(scene, hit)
-    vertex.reflectance = hit_reflectance(scene, hit, vertex.n, footprint_width(angle, hit.t, d, hit.n))
+    vertex.surface = hit_surface(scene, hit, vertex.n, footprint_width(angle, hit.t, d, hit.n))
     return vertex
 
 
@@ -156,22 +157,30 @@ def sample_lamp_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
 
 
 @wp.func
-def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float):
-    """Direction from the phase function or the surface's cosine."""
+def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float, w: float):
+    """Direction from the phase function or from what the surface does with light."""
     if vertex.on_surface == 1:
-        return sample_cosine(vertex.n, u, v)
+        return sample_surface(vertex.surface, vertex.n, -vertex.d, u, v, w)
     return hg_sample(vertex.d, scene.medium.g, u, v)
 
 
 @wp.func
 def own_lobe_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
-    """Density of sample_own_lobe; also scattering function times cosine, per unit albedo."""
+    """Density of sample_own_lobe."""
     if vertex.on_surface == 1:
-        if wp.dot(d, vertex.n_geometric) <= 0.0:
-            return 0.0
-        return wp.max(wp.dot(d, vertex.n), 0.0) / wp.pi
+        return surface_pdf(vertex.surface, vertex.n, -vertex.d, d)
     apart = vertex.d - d
     return hg_eval(0.5 * wp.dot(apart, apart), scene.medium.g)
+
+
+@wp.func
+def vertex_eval(scene: SceneData, vertex: Vertex, d: wp.vec3):
+    """Phase function, or the surface's scattering function times the cosine [1/sr]."""
+    if vertex.on_surface == 1:
+        if wp.dot(d, vertex.n_geometric) <= 0.0:
+            return wp.vec3(0.0)
+        return surface_eval(scene.lobe_albedo, vertex.surface, vertex.n, -vertex.d, d)
+    return wp.vec3(own_lobe_pdf(scene, vertex, d))
 
 
 # ----------------------------------------------------------------------------------------------- distances in the water
@@ -270,25 +279,25 @@ def gather_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
 
 
 @wp.func
-def gather_reflected(scene: SceneData, hit: Hit, n: wp.vec3, u: float):
-    """Light of one lamp reflected at ``hit``, chosen by its unoccluded irradiance; white surface."""
+def gather_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float):
+    """Light of one lamp reflected at a hit against its ray, chosen by how much that is without obstacles."""
     total = float(0.0)
     pick = Pick()
     pick.u = u
     pick.index = -1
-    E = wp.vec3(0.0)
+    reflected = LampLight()
+    reflected.p = hit.start
     for i in range(scene.lights.shape[0]):
-        candidate = irradiance_unoccluded(scene, scene.lights[i], hit, n)
-        weight = brightest(candidate)
+        to_light = wp.normalize(scene.lights[i].position - hit.p)
+        L = wp.cw_mul(vertex_eval(scene, vertex, to_light), lamp_beam(scene, scene.lights[i], hit.p))
+        weight = brightest(L)
         total += weight
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:
-            E = candidate
-    reflected = LampLight()
+            reflected.L = L
+    reflected.lamp = pick.index
     if total > 0.0:
-        reflected.lamp = pick.index
-        reflected.p = hit.start
-        reflected.L = E * (total / (pick.weight * wp.pi))
+        reflected.L *= total / pick.weight
     return reflected
 
 
@@ -323,7 +332,7 @@ def lamp_light_at(scene: SceneData, p: wp.vec3):
 @wp.func
 def expected_light(scene: SceneData, walk: Walk):
     """How much light a walk may still find: its throughput, times the root of the light at its vertex."""
-    albedo = wp.where(walk.vertex.on_surface == 1, brightest(walk.vertex.reflectance), 1.0)
+    albedo = wp.where(walk.vertex.on_surface == 1, brightest(surface_albedo(walk.vertex.surface)), 1.0)
     return albedo * brightest(walk.throughput) * wp.sqrt(lamp_light_at(scene, walk.vertex.p))
 
 
@@ -355,7 +364,7 @@ def start_walk(
     walk = Walk()
     walk.dimension = 4
     from_water = max_scatterings > 0
-    from_surface = hit.face >= 0 and max_bounces > 0 and brightest(end.reflectance) > 0.0
+    from_surface = hit.face >= 0 and max_bounces > 0 and brightest(surface_albedo(end.surface)) > 0.0
     both = from_water and from_surface
     if from_water and (u[2] < 0.5 or not both):
         near = lamp_distance(scene, o)
@@ -376,23 +385,24 @@ def start_walk(
 
 
 @wp.func
-def turn(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4, v: float):
+def turn(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4, v: wp.vec4):
     """Give a walk its next direction, in ``vertex.d``: from the vertex's own lobe or from those around the lamps.
 
     The weight is the balance heuristic over both (one sample).
     """
     turned = walk
-    if v < lamp_share:
+    if v[0] < lamp_share:
         d = sample_lamp_lobes(scene, walk.vertex.p, u)
     else:
-        d = sample_own_lobe(scene, walk.vertex, u[2], u[3])
-    f = own_lobe_pdf(scene, walk.vertex, d)
+        d = sample_own_lobe(scene, walk.vertex, u[2], u[3], v[1])
+    f = vertex_eval(scene, walk.vertex, d)
     turned.vertex.d = d
-    turned.alive = wp.where(f > 0.0, 1, 0)
-    if walk.vertex.on_surface == 1:
-        turned.throughput = wp.cw_mul(turned.throughput, walk.vertex.reflectance)
-    if lamp_share > 0.0 and f > 0.0:
-        turned.throughput *= f / (lamp_share * lamp_lobes_pdf(scene, walk.vertex.p, d) + (1.0 - lamp_share) * f)
+    turned.alive = wp.where(brightest(f) > 0.0, 1, 0)
+    if turned.alive == 1:
+        pdf = (1.0 - lamp_share) * own_lobe_pdf(scene, walk.vertex, d)
+        if lamp_share > 0.0:
+            pdf += lamp_share * lamp_lobes_pdf(scene, walk.vertex.p, d)
+        turned.throughput = wp.cw_mul(turned.throughput, f) / pdf
     return turned
 
 
@@ -473,7 +483,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     lamp_share = wp.where(walk.scatterings < max_scatterings, 0.5, 0.0)
                 u = uniforms(key, pixel, sample, walk.dimension)
                 v = uniforms(key, pixel, sample, walk.dimension + 1)
-                walk = turn(scene, walk, lamp_share, u, v[0])
+                walk = turn(scene, walk, lamp_share, u, v)
 
             if walk.alive == 1:
                 o = walk.vertex.p
@@ -496,11 +506,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 if hit.face >= 0:
                     end_vertex = surface_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, WALK_ANGLE))
                     if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
-                        reflected = gather_reflected(scene, hit, end_vertex.n, u[2])
+                        reflected = gather_reflected(scene, hit, end_vertex, u[2])
                         if brightest(reflected.L) > 0.0:
                             if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                                L_surface = wp.cw_mul(end_vertex.reflectance, reflected.L)
-                                L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), L_surface)
+                                L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), reflected.L)
 
                 # where the path goes on
                 if on_camera:

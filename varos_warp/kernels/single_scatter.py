@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.intersect import Hit, SceneData
+from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light, LitInterval, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval
@@ -13,17 +13,11 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def irradiance_unoccluded(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
-    """Irradiance [W/m^2] from one lamp through the water at a hit with normal ``n``, as if nothing stood between."""
-    offset = light.position - hit.p
+def lamp_beam(scene: SceneData, light: Light, p: wp.vec3):
+    """Irradiance [W/m^2] of a plane at ``p`` that faces the lamp, through the water, as if nothing stood between."""
+    offset = light.position - p
     distance = wp.max(wp.length(offset), NEAR)
-    to_light = offset / distance
-    cosine = wp.dot(n, to_light)
-    if cosine <= 0.0 or wp.dot(hit.n, to_light) <= 0.0:
-        return wp.vec3(0.0)
-    share = cosine * falloff(light, -wp.dot(to_light, light.axis)) / (distance * distance)
-    if share <= 0.0:
-        return wp.vec3(0.0)
+    share = falloff(light, -wp.dot(offset, light.axis) / distance) / (distance * distance)
     return share * wp.cw_mul(light.intensity, transmittance(scene.medium, distance))
 
 

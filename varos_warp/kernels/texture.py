@@ -67,7 +67,9 @@ class Surface:
     reflectance: wp.vec3
     """Of the diffuse part."""
     specular: wp.vec3
-    """F0 of the lobe; zero without one."""
+    """F0 of the lobe, times ``metal``."""
+    metal: float
+    """Share of bare metal; 0: no lobe."""
     roughness: float
 
 
@@ -168,7 +170,8 @@ def rust(m: Material, q: wp.vec3, footprint: float):
     surface = Surface()
     surface.roughness = m.roughness
     if m.metallic == 1:
-        surface.specular = (1.0 - s) * m.base
+        surface.metal = 1.0 - s
+        surface.specular = surface.metal * m.base
     else:
         surface.reflectance = (1.0 - s) * m.base
     if s > 0.0:
@@ -227,6 +230,7 @@ def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: floa
     elif m.kind == COLOURED:
         surface.reflectance = at
     elif m.kind == METAL:
+        surface.metal = 1.0
         surface.specular = m.base
         surface.roughness = m.roughness
     elif m.kind == RUST:
@@ -235,10 +239,3 @@ def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: floa
     else:
         surface.reflectance = unit_clamp(dirt(m, p + m.offset, n, footprint))
     return surface
-
-
-@wp.func
-def reflectance(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: float):
-    """All that a surface reflects, as if it did so diffusely; arguments as for ``surface_at``."""
-    surface = surface_at(m, p, n, at, footprint)
-    return surface.reflectance + surface.specular

@@ -13,6 +13,7 @@ from varos_warp.kernels.texture import Material
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials import corner_values, device_material
 from varos_warp.scene.normals import corner_normals, face_normals
 from varos_warp.scene.textures import Textures
@@ -84,8 +85,12 @@ class DeviceScene:
         self.face_count = sum(counts) + sum(len(group) * len(group.faces) for group in copied)
         placed = [*single, *(box for group in copied for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)
-        self.materials = self._array([device_material(p, self.scene, self.origin, self.textures) for p in placed], Material)
+        materials = [device_material(part, self.scene, self.origin, self.textures) for part in placed]
+        self.materials = self._array(materials, Material)
         self.data.materials = self.materials
+        if any(has_lobe(part.material) for part in parts):
+            self.lobe_albedo = self._array(lobe_albedo_table(), float)
+            self.data.lobe_albedo = self.lobe_albedo
         self._upload_normals([*single, *copied])
         self.corner_values = self._array(corner_values([*single, *copied]), wp.vec3)
         self.data.corner_values = self.corner_values
