@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.scene import assets, procedural, terrain
-from varos_warp.scene.description import Diffuse, MeshObject, ProceduralTerrain, Scene
+from varos_warp.scene.description import Diffuse, MeshObject, Object, ProceduralTerrain, Scene
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.scatter import Taken, scatter
@@ -97,17 +97,18 @@ def build_parts(scene: Scene) -> list[Part]:
 def build_single_parts(scene: Scene) -> list[Part]:
     """What stands in one place only: the terrain, then the objects in file order."""
     parts = [] if scene.terrain is None else [_part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))]
-    return parts + [_object_part(scene, block, f"objects.{i}") for i, block in enumerate(scene.objects)]
+    return parts + [object_part(scene, block, f"objects.{i}") for i, block in enumerate(scene.objects)]
 
 
 def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
     """One mesh with many poses for every block of ``scatter``; ``parts`` are those that stand in one place."""
     taken = Taken(objects=parts[1:])  # the first is the terrain, without which nothing is scattered
-    return [scatter(block, f"scatter.{i}", _object_part(scene, block.object, f"scatter.{i}.object"), parts[0], taken,
+    return [scatter(block, f"scatter.{i}", object_part(scene, block.object, f"scatter.{i}.object"), parts[0], taken,
                     scene.seed) for i, block in enumerate(scene.scatter)]
 
 
-def _object_part(scene, block, key):
+def object_part(scene: Scene, block: Object, key: str) -> Part:
+    """An object of the scene file where its block places it; ``key`` names it, also in messages."""
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
         mesh = load_skinned_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
