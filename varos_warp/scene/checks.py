@@ -1,20 +1,25 @@
 """What a person should know before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
 
+from collections import defaultdict
+from dataclasses import replace
+
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene, SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.query import clearance, is_inside
+from varos_warp.scene.terrain import join
 from varos_warp.scene.water import optical_properties
 
 NEAREST = 16
 """Places on a path that are asked whether they are inside of what they are near to."""
 
 
-def check_scene(scene: Scene, parts: list[Part], path: tuple | None = None) -> list[str]:
+def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None = None) -> list[str]:
     """Warnings, one sentence each, of things that look wrong.
 
     Args:
@@ -27,13 +32,14 @@ def check_scene(scene: Scene, parts: list[Part], path: tuple | None = None) -> l
     stops = scene.trajectory.waypoints or scene.trajectory.poses
     poses = [transform(turned.as_matrix(), stop.position)
              for stop, turned in zip(stops, attitudes(stops), strict=True)]
-    at_stops, told = _check_stops(scene, parts, np.array([stop.position for stop in stops]))
-    on_the_way = [] if path is None else _check_path(scene, parts, path, told)
-    return [*_check_water(scene), *_check_sizes(parts), *_check_cameras(scene), *_check_lights(scene, poses),
-            *_check_inside(scene, parts, poses), *at_stops, *on_the_way]
+    solids = _gather(scene, parts, poses, path)
+    at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in stops]))
+    on_the_way = [] if path is None else _check_path(scene, solids, path, told)
+    return [*_check_water(scene), *_check_sizes(_one_of_each(parts)), *_check_cameras(scene),
+            *_check_lights(scene, poses), *_check_inside(scene, solids, poses), *at_stops, *on_the_way]
 
 
-def scene_info(scene: Scene, parts: list[Part]) -> dict:
+def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
     """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
     waypoints = scene.trajectory.waypoints
     return {
@@ -41,13 +47,25 @@ def scene_info(scene: Scene, parts: list[Part]) -> dict:
         "water": water_info(scene),
         "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
-        "meshes": [{"name": part.name, "vertices": len(part.vertices), "triangles": len(part.faces),
-                    "bounds_m": np.stack([part.vertices.min(axis=0), part.vertices.max(axis=0)]).tolist()}
-                   for part in parts],
+        "meshes": _mesh_info(parts),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene)},
         "trajectory": {"kind": "poses" if waypoints is None else "waypoints",
                        "count": len(scene.trajectory.poses if waypoints is None else waypoints)},
     }
+
+
+def _mesh_info(parts):
+    """Name, counts and bounds of every mesh; the copies of a scatter together."""
+    info, blocks = [], defaultdict(list)
+    for part in parts:
+        blocks[part.name if isinstance(part, Instances) else _block(part)].append(part)
+    for name, members in blocks.items():
+        copies = sum(len(part) if isinstance(part, Instances) else 1 for part in members)
+        corners = np.concatenate([box.vertices for part in members for box in part.boxes()])
+        info.append({"name": f"{name} ({copies} copies)" if name.startswith("scatter.") else name,
+                     "vertices": copies * len(members[0].vertices), "triangles": copies * len(members[0].faces),
+                     "bounds_m": np.stack([corners.min(axis=0), corners.max(axis=0)]).tolist()})
+    return info
 
 
 def water_info(scene: Scene) -> dict:
@@ -79,6 +97,42 @@ def camera_info(camera) -> dict:
 def vehicle_radius(scene: Scene) -> float:
     """Radius [m] of the vehicle's hull."""
     return sphere_radius(displaced_volume(scene.vehicle.mass_kg, scene.vehicle.net_buoyancy, scene.gravity))
+
+
+# -------------------------------------------------------------------------------------------------- copies of a scatter
+
+
+def _block(part):
+    """Key of the block that a part comes from: ``scatter.0`` for ``scatter.0.17``."""
+    return part.name.rpartition(".")[0] if part.name.startswith("scatter.") else part.name
+
+
+def _one_of_each(parts):
+    """The parts, and of every scatter one copy."""
+    parts = [replace(part, T_w_o=part.T_w_o[:1]).parts()[0] if isinstance(part, Instances) else part for part in parts]
+    return list({_block(part): part for part in reversed(parts)}.values())[::-1]
+
+
+def _gather(scene, parts, poses, path):
+    """The parts, and of every scatter the copies near to where vehicle and cameras go, as one part with its name."""
+    points = [T[:3, 3] for T in poses] + [c.position for c in scene.vehicle.cameras if c.mount == "world"]
+    points = np.vstack([points, *(() if path is None else path[1:3])])
+    margin = vehicle_radius(scene) + max(np.linalg.norm(c.position) for c in scene.vehicle.cameras)
+    tree, solids, near = cKDTree(points), [], defaultdict(list)
+    for part in parts:
+        boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for box in part.boxes()])
+        close = tree.query(boxes.mean(axis=1))[0] <= margin + 0.5 * np.linalg.norm(np.diff(boxes, axis=1)[:, 0], axis=1)
+        if isinstance(part, Instances):
+            near[part.name] += replace(part, T_w_o=part.T_w_o[close]).parts()
+        elif part.name.startswith("scatter."):
+            near[_block(part)] += [part] if close[0] else []
+        else:
+            solids.append(part)
+    for name, copies in near.items():
+        if copies:
+            vertices, faces = join((copy.vertices, copy.faces) for copy in copies)
+            solids.append(replace(copies[0], name=name, vertices=vertices, faces=faces))
+    return solids
 
 
 # -------------------------------------------------------------------------------------------------------------- checks
