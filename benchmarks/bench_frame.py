@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from plain_kernel import trace_plainly
+from plain_kernel import make_plain_kernel
 
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.load import load_scene
@@ -45,7 +45,7 @@ def time_plain(renderer, T_w_v, spp: int, repeat: int):
     for key in range(repeat + 1):
         start = time.perf_counter()
         renderer._launch(
-            trace_plainly,
+            make_plain_kernel(renderer.world.has_textures),
             view,
             None,
             [renderer.world.data, camera],

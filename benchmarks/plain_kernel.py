@@ -4,11 +4,13 @@ Free flights, the phase function and the cosine as the only sampling, one shadow
 on the throughput. It has the same expectation as ``varos_warp.kernels.path``, with far more noise.
 """
 
+from functools import cache
+
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.intersect import Hit, SceneData, hit_surface, make_rays
+from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays
 from varos_warp.kernels.light import Light, brightest, falloff
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.phase import hg_eval, hg_sample
@@ -49,60 +51,67 @@ def reflected(scene: SceneData, light: Light, hit: Hit, n: wp.vec3):
     return E / wp.pi
 
 
-@wp.kernel(enable_backward=False)
-def trace_plainly(
-    scene: SceneData,
-    camera: Camera,
-    first_row: int,
-    spp: int,
-    key: wp.uint32,
-    # out
-    mean: wp.array2d(dtype=wp.vec3),  # [W/sr/m^2], shape [height, width]
-    squares: wp.array2d(dtype=wp.vec3),  # mean of the squared samples
-):
-    tile_row, col = wp.tid()
-    row = first_row + tile_row
-    pixel = row * mean.shape[1] + col
-    total = wp.vec3(0.0)
-    total2 = wp.vec3(0.0)
-    for sample in range(spp):
-        u = uniforms(key, pixel, sample, 0)
-        ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-        o = ray.o
-        d = ray.d
-        L = wp.vec3(0.0)
-        throughput = wp.vec3(1.0)
-        for depth in range(1, 256):
-            hit = first_hit(scene, o, d)
-            u = uniforms(key, pixel, sample, 2 * depth)
-            v = uniforms(key, pixel, sample, 2 * depth + 1)
-            c = wp.min(int(3.0 * u[0]), 2)
-            sigma = scene.medium.sigma_t[c]
-            t = wp.where(sigma > 0.0, -wp.log(1.0 - u[1]) / wp.max(sigma, 1.0e-30), FAR)
-            if t < hit.t:
-                T = transmittance(scene.medium, t)
-                throughput = 3.0 * wp.cw_mul(throughput, wp.cw_mul(scene.medium.sigma_s, T))
-                throughput /= wp.dot(scene.medium.sigma_t, T)
-                o = o + t * d
-                L += wp.cw_mul(throughput, scattered(scene, o, d))
-                d = hg_sample(d, scene.medium.g, v[0], v[1])
-            else:
-                if hit.face < 0:
+@cache
+def make_plain_kernel(textures: bool) -> wp.Kernel:
+    """The kernel, for scenes with or without textures; instances are not for it."""
+    hit_surface = make_hit_surface(textures)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_plainly(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        spp: int,
+        key: wp.uint32,
+        # out
+        mean: wp.array2d(dtype=wp.vec3),  # [W/sr/m^2], shape [height, width]
+        squares: wp.array2d(dtype=wp.vec3),  # mean of the squared samples
+    ):
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        pixel = row * mean.shape[1] + col
+        total = wp.vec3(0.0)
+        total2 = wp.vec3(0.0)
+        for sample in range(spp):
+            u = uniforms(key, pixel, sample, 0)
+            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
+            o = ray.o
+            d = ray.d
+            L = wp.vec3(0.0)
+            throughput = wp.vec3(1.0)
+            for depth in range(1, 256):
+                hit = first_hit(scene, o, d)
+                u = uniforms(key, pixel, sample, 2 * depth)
+                v = uniforms(key, pixel, sample, 2 * depth + 1)
+                c = wp.min(int(3.0 * u[0]), 2)
+                sigma = scene.medium.sigma_t[c]
+                t = wp.where(sigma > 0.0, -wp.log(1.0 - u[1]) / wp.max(sigma, 1.0e-30), FAR)
+                if t < hit.t:
+                    T = transmittance(scene.medium, t)
+                    throughput = 3.0 * wp.cw_mul(throughput, wp.cw_mul(scene.medium.sigma_s, T))
+                    throughput /= wp.dot(scene.medium.sigma_t, T)
+                    o = o + t * d
+                    L += wp.cw_mul(throughput, scattered(scene, o, d))
+                    d = hg_sample(d, scene.medium.g, v[0], v[1])
+                else:
+                    if hit.face < 0:
+                        break
+                    T = transmittance(scene.medium, hit.t)
+                    throughput = 3.0 * wp.cw_mul(throughput, T) / (T[0] + T[1] + T[2])
+                    angle = wp.where(depth == 1, camera.pixel_angle, WALK_ANGLE)
+                    footprint = footprint_width(angle, hit.t, d, hit.n)
+                    throughput = wp.cw_mul(throughput, hit_surface(scene, hit, hit.n, footprint).reflectance)
+                    for i in range(scene.lights.shape[0]):
+                        L += wp.cw_mul(throughput, reflected(scene, scene.lights[i], hit, hit.n))
+                    o = hit.start
+                    d = sample_cosine(hit.n, v[0], v[1])
+                survival = wp.min(brightest(throughput), 0.95)
+                if v[2] >= survival:
                     break
-                T = transmittance(scene.medium, hit.t)
-                throughput = 3.0 * wp.cw_mul(throughput, T) / (T[0] + T[1] + T[2])
-                angle = wp.where(depth == 1, camera.pixel_angle, WALK_ANGLE)
-                footprint = footprint_width(angle, hit.t, d, hit.n)
-                throughput = wp.cw_mul(throughput, hit_surface(scene, hit, hit.n, footprint).reflectance)
-                for i in range(scene.lights.shape[0]):
-                    L += wp.cw_mul(throughput, reflected(scene, scene.lights[i], hit, hit.n))
-                o = hit.start
-                d = sample_cosine(hit.n, v[0], v[1])
-            survival = wp.min(brightest(throughput), 0.95)
-            if v[2] >= survival:
-                break
-            throughput /= survival
-        total += L
-        total2 += wp.cw_mul(L, L)
-    mean[row, col] = total / float(spp)
-    squares[row, col] = total2 / float(spp)
+                throughput /= survival
+            total += L
+            total2 += wp.cw_mul(L, L)
+        mean[row, col] = total / float(spp)
+        squares[row, col] = total2 / float(spp)
+
+    return trace_plainly

@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import SceneData, hit_surface, make_rays, shading_normal
+from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.surface import sample_surface, sample_weight
@@ -16,9 +16,10 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_ambient_kernel(instances: bool) -> wp.Kernel:
-    """Image B, for scenes with or without instances."""
+def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Image B, for scenes with or without instances and textures."""
     first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
 
     @wp.func
     def ambient_radiance(

@@ -7,7 +7,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.light import Light
 from varos_warp.kernels.medium import Medium
-from varos_warp.kernels.texture import Material, surface_at
+from varos_warp.kernels.texture import Material, Surface, surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -232,7 +232,20 @@ def file_value(scene: SceneData, hit: Hit):
     return value + w * scene.corner_values[corner + 2]
 
 
-@wp.func
-def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
-    """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
-    return surface_at(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)
+@cache
+def make_hit_surface(textures: bool):
+    """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
+
+    What it would cost a scene without them on a GPU: half as many registers again, spilled to memory.
+    """
+
+    @wp.func
+    def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
+        """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
+        if wp.static(textures):
+            return surface_at(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)
+        surface = Surface()
+        surface.reflectance = scene.materials[hit.part].base
+        return surface
+
+    return hit_surface

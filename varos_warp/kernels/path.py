@@ -15,7 +15,7 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import BLOCK_DIM, FAR, NEAR
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
-from varos_warp.kernels.intersect import Hit, SceneData, hit_surface, make_rays, shading_normal
+from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import LitInterval, brightest, lit_interval
 from varos_warp.kernels.medium import (
     Medium,
@@ -46,6 +46,8 @@ class PathSpec:
     """Which layers are wanted."""
     instances: bool = False
     """Something stands in many places."""
+    textures: bool = True
+    """Some material is more than one constant reflectance."""
 
 
 @wp.struct
@@ -72,15 +74,15 @@ def water_vertex(p: wp.vec3, d: wp.vec3):
 
 
 @wp.func
-def surface_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
-    """Vertex on the surface that a ray along ``d`` hit; ``angle`` [rad] is the width of what the ray stands for."""
+def surface_vertex(hit: Hit, d: wp.vec3, n: wp.vec3, surface: Surface):
+    """Vertex on the surface with normal ``n`` that a ray along ``d`` hit."""
     vertex = Vertex()
     vertex.on_surface = 1
     vertex.p = hit.start
     vertex.d = d
     vertex.n_geometric = hit.n
-    vertex.n = shading_normal(scene, hit)
-    vertex.surface = hit_surface(scene, hit, vertex.n, footprint_width(angle, hit.t, d, hit.n))
+    vertex.n = n
+    vertex.surface = surface
     return vertex
 
 
@@ -446,6 +448,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     that hide the latency of rays: 22.7 instead of 12.6 million paths/s on an H200.
     """
     first_hit, visible = make_rays(spec.instances)
+    hit_surface = make_hit_surface(spec.textures)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_DIM, 6))
     def trace_paths(
@@ -504,7 +507,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 L_surface = wp.vec3(0.0)
                 end_vertex = Vertex()
                 if hit.face >= 0:
-                    end_vertex = surface_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, WALK_ANGLE))
+                    n = shading_normal(scene, hit)
+                    angle = wp.where(on_camera, camera.pixel_angle, WALK_ANGLE)
+                    surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
+                    end_vertex = surface_vertex(hit, d, n, surface)
                     if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
                         reflected = gather_reflected(scene, hit, end_vertex, u[2])
                         if brightest(reflected.L) > 0.0:

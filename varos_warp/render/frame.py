@@ -191,7 +191,8 @@ class FrameRenderer:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
         max_scatterings = max_scatterings if medium else 0
-        spec = PathSpec(medium, "direct" in layers, "single" in layers, "multiple" in layers, self.world.has_instances)
+        wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
+        spec = PathSpec(medium, *wanted, self.world.has_instances, self.world.has_textures)
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
         self._launch(
@@ -209,7 +210,7 @@ class FrameRenderer:
             return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
         film = self._film(view, spp)
         self._launch(
-            make_ambient_kernel(self.world.has_instances),
+            make_ambient_kernel(self.world.has_instances, self.world.has_textures),
             view,
             film,
             [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],

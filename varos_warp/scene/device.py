@@ -9,7 +9,7 @@ from varos_warp.kernels.intersect import Instance as InstanceData
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.medium import Medium
-from varos_warp.kernels.texture import Material
+from varos_warp.kernels.texture import DIFFUSE, Material
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
@@ -49,6 +49,7 @@ class DeviceScene:
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
         self.has_surfaces = bool(parts)
+        self.has_textures = False
         self.part_names: list[str] = []
         self.has_instances = any(isinstance(part, Instances) for part in parts)
         self.data = SceneData()
@@ -86,6 +87,7 @@ class DeviceScene:
         placed = [*single, *(box for group in copied for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)
         materials = [device_material(part, self.scene, self.origin, self.textures) for part in placed]
+        self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.materials = self._array(materials, Material)
         self.data.materials = self.materials
         if any(has_lobe(part.material) for part in parts):
