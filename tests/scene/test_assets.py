@@ -67,9 +67,10 @@ def test_every_size_of_bolt_and_nut_is_sound(kind):
         assert_sound(make({"kind": kind, "size": size}, 2e-4))
 
 
-def test_every_size_of_flange_is_sound():
+@pytest.mark.parametrize("chord_error", [1e-4, 4e-4, 1e-2])
+def test_every_size_of_flange_is_sound(chord_error):
     for pipe, *_ in FLANGES_MM.values():
-        assert_sound(make({"kind": "flange", "radius": pipe / 2e3}, 4e-4))
+        assert_sound(make({"kind": "flange", "radius": pipe / 2e3}, chord_error))
 
 
 @pytest.mark.parametrize("data", BEVELLED.values(), ids=BEVELLED)
@@ -129,7 +130,7 @@ def test_an_elbow_leaves_the_origin_along_z_towards_x():
 def test_a_flange_has_the_volume_of_a_plate_less_its_bore_and_holes():
     radius = 0.5 * 0.1143
     mesh = make({"kind": "flange", "radius": radius}, CHORD_ERROR)
-    T, inner, b = 0.022, 1.012 * radius, 0.08 * 0.022
+    T, inner, b = 0.022, 1.012 * radius, 0.04 * 0.022
     plate = np.pi * T * (0.110**2 - inner**2 - 8 * 0.009**2)
     edges = rounding(b, 0.110, 1) + rounding(b, inner, -1) + 8 * rounding(b, 0.009, -1)
     assert mesh.volume == close_to(plate - 2.0 * edges, mesh)

@@ -180,7 +180,8 @@ def sources(scene) -> dict[str, str]:
     """SHA-256 of every mesh file that the scene names."""
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
-    named += [o.file for o in scene.objects if getattr(o, "file", None)]
+    objects = [*scene.objects, *(block.object for block in scene.scatter)]
+    named += [o.file for o in objects if getattr(o, "file", None)]
     return {name: _digest(scene.resolve(name)) for name in dict.fromkeys(named)}
 
 

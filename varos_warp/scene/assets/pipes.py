@@ -77,15 +77,15 @@ def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
 def flange(block: Flange, key: str = "flange", chord_error: float = 1e-4):
     """A plate flange around z from z = 0 up, with the proportions of the DN whose pipe is nearest in radius."""
     outer, circle, hole, count, thickness = flange_measures(block.radius)
-    b = 0.08 * thickness
+    b = 0.04 * thickness
     inner = BORE * block.radius
-    gap = min(outer - circle - hole, circle - inner - hole) - 2.0 * SUPPORT * b
+    longest = 1.8 * (min(outer - circle - hole, circle - inner - hole) - 2.0 * SUPPORT * b)
     rim = [(circle, thickness), (outer, thickness), (outer, 0.0), (circle, 0.0)]
     bore = [(circle, 0.0), (inner, 0.0), (inner, thickness), (circle, thickness)]
     eye = [(circle, 0.0), (hole, 0.0), (hole, thickness), (circle, thickness)]
     angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
-    walls = [_wall(rim, 0.0, b, chord_error, gap), _wall(bore, 0.0, b, chord_error, gap)]
-    walls += [_wall(eye, circle * np.exp(1j * angle), b, chord_error, gap) for angle in angles]
+    walls = [_wall(rim, 0.0, b, chord_error, longest), _wall(bore, 0.0, b, chord_error, longest)]
+    walls += [_wall(eye, circle * np.exp(1j * angle), b, chord_error, longest) for angle in angles]
     return _plate(walls)
 
 
@@ -155,7 +155,8 @@ def _bend_ring(bend_radius, radius, angle, count):
 def _wall(profile, centre, bevel, chord_error, longest):
     """Rings [R, m, 3] of a rounded edge around a ``centre`` (complex), from one face of a plate to the other.
 
-    No edge of a ring is longer than ``longest``: then the triangulation of the faces keeps them all.
+    No edge of a ring is longer than ``longest``, twice the gap to the next ring at most: then the circle around it
+    holds no other point, and the Delaunay triangulation of the faces keeps it (Gabriel and Sokal 1969).
     """
     line = rounded(profile, bevel, chord_error)[1:-1]
     radius = line[:, 0].max()
