@@ -146,14 +146,15 @@ def test_yaw_is_random_or_none_and_scales_stay_in_their_range():
     np.testing.assert_allclose(straight.T_w_o[:, :3, :3], np.tile(np.eye(3), (5, 1, 1)), atol=1e-12)
 
 
-def test_every_copy_is_a_part_with_a_name_and_a_seed_of_its_own():
+def test_a_block_is_one_mesh_whose_copies_have_names_and_seeds_of_their_own():
     s = scene({"object": {**NUT, "material": "old"}, "count": 3}, materials={"old": {"kind": "rust"}})
-    parts = build_parts(s)
-    assert [part.name for part in parts] == ["terrain", "scatter.0.0", "scatter.0.1", "scatter.0.2"]
-    assert len({part.origin for part in parts[1:]}) == 3
-    assert parts[1].material.kind == "rust"
-    (instances,) = scattered({"object": NUT, "count": 3})
-    np.testing.assert_allclose(parts[2].vertices, instances.vertices @ instances.T_w_o[1, :3, :3].T
+    terrain, instances = build_parts(s)
+    assert (terrain.name, instances.name, len(instances)) == ("terrain", "scatter.0", 3)
+    copies = instances.parts()
+    assert [part.name for part in copies] == ["scatter.0.0", "scatter.0.1", "scatter.0.2"]
+    assert len({part.origin for part in copies}) == 3
+    assert copies[0].material.kind == "rust"
+    np.testing.assert_allclose(copies[1].vertices, instances.vertices @ instances.T_w_o[1, :3, :3].T
                                + instances.T_w_o[1, :3, 3])
 
 
