@@ -88,10 +88,10 @@ def _read(path, key, up_axis, with_skin):
         return vertices if (up == np.eye(3)).all() else vertices @ up.T, np.asarray(faces, np.int32), skin
 
 
-def build_parts(scene: Scene) -> list[Part]:
-    """Everything solid in the scene, in world coordinates (float64): terrain, objects in file order, every copy."""
+def build_parts(scene: Scene) -> list[Part | Instances]:
+    """Everything solid in the scene (float64): the terrain, the objects in file order, then the blocks of scatter."""
     parts = build_single_parts(scene)
-    return parts + [copy for instances in build_instances(scene, parts) for copy in instances.parts()]
+    return parts + build_instances(scene, parts)
 
 
 def build_single_parts(scene: Scene) -> list[Part]:
