@@ -65,7 +65,7 @@ def dirt(**values):
 
 
 MATERIALS = {
-    "sand and rock": slope_blend(), "a single tile": slope_blend("rock", "sand", 1),
+    "sand and rock": slope_blend(), "wide tiles": slope_blend("rock", "sand", 15),
     "very fine tiles": slope_blend(tiles=1e5),
     "rust": rust(), "bare metal": rust(amount=0.0), "all rust": rust(amount=1.0), "white metal": rust(base=(1, 1, 1)),
     "black metal": rust(base=(0, 0, 0)), "dirt": dirt(), "white dirt": dirt(silt=(1, 1, 1), amount=1.0),

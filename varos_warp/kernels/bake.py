@@ -8,7 +8,7 @@ wp.set_module_options({"enable_backward": False})
 
 SAND = wp.constant(0)
 ROCK = wp.constant(1)
-GRAINS = wp.constant(512)
+GRAINS = wp.constant(400)
 """Grains of sand, or of minerals in rock, along a side of the tile."""
 
 
@@ -22,7 +22,7 @@ def sand(seed: wp.uint32, uv: wp.vec2):
     if which < 0.07:
         colour = wp.vec3(0.16, 0.14, 0.13)
     elif which > 0.975:
-        colour = wp.vec3(0.78, 0.74, 0.66)
+        colour = wp.vec3(0.70, 0.66, 0.58)
     shade = (0.75 + 0.5 * low_half(grain.id)) * (0.72 + 0.28 * wp.smoothstep(0.0, 0.3, grain.gap))
 
     # coarser pieces, some of them: each a patch of its cell
@@ -35,7 +35,7 @@ def sand(seed: wp.uint32, uv: wp.vec2):
     bits = cell_hash(seed + wp.uint32(5), int(shell.id), 0)
     # a fragment: between the border of its cell and a circle
     if high_half(bits) > 0.93 and shell.gap < 0.28 and shell.nearest < 0.1 + 0.4 * low_half(bits):
-        colour = wp.vec3(0.70, 0.65, 0.58)
+        colour = wp.vec3(0.66, 0.61, 0.54)
         shade = 0.8 + 0.3 * low_half(grain.id)
 
     # where finer or darker sediment has settled

@@ -12,19 +12,31 @@ from varos_warp.kernels.tiling import Image, level_of, sample, tiled
 wp.set_module_options({"enable_backward": False})
 
 DIFFUSE = wp.constant(0)
-SLOPE_BLEND = wp.constant(1)
-TILED = wp.constant(2)
-MAPPED = wp.constant(3)
-COLOURED = wp.constant(4)
+GROUND = wp.constant(1)
+MAPPED = wp.constant(2)
+COLOURED = wp.constant(3)
+METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
-METAL = wp.constant(7)
 
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that rust and dirt are cut from: fbm of four octaves."""
 
 WALK_ANGLE = wp.constant(0.2)
 """Width of the cone that a ray of a walk stands for [rad]: such rays carry no sharp image."""
+
+
+@wp.struct
+class Layer:
+    """A tile on a surface."""
+
+    image: Image
+    offset: wp.vec3
+    """As the material's, less whole multiples of ``tiling.PERIOD`` tiles."""
+    size: float
+    """Width of the tile [m]."""
+    ripple: float
+    """Length of ripples [m]; 0 is none."""
 
 
 @wp.struct
@@ -41,23 +53,15 @@ class Material:
     """Whether what is under rust is bare metal with a lobe."""
     roughness: float
     """Of the metal's lobe."""
-    silt: wp.vec3
-    """Reflectance of dirt."""
+    layer_dark: wp.vec3
+    """Reflectance of rust or dirt at its edges, and where it is thick."""
+    layer_pale: wp.vec3
     threshold: float
     """Noise above it is rust or dirt."""
     cycles: float
     """Patches of rust or dirt per metre."""
-    flat: Image
-    """Tile where the surface looks up, tile of everything, or texture map."""
-    flat_offset: wp.vec3
-    """As ``offset``, less whole multiples of ``tiling.PERIOD`` tiles."""
-    flat_size: float
-    """Size of a tile [m]."""
-    ripple: float
-    """Length of ripples on what looks up [m]; 0 is none."""
-    steep: Image
-    steep_offset: wp.vec3
-    steep_size: float
+    layers: wp.array(dtype=Layer)
+    """What lies where the surface looks up, then what is steep; or one for all of it, or the texture map."""
 
 
 @wp.struct
@@ -82,46 +86,26 @@ def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
     return angle * t / wp.sqrt(wp.max(wp.abs(wp.dot(d, n)), 0.02))
 
 
+@wp.func
+def unit_clamp(c: wp.vec3):
+    """Each channel within 0..1."""
+    return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
+
+
 # -------------------------------------------------------------------------------------------------------------- ground
 
 
 @wp.func
-def broad_shade(m: Material, q: wp.vec3, footprint: float):
-    """Slow changes over metres, around 0, within about 1: no two places of a sea floor have quite the same shade."""
-    return 1.5 * fbm(m.seed + wp.uint32(101), 0.35 * q, 2, 0.35 * footprint)
-
-
-@wp.func
-def ripples(m: Material, q: wp.vec3, broad: float, footprint: float):
-    """Shade of ripples around 1: pale crests and dark troughs that bend, fork and die out."""
-    share = band(footprint / m.ripple)
+def ripples(seed: wp.uint32, x: wp.vec3, broad: float, footprint: float):
+    """Shade of ripples around 1: pale crests and dark troughs that bend, fork and die out; in lengths of a ripple."""
+    share = band(footprint)
     if share == 0.0:
         return 1.0
-    x = q / m.ripple
-    bend = 2.6 * wp.noise(m.seed + wp.uint32(103), 0.11 * x) + 0.5 * wp.noise(m.seed + wp.uint32(104), 0.43 * x)
+    bend = 2.6 * fbm(seed, 0.11 * x, 3, 0.0)
     phase = 2.0 * wp.pi * (0.92 * x[0] + 0.39 * x[1] + bend)
     # sharper crests than troughs, as waves leave them
     profile = wp.sin(phase) + 0.22 * wp.cos(2.0 * phase)
     return 1.0 + share * wp.clamp(0.09 + 0.12 * broad, 0.0, 0.16) * profile
-
-
-@wp.func
-def flat_colour(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
-    """The tile of what looks up, with its ripples."""
-    c = tiled(m.flat, m.seed, (p + m.flat_offset) / m.flat_size, n, footprint / m.flat_size)
-    q = p + m.offset
-    broad = broad_shade(m, q, footprint)
-    shade = 1.0 + 0.13 * broad
-    if m.ripple > 0.0:
-        shade *= ripples(m, q, broad, footprint)
-    return shade * c
-
-
-@wp.func
-def steep_colour(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
-    """The tile of what is steep."""
-    c = tiled(m.steep, m.seed + wp.uint32(7), (p + m.steep_offset) / m.steep_size, n, footprint / m.steep_size)
-    return (1.0 + 0.13 * broad_shade(m, p + m.offset, footprint)) * c
 
 
 @wp.func
@@ -134,14 +118,25 @@ def slope_mask(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 
 @wp.func
-def slope_blend(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
-    """Sand where the surface faces up, rock elsewhere."""
-    s = slope_mask(m, p + m.offset, n, footprint)
-    if s <= 0.0:
-        return steep_colour(m, p, n, footprint)
-    if s >= 1.0:
-        return flat_colour(m, p, n, footprint)
-    return wp.lerp(steep_colour(m, p, n, footprint), flat_colour(m, p, n, footprint), s)
+def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
+    """Tiles: one, or sand where the surface faces up and rock elsewhere."""
+    q = p + m.offset
+    flat = float(1.0)
+    if m.layers.shape[0] > 1:
+        flat = slope_mask(m, q, n, footprint)
+    # over metres, no two places of a sea floor have quite the same shade
+    broad = 1.5 * fbm(m.seed + wp.uint32(101), 0.35 * q, 2, 0.35 * footprint)
+    c = wp.vec3(0.0)
+    for k in range(m.layers.shape[0]):
+        share = wp.where(k == 0, flat, 1.0 - flat)
+        if share > 0.0:
+            size = m.layers[k].size
+            x = (p + m.layers[k].offset) / size
+            if m.layers[k].ripple > 0.0:
+                length = m.layers[k].ripple
+                share *= ripples(m.seed + wp.uint32(103), q / length, broad, footprint / length)
+            c += share * tiled(m.layers[k].image, m.seed + wp.uint32(7 * k), x, n, footprint / size)
+    return (1.0 + 0.13 * broad) * c
 
 
 # ------------------------------------------------------------------------------------------------------------- objects
@@ -157,40 +152,24 @@ def covered(m: Material, noise: float, bias: float, footprint: float):
 
 
 @wp.func
-def grain(m: Material, q: wp.vec3, footprint: float):
-    """Fine noise around 1."""
-    return 1.0 + 0.6 * fbm(m.seed + wp.uint32(9), 12.0 * m.cycles * q, 2, 12.0 * m.cycles * footprint)
-
-
-@wp.func
-def rust(m: Material, q: wp.vec3, footprint: float):
-    """Bare metal or paint with patches of rust."""
+def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
+    """Metal, paint or anything else under patches of rust, or of silt, most of it where the surface looks up."""
     noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
-    s = covered(m, noise, 0.0, footprint)
+    bias = wp.where(m.kind == DIRT, 0.5 * n[2], 0.0)
+    s = covered(m, noise, bias, footprint)
     surface = Surface()
-    surface.roughness = m.roughness
     if m.metallic == 1:
         surface.metal = 1.0 - s
         surface.specular = surface.metal * m.base
+        surface.roughness = m.roughness
     else:
         surface.reflectance = (1.0 - s) * m.base
     if s > 0.0:
+        grain = 1.0 + 0.6 * fbm(m.seed + wp.uint32(9), 12.0 * m.cycles * q, 2, 12.0 * m.cycles * footprint)
         shade = wp.clamp(0.5 + 0.8 * noise, 0.0, 1.0)
-        surface.reflectance += (
-            s * grain(m, q, footprint) * wp.lerp(wp.vec3(0.20, 0.075, 0.03), wp.vec3(0.33, 0.15, 0.06), shade)
-        )
+        surface.reflectance += s * grain * wp.lerp(m.layer_dark, m.layer_pale, shade)
+    surface.reflectance = unit_clamp(surface.reflectance)
     return surface
-
-
-@wp.func
-def dirt(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
-    """A surface with patches of silt, most of it where it looks up."""
-    noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
-    s = covered(m, noise, 0.5 * n[2], footprint)
-    c = (1.0 - s) * m.base
-    if s > 0.0:
-        c += s * grain(m, q, footprint) * m.silt
-    return c
 
 
 @wp.func
@@ -206,12 +185,6 @@ def mapped(image: Image, at: wp.vec3, footprint: float):
 
 
 @wp.func
-def unit_clamp(c: wp.vec3):
-    """Each channel within 0..1."""
-    return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
-
-
-@wp.func
 def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: float):
     """Surface at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
 
@@ -221,21 +194,16 @@ def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: floa
     surface = Surface()
     if m.kind == DIFFUSE:
         surface.reflectance = m.base
-    elif m.kind == SLOPE_BLEND:
-        surface.reflectance = unit_clamp(slope_blend(m, p, n, footprint))
-    elif m.kind == TILED:
-        surface.reflectance = unit_clamp(flat_colour(m, p, n, footprint))
+    elif m.kind == GROUND:
+        surface.reflectance = unit_clamp(ground(m, p, n, footprint))
     elif m.kind == MAPPED:
-        surface.reflectance = mapped(m.flat, at, footprint)
+        surface.reflectance = mapped(m.layers[0].image, at, footprint)
     elif m.kind == COLOURED:
         surface.reflectance = at
     elif m.kind == METAL:
         surface.metal = 1.0
         surface.specular = m.base
         surface.roughness = m.roughness
-    elif m.kind == RUST:
-        surface = rust(m, p + m.offset, footprint)
-        surface.reflectance = unit_clamp(surface.reflectance)
     else:
-        surface.reflectance = unit_clamp(dirt(m, p + m.offset, n, footprint))
+        surface = layered(m, p + m.offset, n, footprint)
     return surface

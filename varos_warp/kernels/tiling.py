@@ -91,10 +91,11 @@ def level_of(image: Image, footprint: float):
 def sample(image: Image, x: float, y: float, level: float):
     """Sample between levels; (x, y) in texels of the finest from the top left corner of the image."""
     fine = int(level)
-    c = sample_level(image, fine, x, y)
     share = level - float(fine)
-    if share > 0.0:
-        c = wp.lerp(c, sample_level(image, fine + 1, x, y), share)
+    c = wp.vec3(0.0)
+    levels = wp.where(share > 0.0, 2, 1)
+    for k in range(levels):
+        c += wp.where(k == 0, 1.0 - share, share) * sample_level(image, fine + k, x, y)
     return c
 
 
@@ -125,7 +126,8 @@ def add_patches(blend: Blend, image: Image, seed: wp.uint32, x: float, y: float,
         w = wp.vec3(fs + ft - 1.0, 1.0 - ft, 1.0 - fs)
     least = wp.max(w) - EDGE
     added = blend
-    for k in range(3):
+    corners = int(3)  # a variable, so that the loop is not unrolled: small code is what GPUs like
+    for k in range(corners):
         share = weight * (w[k] - least)
         if share > 0.0:
             di = wp.where(k == 0, upper, int(k == 1))
@@ -186,15 +188,13 @@ def tiled(image: Image, seed: wp.uint32, p: wp.vec3, n: wp.vec3, footprint: floa
     level = level_of(image, texels)
     least = wp.max(wp.abs(n)) - TILT
     blend = Blend()
-    w = wp.max(wp.abs(n[0]) - least, 0.0)
-    if w > 0.0:
-        blend = add_patches(blend, image, seed, p[1], -p[2], level, w)
-    w = wp.max(wp.abs(n[1]) - least, 0.0)
-    if w > 0.0:
-        blend = add_patches(blend, image, seed + wp.uint32(1), p[0], -p[2], level, w)
-    w = wp.max(wp.abs(n[2]) - least, 0.0)
-    if w > 0.0:
-        blend = add_patches(blend, image, seed + wp.uint32(2), p[0], -p[1], level, w)
+    axes = int(3)
+    for axis in range(axes):
+        w = wp.abs(n[axis]) - least
+        if w > 0.0:
+            x = wp.where(axis == 0, p[1], p[0])
+            y = wp.where(axis == 2, p[1], p[2])
+            blend = add_patches(blend, image, seed + wp.uint32(axis), x, -y, level, w)
     g = blend.total / wp.sqrt(wp.max(blend.squares, 1.0e-12))
     if texels < 0.8:
         g[0] += 0.5 * grit(seed, float(image.width) * p, texels)

@@ -56,22 +56,27 @@ def _set_skin(record, part, textures):
     """The mesh file's own colours."""
     record.kind = int(texture.COLOURED if part.skin.image is None else texture.MAPPED)
     if part.skin.image is not None:
-        record.flat = textures.map(part.skin.image)
+        layer = texture.Layer()
+        layer.image = textures.map(part.skin.image)
+        record.layers = textures.layers([layer])
 
 
 def _set_ground(record, part, offset, textures, scene):
     """Tiles on what is flat and what is steep, or one on both."""
     material = part.material
-    record.kind = int(texture.TILED if material.flat == material.steep else texture.SLOPE_BLEND)
+    record.kind = int(texture.GROUND)
     key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")
-    for name in ("flat", "steep"):
+    layers = []
+    for name in ("flat",) if material.flat == material.steep else ("flat", "steep"):
         block = getattr(material, name)
-        size = tile_size(block, part)
-        setattr(record, name, textures.tile(block.texture, f"{key}.{name}.texture", size))
-        setattr(record, f"{name}_offset", wp.vec3(*np.remainder(offset, float(PERIOD) * size)))
-        setattr(record, f"{name}_size", size)
-    if material.flat.texture == "sand":
-        record.ripple = float(np.clip(0.11 * record.flat_size, 0.06, 0.3))
+        layer = texture.Layer()
+        layer.size = tile_size(block, part)
+        layer.image = textures.tile(block.texture, f"{key}.{name}.texture", layer.size)
+        layer.offset = wp.vec3(*np.remainder(offset, float(PERIOD) * layer.size))
+        if name == "flat" and block.texture == "sand":
+            layer.ripple = float(np.clip(0.11 * layer.size, 0.06, 0.3))
+        layers.append(layer)
+    record.layers = textures.layers(layers)
 
 
 def tile_size(block: Texture, part: Part) -> float:
@@ -91,9 +96,10 @@ def _set_layer(record, part):
         record.kind = int(texture.RUST)
         record.metallic = int(material.roughness is not None)
         record.roughness = material.roughness or 0.0
+        record.layer_dark, record.layer_pale = wp.vec3(0.20, 0.075, 0.03), wp.vec3(0.33, 0.15, 0.06)
     else:
         record.kind = int(texture.DIRT)
-        record.silt = wp.vec3(*material.silt)
+        record.layer_dark, record.layer_pale = wp.vec3(*(0.85 * np.array(material.silt))), wp.vec3(*material.silt)
         deviation = float(np.hypot(deviation, 0.5 / np.sqrt(3.0)))  # and half the slope, over a whole sphere
     record.threshold = float(np.clip(-deviation * ndtri(material.amount), -10.0, 10.0))
 

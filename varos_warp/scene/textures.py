@@ -13,6 +13,7 @@ from scipy.special import ndtr, ndtri
 
 from varos_warp.errors import InputError
 from varos_warp.kernels import bake
+from varos_warp.kernels.texture import Layer
 from varos_warp.kernels.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import intrinsics
@@ -36,6 +37,7 @@ class Textures:
         self.texel_m = min(1.0 / intrinsics(camera)[0, 0] for camera in scene.vehicle.cameras)
         """What the finest pixel covers at a distance of 1 m [m]: how fine procedural tiles are made."""
         self.images: dict = {}
+        self.arrays: list[wp.array] = []
 
     def tile(self, texture: str, key: str, tile_m: float) -> Image:
         """Tile ``texture``: one of GROUND, or an image file that ``key`` of the scene file names."""
@@ -48,6 +50,11 @@ class Textures:
     def map(self, reflectance: np.ndarray) -> Image:
         """Texture map of linear reflectances, float32 [H, W, 3]."""
         return self._image(id(reflectance), lambda: map_pyramid(reflectance), reflectance)
+
+    def layers(self, records: list[Layer]) -> wp.array:
+        """Records of a material on the device."""
+        self.arrays.append(wp.array(records, dtype=Layer, device=self.device))
+        return self.arrays[-1]
 
     def _image(self, key, make, alive=None) -> Image:
         if key not in self.images:
