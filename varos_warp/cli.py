@@ -129,30 +129,71 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
          tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
          max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
          set_: Set = None, json_: Json = False, quiet: Quiet = False):
-    """Say which models each output needs, why, and what it will cost."""
+    """Say which models and meshes each output needs, why, and what it will cost."""
     from varos_warp.dataset.produce import select, simulated
+    from varos_warp.render.detail import choose_detail
     from varos_warp.render.frame import FrameRenderer
     from varos_warp.render.plan import plan_render
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.load import load_scene
+    from varos_warp.scene.meshes import build_parts
 
     device = resolve_device(device)
     changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise)
     loaded, chosen = load_scene(scene, changed), parse_frames(frames)
     simulation = simulated(loaded, quiet)
     ticks = simulation.frame_ticks
-    poses = [simulation.trajectory.T_w_v(ticks[frame]) for frame in select(chosen, len(ticks))]
-    result = plan_render(loaded, FrameRenderer(loaded, device), poses, measure_cost=True).to_dict()
+    poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
+    wanted = [poses[frame] for frame in select(chosen, len(ticks))]
+    detail = choose_detail(loaded, build_parts(loaded), poses, device, propose=True, measure_cost=True)
+    result = plan_render(loaded, FrameRenderer(loaded, device, detail.parts), wanted, measure_cost=True,
+                         meshes=detail.meshes).to_dict()
     if json_:
         print_json(result)
         return
     for key, value in result.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and key != "meshes":
             print(f"{key}:", *(f"  {name}: {part}" for name, part in value.items()), sep="\n")
-        elif key != "reasons":
+        elif key not in ("reasons", "meshes"):
             print(f"{key}: {value}")
     for reason in result.get("reasons", []):
         print(f"  - {reason}")
+    _print_meshes(result["meshes"])
+
+
+def _print_meshes(meshes: dict) -> None:
+    """The plan's section ``meshes``: what is kept of each, by distance, and what that costs in C and D."""
+    detail, memory = meshes["level_of_detail"], meshes["memory_mb"]
+    off = "all triangles are kept; render.level_of_detail={} would make of them"
+    print(f"meshes: {off if detail is None else f'level_of_detail {detail}'}")
+    _print_table(["mesh", "triangles", "kept", "nearest [m]", "allowed from [mm]", "error [mm]", "why"],
+                 [row for part in meshes["parts"] for row in _mesh_rows(part)])
+    print(f"  in all {meshes['kept']} of {meshes['triangles']} triangles, {memory['kept']:g} of {memory['given']:g} MB")
+    if "depth_error" not in meshes:
+        return
+    columns = {"pixels": "pixels", "rms_mm": "rms [mm]", "rms_steps": "rms [steps]", "p95_steps": "95 % [steps]",
+               "max_steps": "largest [steps]"}
+    _print_table(["error of D at [m]", *columns.values()],
+                 [["{:g} to {:g}".format(*row["nearest_m"]), *(f"{row[key]:.4g}" for key in columns)]
+                  for row in meshes["depth_error"]["by_distance"]])
+    turned, seconds = meshes.get("normal_error_deg"), meshes["seconds_per_million_rays"]
+    if turned:
+        print(f"  normals turn by {turned['rms']:.2g} degrees (rms), 95 % of them by less than {turned['p95']:.2g}")
+    print(f"  a million first hits take {seconds['kept']:.3g} s instead of {seconds['given']:.3g} s")
+
+
+def _mesh_rows(part: dict) -> list[list[str]]:
+    """A row for the mesh, and one for each range of distances."""
+    from varos_warp.scene.lod import NEVER_SEEN
+
+    rows = [[part["name"], str(part["triangles"]), str(part["kept"]), f"{part['nearest_m']:.3g}", "",
+             f"{part['error_mm']:.3g}", part["reason"]]]
+    for region in part["regions"]:
+        low, high = region["nearest_m"]
+        rows.append(["", str(region["triangles"]), str(region["kept"]), f"{low:g} to {high:g}",
+                     f"{region['allowed_mm']:.3g}", f"{region['error_mm']:.3g}",
+                     "" if region["in_view"] else NEVER_SEEN])
+    return rows
 
 
 # ---------------------------------------------------------------------------------------------------------- a dataset

@@ -194,6 +194,7 @@ class _Job:
         self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
         self.timings: list[dict] = []
         self.work: list[tuple[int, str, str]] = []
+        self.meshes: dict | None = None
         self.summary = Summary(str(layout.root), len(self.selected))
         for message in simulation.messages:
             self.say(message)
@@ -327,6 +328,7 @@ class _Job:
 
     def open_renderer(self, device: str):
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
+        from varos_warp.render.detail import choose_detail
         from varos_warp.render.frame import FrameRenderer
         from varos_warp.scene.checks import check_scene
         from varos_warp.scene.meshes import build_parts
@@ -335,14 +337,19 @@ class _Job:
         parts = build_parts(self.scene)
         for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
             self.say(warning)
-        return FrameRenderer(self.scene, device, parts)
+        detail = choose_detail(self.scene, parts, self.poses(), device, compare=not self.plan)
+        self.meshes = detail.meshes
+        return FrameRenderer(self.scene, device, detail.parts)
+
+    def poses(self) -> list[np.ndarray]:
+        """T_w_v of the whole sequence, whichever part of it this run renders."""
+        return [self.T_w_v(frame) for frame in range(self.count)]
 
     def make_plan(self) -> dict:
-        """What the planner chooses for the whole sequence, whichever part of it this run renders."""
+        """What the planner chooses for the whole sequence."""
         from varos_warp.render.plan import plan_render
 
-        poses = [self.T_w_v(frame) for frame in range(self.count)]
-        return plan_render(self.scene, self.renderer, poses).to_dict()
+        return plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes).to_dict()
 
     def render_all(self, progress: Progress) -> None:
         """Render, and finish the last frames in the background meanwhile."""

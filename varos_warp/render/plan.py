@@ -60,14 +60,18 @@ class Plan:
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
     """Seconds on this device; only where they were asked for."""
+    meshes: dict[str, Any] | None = None
+    """What was kept of every mesh, why, and what that costs; from `varos_warp.render.detail`."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
         content = {"spp": self.spp, "max_scatterings": self.max_scatterings, "models": self.models}
-        return content | ({} if self.cost is None else {"cost": self.cost}) | {"reasons": self.reasons}
+        content |= {} if self.cost is None else {"cost": self.cost}
+        return content | {"reasons": self.reasons} | ({} if self.meshes is None else {"meshes": self.meshes})
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False) -> Plan:
+def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
+                meshes: dict | None = None) -> Plan:
     """Choose samples and scatterings for a sequence; what the scene file fixes stays as it is.
 
     Args:
@@ -75,13 +79,14 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         renderer: A `FrameRenderer` of it.
         poses: T_w_v [4, 4] of every frame.
         measure_cost: Also measure how long it will take on this device.
+        meshes: What was kept of the meshes, for the plan.
     """
     settled = _settled_scatterings(scene)
     views = [] if settled and scene.render.spp is not None else list(_pilot(scene, renderer, poses))
     max_scatterings, why_scatterings = settled or _fewest_scatterings(scene, views)
     spp, why_spp = _fewest_spp(scene, views)
     cost = _cost(scene, renderer, poses, spp, max_scatterings) if measure_cost else None
-    return Plan(spp, max_scatterings, [why_scatterings, why_spp], _models(scene, spp, max_scatterings), cost)
+    return Plan(spp, max_scatterings, [why_scatterings, why_spp], _models(scene, spp, max_scatterings), cost, meshes)
 
 
 def _models(scene: Scene, spp: int, max_scatterings: int | None) -> dict[str, str]:
@@ -114,16 +119,21 @@ class View:
     """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
 
 
-def pilot_camera(camera: Camera) -> Camera:
-    """The same field of view with at most ``PILOT_PIXELS`` pixels."""
-    scale = min(1.0, np.sqrt(PILOT_PIXELS / np.prod(camera.resolution)))
+def pilot_camera(camera: Camera, pixels: int = PILOT_PIXELS) -> Camera:
+    """The same field of view with at most so many pixels."""
+    scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
     return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+
+
+def pilot_frames(count: int) -> list[int]:
+    """A few frames of ``count``, evenly spread and with the first and the last."""
+    return np.unique(np.linspace(0, count - 1, PILOT_POSES).round().astype(int)).tolist()
 
 
 def _pilot(scene: Scene, renderer, poses) -> Iterator[View]:
     """Render a few poses, evenly spread and with the first and the last, through every camera."""
     render = scene.render
-    for frame in np.unique(np.linspace(0, len(poses) - 1, PILOT_POSES).round().astype(int)).tolist():
+    for frame in pilot_frames(len(poses)):
         for camera in map(pilot_camera, scene.vehicle.cameras):
             spp = round(PILOT_SPP * PILOT_PIXELS / np.prod(camera.resolution))
             made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,

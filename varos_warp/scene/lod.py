@@ -20,11 +20,12 @@ from varos_warp.scene.reduce import deviation, reduce_mesh
 from varos_warp.scene.terrain import Surface
 
 CLOSE_M = 1.0
-"""Up to this distance the depth must be right to ``depth_steps`` steps of D, beyond it in proportion to the distance."""
+"""Up to this distance surfaces may move by ``depth_steps`` steps of D, beyond it in proportion to the distance."""
 UNSEEN = 4.0
 """What no camera ever has in view casts shadows and light only; it may move this many times as far."""
 CELLS = 48
 """Cells along the longest side of a part, of each of which it is found out whether a camera ever has it in view."""
+NEVER_SEEN = f"never in view: {UNSEEN:g} times the tolerance"
 SMALL = 1000
 """Meshes of fewer triangles are kept as they are: nothing would be gained."""
 FINEST_CHORD_M = 2e-5
@@ -216,11 +217,12 @@ def _regions(need, allowed, before, after, found):
     rows = []
     for view in (True, False):
         for k in np.unique(octave[seen == view]):
-            here = (octave_found == k) & (seen_found == view)
-            rows.append(Region((2.0 ** float(k), 2.0 ** float(k + 1)), view, int(np.count_nonzero((octave == k) & (seen == view))),
+            low = 2.0 ** float(k)
+            error = found.distance[(octave_found == k) & (seen_found == view)].max(initial=0.0)
+            rows.append(Region((low, 2.0 * low), view, int(np.count_nonzero((octave == k) & (seen == view))),
                                int(np.count_nonzero((octave_after == k) & (seen_after == view))),
-                               1e3 * float(need.at(np.array(2.0**k))) * (1.0 if view else UNSEEN),
-                               1e3 * float(found.distance[here].max(initial=0.0))))
+                               1e3 * float(need.at(np.array(low))) * (1.0 if view else UNSEEN),
+                               1e3 * float(error)))
     return rows
 
 
@@ -228,9 +230,11 @@ def _tessellate(scene, need, part, block):
     """A parametric object, made anew with the chord error that its nearest approach allows."""
     if block.chord_error_m is not None:
         return part, _unchanged(need, part, f"chord_error_m {block.chord_error_m:g}: given")
-    chord = max(float(allowed_all_over(need, part.vertices)), FINEST_CHORD_M)
+    allowed, seen = allowed_all_over(need, part.vertices)
+    chord = max(allowed, FINEST_CHORD_M)
     made = object_part(scene, block.model_copy(update={"chord_error_m": chord}), part.name)
     why = f"chord error {1e3 * chord:.3g} mm instead of {1e3 * default_chord_error(block, part.name):.3g}"
+    why += "" if seen else f", {NEVER_SEEN}"
     return made, Kept(part.name, len(part.faces), len(made.faces), why, float(need.distance(part.vertices).min()),
                       1e3 * chord, 1.0)
 
@@ -238,7 +242,7 @@ def _tessellate(scene, need, part, block):
 def _reduce_instances(need, group):
     """An instanced mesh, reduced to what the copy needs that comes nearest in proportion to its scale."""
     scales = np.cbrt(np.linalg.det(group.T_w_o[:, :3, :3]))
-    least = min(allowed_all_over(need, box.vertices) / scale
+    least = min(allowed_all_over(need, box.vertices)[0] / scale
                 for box, scale in zip(group.boxes(), scales, strict=True))
     if len(group.faces) < SMALL:
         return group, _unchanged(need, group, f"exact: fewer than {SMALL} triangles")
@@ -254,13 +258,13 @@ def _reduce_instances(need, group):
     return replace(group, vertices=vertices, faces=faces), kept
 
 
-def allowed_all_over(need: Need, vertices: np.ndarray) -> float:
-    """What is allowed everywhere in the ball around vertices [m], by its nearest point; in view or not."""
+def allowed_all_over(need: Need, vertices: np.ndarray) -> tuple[float, bool]:
+    """What is allowed everywhere in the ball around vertices [m], by its nearest point, and if it is ever in view."""
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     radius = np.linalg.norm(vertices - centre, axis=1).max()
     distance = max(float(need.distance(centre[None])[0] - radius), 0.0)
-    seen = need.in_view(centre[None], radius)[0]
-    return float(need.at(np.array(distance))) * (1.0 if seen else UNSEEN)
+    seen = bool(need.in_view(centre[None], radius)[0])
+    return float(need.at(np.array(distance))) * (1.0 if seen else UNSEEN), seen
 
 
 def _nearest_approach(need, part):

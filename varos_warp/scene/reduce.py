@@ -29,6 +29,8 @@ EAGERNESS = 3.5
 """Root of the quadric error up to which edges are collapsed, in units of a band's least tolerance. The quadric sums
 squares over planes, and their accumulated error is some ten times the distance found afterwards; less leaves more
 triangles, and so does more, since more has to be taken apart again."""
+KEPT = -1000
+"""The band of faces that are kept."""
 FEWEST = 32
 """Bands of fewer faces are left as they are."""
 ROUNDING = 1e-6
@@ -111,10 +113,10 @@ def nearest(surface: Surface, points: np.ndarray, limit: np.ndarray) -> tuple[np
 
     Distances above ``limit`` [N], but for rounding, are exact; those below it are computed in float32.
     """
-    face, place = wp.empty(len(points), dtype=wp.int32, device="cpu"), wp.empty(len(points), dtype=wp.vec3, device="cpu")
+    face, place = (wp.empty(len(points), dtype=kind, device="cpu") for kind in (wp.int32, wp.vec3))
     local = surface.local(points)
-    wp.launch(find_nearest, dim=len(points), inputs=[0, surface.mesh.id, wp.array(local, dtype=wp.vec3, device="cpu"),
-                                                     FAR], outputs=[face, place], device="cpu")
+    given = [0, surface.mesh.id, wp.array(local, dtype=wp.vec3, device="cpu"), FAR]
+    wp.launch(find_nearest, dim=len(points), inputs=given, outputs=[face, place], device="cpu")
     face, distance = face.numpy(), np.linalg.norm(place.numpy() - local, axis=1).astype(float)
     near = np.flatnonzero(distance > limit - ROUNDING * np.abs(local).max(axis=1))
     triangles = surface.vertices[surface.faces[face[near]]]
@@ -155,16 +157,17 @@ def _reduce_once(original, spacing, vertices, faces, tolerance, offset):
     least = tolerance(vertices)[faces].min(axis=1)
     highest = least.max()
     band = np.floor(np.log(np.maximum(least, FINEST * highest) / highest) / np.log(BAND) + offset).astype(int)
-    band[least <= FINEST * highest] = -1000  # nothing to be had
+    band[least <= FINEST * highest] = KEPT
     on = nearest(Surface(vertices, faces), original.vertices, np.full(len(original.vertices), np.inf))[1]
-    points, left = vertices.copy(), [faces[band == -1000]]
+    points, left = vertices.copy(), [faces[band == KEPT]]
     used_by = np.bincount(faces.ravel(), minlength=len(vertices))
-    for number in np.unique(band[band > -1000])[::-1]:
+    for number in np.unique(band[band != KEPT])[::-1]:
         inner = faces[band == number]
         if len(inner) < FEWEST:
             left.append(inner)
             continue
-        merged = _Merged(vertices, inner, EAGERNESS * max(least[band == number].min(), highest * BAND**(number - offset)))
+        error = EAGERNESS * max(least[band == number].min(), highest * BAND ** (number - offset))
+        merged = _Merged(vertices, inner, error)
         merged.split(used_by > np.bincount(inner.ravel(), minlength=len(vertices)))
         here = np.flatnonzero(band[on] == number)
         _split_where_off(original, spacing, merged, here, faces[on[here]], tolerance)
@@ -214,7 +217,7 @@ class _Merged:
         self.root = np.arange(len(vertices))
         used, renumbered = np.unique(inner, return_inverse=True)
         scale = np.sqrt(1e-9) / error
-        points, triangles, collapses = fast_simplification.simplify(
+        points, _, collapses = fast_simplification.simplify(
             scale * vertices[used], renumbered.reshape(-1, 3).astype(np.int32), target_count=1, agg=0.0,
             preserve_border=True, return_collapses=True)
         self.root[used[collapses[:, 1]]] = used[collapses[:, 0]]
@@ -234,8 +237,7 @@ class _Merged:
     def faces(self):
         """What is left of ``inner``, in the numbers of ``vertices``; pairs of faces with the same corners are gone."""
         faces = self._mapped()
-        _, first, which, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True,
-                                           return_counts=True)
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         if len(first) == len(faces):
             return faces
         return faces[np.sort(first[count % 2 == 1])]
