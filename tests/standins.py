@@ -118,7 +118,7 @@ class FlatFloorRenderer:
         return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D, "S": S}.items() if k in outputs})
 
 
-def plan_render(scene, renderer, poses, *, measure_cost=False):
+def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
     plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings, "reasons": ["a test"]}
     return SimpleNamespace(**plan, to_dict=lambda: plan)
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import pilot_camera, pilot_frames
 from varos_warp.scene.description import LevelOfDetail, Scene
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.lod import Kept, depth_step, keep_parts, reduce_parts
@@ -90,6 +88,9 @@ def compare_images(scene: Scene, given, made, poses, device: str) -> tuple[dict[
         ``by_distance``, and the share of pixels at outlines, which do not count) and ``normal_error_deg`` (``rms``,
         ``p95``); and ``given`` and ``kept``.
     """
+    from varos_warp.render.frame import FrameRenderer
+    from varos_warp.render.plan import pilot_camera, pilot_frames
+
     renderers = [FrameRenderer(scene, device, list(parts)) for parts in (given, made)]
     depths, turn, edges, rays, seconds = [], [], 0, 0, np.zeros(2)
     for frame in pilot_frames(len(poses)):
