@@ -14,7 +14,7 @@ from varos_warp.scene import assets, procedural, terrain
 from varos_warp.scene.description import Diffuse, MeshObject, Object, ProceduralTerrain, Scene
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import Instances, Part
-from varos_warp.scene.scatter import Taken, scatter
+from varos_warp.scene.scatter import Ground, scatter
 from varos_warp.scene.skins import join_skins
 
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
@@ -102,9 +102,11 @@ def build_single_parts(scene: Scene) -> list[Part]:
 
 def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
     """One mesh with many poses for every block of ``scatter``; ``parts`` are those that stand in one place."""
-    taken = Taken(objects=parts[1:])  # the first is the terrain, without which nothing is scattered
-    return [scatter(block, f"scatter.{i}", object_part(scene, block.object, f"scatter.{i}.object"), parts[0], taken,
-                    scene.seed) for i, block in enumerate(scene.scatter)]
+    if not scene.scatter:
+        return []
+    ground = Ground(parts[0], parts[1:])  # nothing is scattered without a terrain, and it comes first
+    return [scatter(block, f"scatter.{i}", object_part(scene, block.object, f"scatter.{i}.object"), ground, scene.seed)
+            for i, block in enumerate(scene.scatter)]
 
 
 def object_part(scene: Scene, block: Object, key: str) -> Part:

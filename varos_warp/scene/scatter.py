@@ -23,29 +23,31 @@ PATIENCE = 4000
 
 
 @dataclass
-class Taken:
-    """Ground that is taken: disks seen from above, and solid objects."""
+class Ground:
+    """What is scattered on, and what is in the way there."""
 
+    terrain: Part
+    """Of several surfaces one above the other the highest counts."""
+    objects: list[Part] = field(default_factory=list)
+    """Copies keep clear of them."""
     centre: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    """float64 [N, 2] [m]."""
+    """float64 [N, 2] [m]: disks, seen from above, that copies take already."""
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """float64 [N] [m]."""
-    objects: list[Part] = field(default_factory=list)
 
-    def add(self, centre, radius):
+    def take(self, centre, radius):
         """Take one disk more."""
         self.centre, self.radius = np.vstack([self.centre, centre]), np.append(self.radius, radius)
 
 
-def scatter(block: Scatter, key: str, prototype: Part, terrain: Part, taken: Taken, seed: int) -> Instances:
-    """Place the copies of one block, and add them to what is ``taken``.
+def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
+    """Place the copies of one block, and take the ground that they stand on.
 
     Args:
         block: The block ``scatter`` of the scene file.
         key: Where it stands, ``scatter.0``: the name of the result, and for messages.
         prototype: The object that is copied, its scale and rotation applied, around its origin.
-        terrain: The ground; of several surfaces one above the other the highest counts.
-        taken: What the copies keep clear of.
+        ground: The terrain and what stands there.
         seed: Seed of the scene.
 
     Raises:
@@ -53,7 +55,7 @@ def scatter(block: Scatter, key: str, prototype: Part, terrain: Part, taken: Tak
     """
     lowest = prototype.vertices[:, 2].min() + block.sink_m
     vertices = prototype.vertices - [0.0, 0.0, lowest]
-    places = _places(block, key, vertices, terrain, taken, seed)
+    places = _places(block, key, vertices, ground, np.random.default_rng([seed, block.seed]))
     T = np.tile(np.eye(4), (len(places), 1, 1))
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
@@ -62,21 +64,20 @@ def scatter(block: Scatter, key: str, prototype: Part, terrain: Part, taken: Tak
                      prototype.smooth_shading, prototype.skin)
 
 
-def _places(block, key, vertices, terrain, taken, seed):
+def _places(block, key, vertices, ground, rng):
     """Rows of x, y, z, scale, yaw and the slopes dz/dx, dz/dy of the ground, one per copy."""
     reach = np.linalg.norm(vertices if block.max_tilt_deg else vertices[:, :2], axis=1).max()
-    low, high, share = _bounds(block, key, terrain)
-    rng = np.random.default_rng([seed, block.seed])
+    low, high, share = _bounds(block, key, ground.terrain)
     kept, dropped, barren = [], Counter(), 0
     while barren * BATCH * share < PATIENCE:
-        before = len(kept)
-        for row in _candidates(rng, block, low, high, vertices, reach, terrain, taken.objects, dropped):
+        before, drawn = len(kept), _draw(block, low, high, rng)
+        for row in _standing(block, drawn, vertices, reach, ground, dropped):
             radius = row[3] * reach
-            gap = np.linalg.norm(taken.centre - row[:2], axis=1) - taken.radius - radius
+            gap = np.linalg.norm(ground.centre - row[:2], axis=1) - ground.radius - radius
             if len(gap) and gap.min() < block.clearance_m:
                 dropped["too near to a copy"] += 1
                 continue
-            taken.add(row[:2], radius)
+            ground.take(row[:2], radius)
             kept.append(row)
             if len(kept) == block.count:
                 return np.array(kept)
@@ -86,16 +87,20 @@ def _places(block, key, vertices, terrain, taken, seed):
                      key=f"{key}.count", value=block.count, remedy="Lower count or clearance_m, or widen the area.")
 
 
-def _candidates(rng, block, low, high, vertices, reach, terrain, objects, dropped):
-    """A batch of rows, as of ``_places``, that stand on the ground and clear of objects; ``dropped`` counts others."""
+def _draw(block, low, high, rng):
+    """A batch of rows x, y, scale, yaw in the area of a block."""
     u = rng.random((BATCH, 4))
     xy, scale = low + u[:, :2] * (high - low), block.scale_range[0] + u[:, 2] * np.ptp(block.scale_range)
-    rows = np.column_stack([xy, scale, 2.0 * np.pi * u[:, 3] * block.random_yaw])[_within(block, xy)]
-    rows = _stand(rows, terrain, 0.5 * reach)
+    return np.column_stack([xy, scale, 2.0 * np.pi * u[:, 3] * block.random_yaw])[_within(block, xy)]
+
+
+def _standing(block, drawn, vertices, reach, ground, dropped):
+    """Rows, as of ``_places``, of those drawn that stand on the ground and clear of objects; counts the others."""
+    rows = _stand(drawn, ground.terrain, 0.5 * reach)
     lost = np.isnan(rows).any(axis=1)
     steep = ~lost & (np.arctan(np.hypot(rows[:, 5], rows[:, 6])) > np.radians(block.max_slope_deg))
     near = np.zeros(len(rows), bool)
-    near[~lost & ~steep] = _near_objects(rows[~lost & ~steep], vertices, block.clearance_m, objects)
+    near[~lost & ~steep] = _near_objects(rows[~lost & ~steep], vertices, block.clearance_m, ground.objects)
     for reason, which in (("beside the terrain", lost), ("too steep", steep), ("too near to an object", near)):
         dropped[reason] += np.count_nonzero(which)
     return rows[~(lost | steep | near)]
