@@ -1,4 +1,4 @@
-"""A sheet closed along its outline: by a skirt down to a level below it, and by a bottom at that level.
+"""A sheet closed along its outline: by a skirt down to a level below it, and by a bottom.
 
 Watertight, for a sheet, means that its outline is its only boundary; with skirt and bottom, that it has none.
 """
@@ -36,9 +36,9 @@ def without_skirt(vertices, faces, level: float):
 
 
 def add_bottom(vertices, faces):
-    """A flat bottom: fans from the middle of every outline.
+    """A bottom: fans from below the middle of every outline, all but flat.
 
-    All lie in one plane, so that where an outline is not star-shaped they overlap without enclosing anything.
+    Where an outline is not star-shaped from there, they overlap. They are not quite flat so that none has no area.
     """
     edges = boundary_edges(faces)
     if len(edges) == 0:
@@ -48,5 +48,6 @@ def add_bottom(vertices, faces):
     loop = groups(corners, len(used))
     middle = np.column_stack([np.bincount(loop, vertices[used, i] - vertices[0, i]) for i in range(3)])
     middle = middle / np.bincount(loop)[:, None] + vertices[0]
+    middle[:, 2] -= 0.05 * DEPTH * np.ptp(vertices, axis=0).max()
     fans = np.column_stack([edges[:, ::-1], loop[corners[:, 0]] + len(vertices)]).astype(faces.dtype)
     return np.concatenate([vertices, middle]), np.concatenate([faces, fans])

@@ -4,14 +4,24 @@ import fast_simplification
 import numpy as np
 
 from varos_warp.scene.terrain.joining import join, merge_equal
-from varos_warp.scene.terrain.repair import clean
-from varos_warp.scene.terrain.topology import compact
+from varos_warp.scene.terrain.repair import clean, fill_holes
+from varos_warp.scene.terrain.topology import boundary_edges, compact, edge_uses
 
 TILE = 4_000_000
 """Most triangles decimated in one go: the library takes about 350 bytes for each."""
 
 SPARE = 4
 """A tile keeps so many times its share of the target, for the last pass over the whole to choose from."""
+
+
+AGGRESSIVENESS = (5.0, 7.0, 10.0)
+"""How quickly the library lets its error bound grow, raised until the target is met. 5 errs less than its default 7."""
+
+SIDE = 200.0
+"""Longer side of what the library sees: its error bounds are absolute, and the result shall not depend on the unit."""
+
+MENDINGS = 8
+"""Most rounds of cutting out edges of more than two faces and filling the holes."""
 
 
 def decimate(vertices, faces, target_vertices: int, progress=lambda share: None):
@@ -25,19 +35,41 @@ def decimate(vertices, faces, target_vertices: int, progress=lambda share: None)
     """
     target = max(4, round(len(faces) * target_vertices / len(vertices)))
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # quadrics of large coordinates lose digits
-    vertices = vertices - centre
+    scale = SIDE / max(np.ptp(vertices, axis=0).max(), 1e-30)
+    was_manifold = len(edge_uses(faces)[1]) == 0
+    vertices = (vertices - centre) * scale
     if len(faces) > TILE and SPARE * target < len(faces):
         vertices, faces = _thin_out(vertices, faces, SPARE * target / len(faces), progress)
     vertices, faces = clean(*_simplify(vertices, faces, target))
-    return vertices + centre, faces
+    if was_manifold:
+        vertices, faces = _mend(vertices, faces)
+    return vertices / scale + centre, faces
 
 
 def _simplify(vertices, faces, target, **options):
     """At most about ``target`` triangles."""
-    if target >= len(faces):
-        return vertices, faces
-    points, triangles = fast_simplification.simplify(vertices, faces, target_count=target, **options)
-    return points, np.asarray(triangles, np.int32)
+    for aggressiveness in AGGRESSIVENESS:
+        if target < len(faces):
+            vertices, faces = fast_simplification.simplify(vertices, faces, target_count=target, agg=aggressiveness,
+                                                           **options)
+    return vertices, np.asarray(faces, np.int32)
+
+
+def _mend(vertices, faces):
+    """Edges that the library gave more than two faces are cut out with all that is around them, and the holes filled.
+
+    It collapses edges without a look at what they join; among millions it happens a few times.
+    """
+    for _ in range(MENDINGS):
+        many = edge_uses(faces)[1]
+        if len(many) == 0:
+            break
+        ends = np.unique([many >> 32, many & 0xFFFFFFFF])
+        kept = faces[~np.isin(faces, ends).any(axis=1)]
+        rims = boundary_edges(faces[np.isin(faces, ends).any(axis=1)])
+        widest = 2.0 * np.linalg.norm(np.ptp(vertices[rims], axis=1), axis=1).sum()
+        vertices, faces = clean(*fill_holes(vertices, kept, widest)[0])
+    return vertices, faces
 
 
 def _thin_out(vertices, faces, share, progress):

@@ -24,6 +24,8 @@ def drape(vertices, faces, resolution: int, region=None):
     z = rasterise(vertices, faces, x, y)
     covered = np.isfinite(z)
     keep = binary_fill_holes(covered)
+    if not keep.any():
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     return grid_mesh(x, y, _fill(z, keep & ~covered), keep)
 
 
@@ -41,7 +43,7 @@ def rasterise(vertices, faces, x, y, chunk: int = 2_000_000):
         last = np.minimum(np.floor(flat.max(axis=1) + ROUNDING), (len(x) - 1, len(y) - 1)).astype(np.int64)
         span = np.maximum(last - first + 1, 0)
         count = span.prod(axis=1)
-        bounds = np.searchsorted(np.cumsum(count), np.arange(0, count.sum() + chunk, chunk))
+        bounds = np.searchsorted(np.cumsum(count), np.arange(0, max(count.sum(), 1) + chunk, chunk))
         for start, stop in zip(bounds[:-1], np.append(bounds[1:-1], len(triangles)), strict=True):
             _raster_chunk(z, flat, triangles[..., 2], first, span, count, np.arange(start, stop))
     return np.where(np.isfinite(z), z, np.nan)

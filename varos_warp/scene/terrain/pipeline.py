@@ -32,8 +32,8 @@ class Log:
     seconds: dict = field(default_factory=dict)
     counts: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
-    skirt_level: float | None = None
-    """Where the skirt ends [m]; none: there is none."""
+    closed: bool = False
+    """Whether the mesh has got a skirt."""
 
     @contextlib.contextmanager
     def step(self, name: str):
@@ -87,17 +87,17 @@ def preprocess(vertices, faces, *, region=None, merge_tolerance_m=0.001, fill_ho
             wrapped_sheet = is_sheet(vertices, faces)
             vertices, faces = _wrap(vertices, faces, shrinkwrap_resolution, region, wrapped_sheet, key, device, share)
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
-    level = skirt_level(vertices)
-    if wrapped_sheet:
-        vertices, faces = add_skirt(vertices, faces)  # it holds the outline in place while triangles go
     if target_vertices is not None and target_vertices < len(vertices):
         with log.step("decimate") as share:
-            vertices, faces = decimate(vertices, faces, target_vertices, share)
-    if wrapped_sheet and close == "none":
-        vertices, faces = without_skirt(vertices, faces, level)
-    if wrapped_sheet and close == "solid":
-        vertices, faces = add_bottom(vertices, faces)
-    log.skirt_level = level if wrapped_sheet and close != "none" else None
+            vertices, faces = _decimate(vertices, faces, target_vertices, wrapped_sheet, share)
+        if len(faces) == 0:
+            raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
+                             value=target_vertices, remedy="Raise it.")
+    with log.step("close"):
+        log.closed = wrapped_sheet and close != "none"
+        vertices, faces = add_skirt(vertices, faces) if log.closed else (vertices, faces)
+        if log.closed and close == "solid":
+            vertices, faces = add_bottom(vertices, faces)
     return vertices, faces
 
 
@@ -128,6 +128,16 @@ def _wrap(vertices, faces, resolution, region, sheet, key, device, share):
     except InputError as error:
         raise InputError(error.problem, key=f"{key}.shrinkwrap_resolution", value=resolution,
                          remedy=error.remedy) from None
+
+
+def _decimate(vertices, faces, target_vertices, sheet, share):
+    """Fewer triangles; under a wrapped sheet stands a skirt meanwhile, which holds its outline in place."""
+    if not sheet:
+        return decimate(vertices, faces, target_vertices, share)
+    level, count = skirt_level(vertices), len(vertices)
+    vertices, faces = add_skirt(vertices, faces)
+    vertices, faces = decimate(vertices, faces, round(target_vertices * len(vertices) / count), share)
+    return without_skirt(vertices, faces, level)
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
@@ -166,7 +176,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
     log.warnings += [warning] if warning else []
     result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
     with log.step("compare"):
-        surface = result if log.skirt_level is None else without_skirt(*result, log.skirt_level)
+        surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
         compared = original if region is None else crop(*original, region, "preprocess")
         report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
                   "after": mesh_facts(*result), **compare(compared, surface, device=device, region=region)}

@@ -59,7 +59,7 @@ def clean(vertices, faces):
 
 
 def fill_holes(vertices, faces, widest: float):
-    """Close holes by a fan to the mean of their rim.
+    """Close holes by a fan to the mean of their rim: right for small ones; wide, winding ones are the shrinkwrap's.
 
     A hole is a closed loop of edges that have one face each, at most ``widest`` [m] across (the diagonal of its
     bounding box) and less than half as wide as the piece that it is in: the outline of a sheet is no hole. Loops that

@@ -17,7 +17,8 @@ from skimage.measure import marching_cubes
 from varos_warp.errors import InputError
 from varos_warp.kernels import project
 from varos_warp.scene.terrain.draping import drape
-from varos_warp.scene.terrain.joining import median_edge
+from varos_warp.scene.terrain.joining import median_edge, merge_equal
+from varos_warp.scene.terrain.repair import clean
 from varos_warp.scene.terrain.surface import Surface, launch, upload
 from varos_warp.scene.terrain.topology import chunks, compact, face_normals, groups, incidence, pieces, subdivide
 
@@ -103,7 +104,7 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
     if resolution == "auto":
         resolution = natural_resolution(vertices, faces, region, sheet)
     if sheet and is_height_field(vertices, faces):
-        return drape(vertices, faces, resolution, region)
+        return _not_empty(*drape(vertices, faces, resolution, region))
     model = Surface(vertices, faces, device, winding=True)
     rounds, step = plan(low, high, resolution, sheet)
     wrap = first_surface(model, low, high, step, sheet)
@@ -114,12 +115,26 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
         project_rounds(model, wrap, step, LAST_ROUNDS if level == rounds else ROUNDS)
     if sheet:
         wrap = trim(model, wrap, step)
-    result, origin, chosen = wrap.points.astype(float), model.origin, wrap.faces
-    result += origin
+    result, chosen = wrap.points.astype(float), wrap.faces
+    result += model.origin
     for axis, side in ((axis, side) for axis in (0, 1) for side in (-1, 1)):
         if sheet:  # exactly, not to float32
             result[wrap.lock[:, axis] == side, axis] = (low, high)[side > 0][axis]
-    return result, chosen
+    return _not_empty(*_without_slivers(result, chosen))
+
+
+def _not_empty(vertices, faces):
+    if len(faces) == 0:
+        raise InputError("nothing of the model is left within its outline", key="shrinkwrap_resolution",
+                         remedy="Raise it: the model, or what is whole of it, is narrower than a cell.")
+    return vertices, faces
+
+
+def _without_slivers(vertices, faces):
+    """Without the few faces that lost their area where the rim was drawn to a corner of the outline."""
+    if all((face_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
+        return vertices, faces
+    return clean(*merge_equal(vertices, faces))
 
 
 def natural_resolution(vertices, faces, region, sheet: bool) -> int:
@@ -265,28 +280,24 @@ def trim(model: Surface, wrap: Wrap, step: float) -> Wrap:
     if not free.any():
         return wrap
     near = np.zeros(count, bool)  # beside a vertex that is held: these make the rim
-    near[edges[:, 0]] |= wrap.held[edges[:, 1]]
     near[edges[wrap.held[edges[:, 0]], 1]] = True
     near[edges[wrap.held[edges[:, 1]], 0]] = True
     core = free & ~near
     label = groups(edges[core[edges].all(axis=1)], count)
+    rim = (wrap.lock != 0).any(axis=1)
     outside = np.zeros(label.max() + 1, bool)
-    outside[label[core & (wrap.lock != 0).any(axis=1)]] = True
+    outside[label[core & rim]] = True
     beyond = core & outside[label]
-    if not beyond.any():
-        return wrap
-    rim = np.zeros(count, bool)
     touched = beyond[wrap.faces].any(axis=1)
     rim[wrap.faces[touched].ravel()] = True
     kept = wrap.faces[~touched]
-    if len(kept) == 0:
-        raise InputError("nothing of the model is left within its outline", key="shrinkwrap_resolution",
-                         remedy="Raise it: the model is thinner than a cell.")
-    points = wrap.points.copy()
-    _draw_to_outline(model, points, np.flatnonzero(rim & free & (wrap.lock == 0).all(axis=1)), step)
+    points, lock = wrap.points.copy(), wrap.lock.copy()
+    loose = np.flatnonzero(rim & free)
+    lock[loose] = 0  # they follow the outline, not the side of the region
+    _draw_to_outline(model, points, loose, step)
     used = np.unique(kept)
     points, kept = compact(points, kept)
-    return Wrap(points, kept, wrap.lock[used], wrap.held[used])
+    return Wrap(points, kept, lock[used], wrap.held[used])
 
 
 def _draw_to_outline(model, points, which, step):
