@@ -158,7 +158,8 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
             print(f"{key}: {value}")
     for reason in result.get("reasons", []):
         print(f"  - {reason}")
-    _print_meshes(result["meshes"])
+    if "meshes" in result:
+        _print_meshes(result["meshes"])
 
 
 def _print_meshes(meshes: dict) -> None:
