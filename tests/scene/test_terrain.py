@@ -95,12 +95,12 @@ def test_decimation_meets_its_target_and_a_flat_terrain_stays_flat():
 def test_the_report_of_preprocessing_tells_counts_and_the_error_made(tmp_path):
     vertices, faces = generate_terrain(30, 121, 2.0)
     terrain.write_ply(tmp_path / "a.ply", *soup(vertices, faces))
-    (v, f), report = terrain.preprocess_meshes([tmp_path / "a.ply"], 2000)
+    (v, f), report = terrain.preprocess_meshes([tmp_path / "a.ply"], 2000, samples=10_000)
     assert report["before"]["vertices"] == 121 * 121
     assert report["after"]["vertices"] == len(v) == pytest.approx(2000, rel=0.15)
     assert report["after"]["triangles"] == len(f)
-    coarse = terrain.preprocess_meshes([tmp_path / "a.ply"], 300)[1]
-    exact = terrain.preprocess_meshes([tmp_path / "a.ply"])[1]
+    coarse = terrain.preprocess_meshes([tmp_path / "a.ply"], 300, samples=10_000)[1]
+    exact = terrain.preprocess_meshes([tmp_path / "a.ply"], samples=10_000)[1]
     assert exact["distance_to_result_m"]["max"] < 30 * 2.0**-23  # the BVH is in float32
     rms = [r["distance_to_result_m"]["rms"] for r in (exact, report, coarse)]
     assert rms == sorted(rms)

@@ -242,7 +242,7 @@ def test_the_report_counts_everything_that_was_removed(tmp_path):
     path = tmp_path / "a.ply"
     terrain.write_ply(path, vertices, faces)
     seen = []
-    _, report = terrain.preprocess_meshes([path], 500, progress=lambda name, share: seen.append((name, share)))
+    _, report = terrain.preprocess_meshes([path], 500, samples=1000, progress=lambda *told: seen.append(told))
     counts = report["counts"]
     assert counts["not_finite_vertices"] == 1
     assert counts["faces_at_them"] == 1
@@ -258,8 +258,8 @@ def test_the_report_counts_everything_that_was_removed(tmp_path):
 def test_a_scale_makes_metres_of_millimetres(tmp_path):
     vertices, faces = generate_terrain(60, 21, 2.0)
     terrain.write_ply(tmp_path / "mm.ply", vertices * 1000.0, faces)
-    assert "scale 0.001" in terrain.preprocess_meshes([tmp_path / "mm.ply"])[1]["warnings"][0]
-    (v, _), report = terrain.preprocess_meshes([tmp_path / "mm.ply"], scale=0.001)
+    assert "scale 0.001" in terrain.preprocess_meshes([tmp_path / "mm.ply"], samples=1000)[1]["warnings"][0]
+    (v, _), report = terrain.preprocess_meshes([tmp_path / "mm.ply"], scale=0.001, samples=1000)
     assert report["warnings"] == []
     assert np.ptp(v, axis=0).max() == pytest.approx(60.0)
 

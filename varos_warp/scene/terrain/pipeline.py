@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from varos_warp.errors import InputError
 from varos_warp.scene.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
-from varos_warp.scene.terrain.comparison import compare, mesh_facts
+from varos_warp.scene.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
 from varos_warp.scene.terrain.decimation import decimate
 from varos_warp.scene.terrain.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.terrain.repair import (
@@ -141,7 +141,7 @@ def _decimate(vertices, faces, target_vertices, sheet, share):
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
-                      region=None, device: str = "cpu", progress=None, **options):
+                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None, **options):
     """Join mesh files and make one terrain of them; what ``varos-warp preprocess`` does.
 
     Args:
@@ -150,6 +150,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         scale: What the coordinates are multiplied by, to be metres.
         up_axis: Which axis of the files points up: x, y or z; none: as they say.
         region: See ``preprocess``; so too the other options.
+        samples: Points on either surface from which the error is measured.
         device: Where the projections run.
         progress: Called with the name of a step and the share of it that is done.
 
@@ -179,7 +180,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
         compared = original if region is None else crop(*original, region, "preprocess")
         report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
-                  "after": mesh_facts(*result), **compare(compared, surface, device=device, region=region)}
+                  "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
     return result, {**report, "counts": log.counts, "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
                     "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
 
