@@ -19,7 +19,7 @@ from varos_warp.scene.assets import flange_measures, hex_measures
 from varos_warp.scene.frames import euler_angles, look_at_matrix, transform
 from varos_warp.scene.load import scene_from_dict
 
-TILE = (400, 225)
+TILE = (320, 180)
 RENDERED = (640, 360)
 COLUMNS = 2
 """Of pairs: B, A."""
@@ -90,8 +90,8 @@ def tiles():
     yield "pipe, pipe_support", pipe, [], (-1.1, -2.1, 1.0), (0, 0, 0.2)
     yield "flange, bolt, nut", joint(), [], (0.25, -0.85, 0.7), (0, 0, 0.24)
     yield "bolt, nut", fasteners, [], (0.02, -0.22, 0.16), (0.0, 0.0, 0.015)
-    yield "valve", [{"kind": "valve", "radius": 0.15, "position": [0, 0, 0.25], "rotation_euler_deg": [0, 0, 60],
-                     "material": "rusty metal"}], [], (-0.5, -1.1, 0.8), (0, 0, 0.35)
+    yield "valve", [{"kind": "valve", "radius": 0.15, "position": [0, 0, 0.21], "rotation_euler_deg": [0, 0, 60],
+                     "material": "rusty metal"}], [], (-0.7, -1.3, 0.95), (0, 0, 0.38)
     yield "boulder", boulders, [], (-0.3, -2.2, 1.2), (0.15, 0, 0.2)
     yield "scatter", [], strewn, (0, -2.6, 1.3), (0, 0, 0)
     for material in ("paint", "metal", "rust", "rusty metal", "dirt", "stone"):
@@ -126,7 +126,7 @@ def render_tile(title, objects, scatter, position, target, device, spp):
     pair = Image.new("RGB", (2 * TILE[0], TILE[1]))
     pair.paste(picture(frame.B, 1.0), (0, 0))
     pair.paste(picture(frame.A, statistics(frame.A.radiance).target_gain), (TILE[0], 0))
-    ImageDraw.Draw(pair).text((8, 6), title, fill="white", stroke_width=2, stroke_fill="black", font_size=16)
+    ImageDraw.Draw(pair).text((8, 6), title, fill="white", stroke_width=2, stroke_fill="black", font_size=14)
     return pair
 
 

@@ -14,7 +14,7 @@ from varos_warp.scene.assets import (
 )
 from varos_warp.scene.description import Object
 from varos_warp.scene.normals import corner_normals
-from varos_warp.scene.query import is_inside
+from varos_warp.scene.query import is_inside, surface_distance
 
 ASSETS = {
     "pipe": {"kind": "pipe", "radius": 0.15, "length": 4.0},
@@ -324,6 +324,16 @@ def test_boulders_follow_from_their_seed():
     a, b, c = (make({"kind": "boulder", "seed": seed}).vertices for seed in (1, 1, 2))
     np.testing.assert_array_equal(a, b)
     assert np.abs(a - c).max() > 0.01
+
+
+def test_levels_of_a_boulder_lie_within_the_chord_error_of_the_finest():
+    for seed in (11, 12):
+        rock = {"kind": "boulder", "diameter": 1.0, "seed": seed}
+        finest = make(rock, 1e-4)
+        for chord_error in (0.031, 0.0121, 0.006):
+            points = np.asarray(trimesh.sample.sample_surface(make(rock, chord_error), 300, seed=1)[0])
+            off = surface_distance(finest.vertices, finest.faces, points).max()
+            assert 0.4 * chord_error < off <= chord_error
 
 
 @pytest.mark.parametrize(("data", "key"), [

@@ -125,7 +125,7 @@ class Parametric(Placed):
     """An object that is made from its measures."""
 
     chord_error_m: Positive | None = None
-    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, from 0.05 to 0.38 mm."""
+    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
     shading: Literal["flat", "smooth"] = "smooth"
 
 

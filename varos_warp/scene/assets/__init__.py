@@ -50,9 +50,14 @@ def make_asset(block: ParametricObject, key: str = "object",
 
 
 def default_chord_error(block: ParametricObject, key: str = "object") -> float:
-    """Chord error in the world [m] of an object that asks for none: by its radius, from 0.05 to 0.38 mm."""
+    """Chord error in the world [m] of an object that asks for none: by its radius, from 0.05 to 0.38 mm.
+
+    A boulder has no true surface that its triangles stand for: an 80th of its radius is fine enough.
+    """
+    if isinstance(block, Boulder):
+        return float(block.diameter / 160.0 * np.max(block.scale))
     if isinstance(block, Bolt | Nut):
         radius = 0.5 * hex_measures(block.size, f"{key}.size")[0]
     else:
-        radius = 0.5 * block.diameter if isinstance(block, Boulder) else block.radius
+        radius = block.radius
     return float(np.clip(DETAIL * radius * np.max(block.scale), FINEST_DEFAULT, COARSEST_DEFAULT))
