@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.assets import make_asset
-from varos_warp.scene.description import Diffuse, Nut
+from varos_warp.scene.description import Diffuse, Nut, Rust
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.load import scene_from_dict
@@ -111,3 +111,21 @@ def test_copies_alone_and_far_from_the_origin():
     assert hit.sum() > 200
     assert (np.isfinite(near_depth) == np.isfinite(far_depth)).mean() > 0.999
     np.testing.assert_allclose(far_depth[hit], near_depth[hit], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("letter", ["A", "B"])
+def test_a_gpu_agrees_on_copies_textures_and_metal(letter):
+    """Means over 4 x 4 parts of the image, within the standard errors of both."""
+    materials = {"floor": {"kind": "slope_blend", "flat": {"texture": "sand", "size_m": 0.5}}}
+    scene = scene_from_dict(SCENE | {"terrain": {"kind": "procedural", "material": "floor"}, "materials": materials})
+    copies = replace(nuts(), material=Rust(kind="rust", amount=0.4, roughness=0.4))
+    parts = [replace(ground(), material=scene.materials["floor"]), copies]
+    how = {"outputs": letter, "spp": 256, "spp_b": 256}
+    frames = [FrameRenderer(scene, device, parts=parts).render(POSE, seed=seed, **how)
+              for seed, device in enumerate(("cpu", "cuda:0"))]
+    images = [getattr(frame, letter) for frame in frames]
+    difference = (images[1].radiance - images[0].radiance).astype(float).reshape(4, 12, 4, 16, 3).sum((1, 3))
+    variance = sum(image.stderr.astype(float) ** 2 for image in images).reshape(4, 12, 4, 16, 3).sum((1, 3))
+    assert_plausible(two_sided(difference / np.sqrt(variance)))
+    assert np.all(np.sqrt(variance.sum((0, 1))) < 0.005 * images[0].radiance.sum((0, 1)))
