@@ -143,6 +143,16 @@ def test_a_coloured_metal_reflects_no_more_than_white(base):
         assert single < albedo < 1.0
 
 
+@pytest.mark.parametrize("cosine", [0.0, -0.02, -0.3, -0.9])
+def test_a_smoothed_normal_that_faces_away_makes_no_light(cosine):
+    """At the rim of a smooth object: what is drawn weighs no more than what a viewer in its plane sees."""
+    for roughness in (0.1, 0.4, 1.0):
+        _, pdf, f = sampled(metal(roughness), cosine)
+        weight = np.where(f[:, 0] > 0, f[:, 0] / np.maximum(pdf, 1e-30), 0.0).astype(float)
+        assert weight.max() < 1.1
+        assert weight.mean() == pytest.approx(1.0, abs=0.006 + 4 * weight.std() / np.sqrt(COUNT))
+
+
 def test_the_table_has_the_closed_form_of_the_roughest_lobe_seen_from_above():
     """For alpha = 1 and v = n microfacets point everywhere alike, G2/G1 = 2 c/(1 + c), and E = 1 - ln 2."""
     assert lobe_albedo_table()[-1, -1] == pytest.approx(1.0 - np.log(2.0), abs=2e-4)

@@ -14,7 +14,16 @@ from varos_warp.kernels.texture import Surface
 wp.set_module_options({"enable_backward": False})
 
 GRAZING = wp.constant(1.0e-3)
-"""Least cosine of the viewer: smoothed normals may face away from him."""
+"""Least cosine of the viewer."""
+
+
+@wp.func
+def facing(n: wp.vec3, viewer: wp.vec3):
+    """The viewer's direction, raised where a smoothed normal faces away from him: density and value then agree."""
+    below = GRAZING - wp.dot(n, viewer)
+    if below <= 0.0:
+        return viewer
+    return wp.normalize(viewer + below * n)
 
 
 @wp.func
@@ -38,9 +47,10 @@ def ggx(n_h: float, alpha: float):
 
 
 @wp.func
-def lobe_pdf(n: wp.vec3, v: wp.vec3, l: wp.vec3, alpha: float):
+def lobe_pdf(n: wp.vec3, viewer: wp.vec3, l: wp.vec3, alpha: float):
     """Density of sample_lobe [1/sr]: visible normals, reflected (Heitz 2018, equation (17))."""
-    n_v = wp.max(wp.dot(n, v), GRAZING)
+    v = facing(n, viewer)
+    n_v = wp.dot(n, v)
     n_h = wp.dot(n, wp.normalize(v + l))
     if n_h <= 0.0:
         return 0.0
@@ -48,17 +58,18 @@ def lobe_pdf(n: wp.vec3, v: wp.vec3, l: wp.vec3, alpha: float):
 
 
 @wp.func
-def sample_lobe(n: wp.vec3, v: wp.vec3, alpha: float, u: float, w: float):
+def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
     """Mirror direction about a normal that the viewer sees.
 
     Heitz 2018, "Sampling the GGX distribution of visible normals", JCGT 7(4); may lie under the surface.
     """
+    v = facing(n, viewer)
     s = wp.where(n[2] < 0.0, -1.0, 1.0)
     a = -1.0 / (s + n[2])
     b = n[0] * n[1] * a
     x = wp.vec3(1.0 + s * n[0] * n[0] * a, s * b, -s * n[0])
     y = wp.vec3(b, s + n[1] * n[1] * a, -n[1])
-    stretched = wp.normalize(wp.vec3(alpha * wp.dot(x, v), alpha * wp.dot(y, v), wp.max(wp.dot(n, v), GRAZING)))
+    stretched = wp.normalize(wp.vec3(alpha * wp.dot(x, v), alpha * wp.dot(y, v), wp.dot(n, v)))
     t1 = wp.vec3(1.0, 0.0, 0.0)
     if stretched[2] < 0.9999:
         t1 = wp.normalize(wp.vec3(-stretched[1], stretched[0], 0.0))
@@ -85,13 +96,14 @@ def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
 
 
 @wp.func
-def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, viewer: wp.vec3, l: wp.vec3):
     """Lobe times the cosine of the light, per channel [1/sr]; Fresnel's term is Schlick's (1994)."""
     n_l = wp.dot(n, l)
     if n_l <= 0.0:
         return wp.vec3(0.0)
     alpha = lobe_alpha(surface.roughness)
-    n_v = wp.max(wp.dot(n, v), GRAZING)
+    v = facing(n, viewer)
+    n_v = wp.dot(n, v)
     h = wp.normalize(v + l)
     grazing = wp.pow(1.0 - wp.clamp(wp.dot(v, h), 0.0, 1.0), 5.0)
     F = surface.specular + grazing * (wp.vec3(surface.metal) - surface.specular)
