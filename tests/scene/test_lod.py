@@ -203,7 +203,7 @@ def test_parametric_objects_are_made_with_the_chord_error_that_they_need():
     need = Need(scene, POSES, LevelOfDetail(tolerance_px=0.05))
     for part, row in zip(parts[:2], kept[:2], strict=True):
         middle = part.vertices[part.faces].mean(axis=1) - part.origin
-        outside = np.hypot(middle[:, 0], middle[:, 1]) > 0.195
+        outside = (np.hypot(middle[:, 0], middle[:, 1]) > 0.19) & (np.abs(middle[:, 2]) < 0.1)  # not the rims
         sag = 0.2 - np.hypot(middle[outside, 0], middle[outside, 1])
         assert sag.max() <= allowed_all_over(need, part.vertices)[0] * 1.05  # the box is that of the new mesh
         assert row.error_mm == pytest.approx(1e3 * allowed_all_over(need, given[int(row.name[-1])].vertices)[0])

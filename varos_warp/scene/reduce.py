@@ -31,6 +31,8 @@ squares over planes, and their accumulated error is some ten times the distance 
 triangles, and so does more, since more has to be taken apart again."""
 KEPT = -1000
 """The band of faces that are kept."""
+LARGEST = 0.25
+"""No larger quadric error is used, in units of a band's extent: nothing would be left."""
 FEWEST = 32
 """Bands of fewer faces are left as they are."""
 SPACING = 0.5
@@ -49,7 +51,8 @@ def reduce_mesh(vertices: np.ndarray, faces: np.ndarray, tolerance: Tolerance) -
     """A mesh with fewer triangles that lies within ``tolerance`` of the given one, and the given one of it.
 
     Edges of one face only stay exactly as they are, and no new ones appear: a closed mesh stays closed. The same input
-    gives the same mesh. Quadric edge collapses (Garland and Heckbert 1997) by fast-simplification.
+    gives the same mesh. Faces that are there twice count once, whichever way they look. Quadric edge collapses
+    (Garland and Heckbert 1997) by fast-simplification.
 
     Args:
         vertices: float64 [V, 3] [m].
@@ -61,6 +64,7 @@ def reduce_mesh(vertices: np.ndarray, faces: np.ndarray, tolerance: Tolerance) -
     """
     if len(faces) < FEWEST or not tolerance(vertices).max() > 0.0:
         return vertices, faces
+    faces = _distinct(faces)
     original = Surface(vertices, faces)
     spacing = SPACING * edge_length(original)
     for offset in ROUNDS:
@@ -270,7 +274,8 @@ class _Merged:
         self.vertices, self.inner, self.points = vertices, inner, vertices.copy()
         self.root = np.arange(len(vertices))
         used, renumbered = np.unique(inner, return_inverse=True)
-        scale, middle = np.sqrt(1e-9) / error, vertices[used].mean(axis=0)
+        largest = LARGEST * np.linalg.norm(np.ptp(vertices[used], axis=0))
+        scale, middle = np.sqrt(1e-9) / min(error, largest), vertices[used].mean(axis=0)
         points, _, collapses = fast_simplification.simplify(
             scale * (vertices[used] - middle), renumbered.reshape(-1, 3).astype(np.int32), target_count=1, agg=0.0,
             preserve_border=True, return_collapses=True)
@@ -308,6 +313,11 @@ class _Merged:
         self.root[apart] = np.flatnonzero(apart)
         self.points[apart] = self.vertices[apart]
         return apart
+
+
+def _distinct(faces):
+    """Faces without those that repeat the corners of another."""
+    return faces[np.sort(np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1])]
 
 
 def _crowded(faces):
