@@ -20,6 +20,9 @@ AGGRESSIVENESS = (5.0, 7.0, 10.0)
 SIDE = 200.0
 """Longer side of what the library sees: its error bounds are absolute, and the result shall not depend on the unit."""
 
+MOST_MENDED = 0.01
+"""Edges of more than two faces, as a share of the faces, beyond which they are the model's own and stay."""
+
 MENDINGS = 8
 """Most rounds of cutting out edges of more than two faces and filling the holes."""
 
@@ -36,13 +39,11 @@ def decimate(vertices, faces, target_vertices: int, progress=lambda share: None)
     target = max(4, round(len(faces) * target_vertices / len(vertices)))
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # quadrics of large coordinates lose digits
     scale = SIDE / max(np.ptp(vertices, axis=0).max(), 1e-30)
-    was_manifold = len(edge_uses(faces)[1]) == 0
     vertices = (vertices - centre) * scale
     if len(faces) > TILE and SPARE * target < len(faces):
         vertices, faces = _thin_out(vertices, faces, SPARE * target / len(faces), progress)
     vertices, faces = clean(*_simplify(vertices, faces, target))
-    if was_manifold:
-        vertices, faces = _mend(vertices, faces)
+    vertices, faces = _mend(vertices, faces)
     return vertices / scale + centre, faces
 
 
@@ -62,7 +63,7 @@ def _mend(vertices, faces):
     """
     for _ in range(MENDINGS):
         many = edge_uses(faces)[1]
-        if len(many) == 0:
+        if len(many) == 0 or len(many) > MOST_MENDED * len(faces):
             break
         ends = np.unique([many >> 32, many & 0xFFFFFFFF])
         kept = faces[~np.isin(faces, ends).any(axis=1)]

@@ -93,9 +93,12 @@ class Surface:
             self.device)
         return face.numpy(), side.numpy()
 
-    def signed_distance(self, points: np.ndarray, threshold: float) -> np.ndarray:
-        """Distance float32 [N] [m] from local float32 points [N, 3], negative where the winding number is above."""
+    def signed_distance(self, points: np.ndarray, threshold: float, known: np.ndarray) -> np.ndarray:
+        """Distance float32 [N] [m] from local float32 points [N, 3], negative where the winding number is above.
+
+        ``known``, int8 [N], is -1 or 1 where the sign is known already, else 0.
+        """
         value = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(project.sample_signed_distance, len(points), [
-            self.mesh.id, upload(points, wp.vec3, self.device), float(threshold)], [value], self.device)
+        inputs = [self.mesh.id, upload(points, wp.vec3, self.device), upload(known, wp.int8, self.device)]
+        launch(project.sample_signed_distance, len(points), [*inputs, float(threshold)], [value], self.device)
         return value.numpy()

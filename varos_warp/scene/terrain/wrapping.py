@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import binary_dilation
 from skimage.measure import marching_cubes
 
 from varos_warp.errors import InputError
@@ -22,14 +22,17 @@ from varos_warp.scene.terrain.repair import clean
 from varos_warp.scene.terrain.surface import Surface, launch, upload
 from varos_warp.scene.terrain.topology import chunks, compact, face_normals, groups, incidence, pieces, subdivide
 
-BASE = 320
+BASE = 512
 """Most vertices along the longer side of the first surface."""
 
 BASE_NODES = 40_000_000
 """Most nodes of its grid: 160 MB."""
 
-BLOCK = 4
-"""Nodes along a side of the blocks that are looked at first."""
+BLOCK = 8
+"""Nodes along a side of the blocks that are looked at first; a power of 2."""
+
+EIGHT = np.indices((2, 2, 2)).reshape(3, -1).T
+"""The halves of a block."""
 
 MOST_VERTICES = 16_600_000
 """Of a surface whose resolution is left to us (paper 3.1.1)."""
@@ -193,42 +196,63 @@ def first_surface(model: Surface, low, high, step: float, sheet: bool) -> Wrap:
 def _grid_values(model, axes, step, threshold):
     """Signed distance [m] on a grid, within two steps of the surface; beyond, two steps with the right sign.
 
-    Blocks of nodes are decided by their middle, where neither a surface is near nor the sign changes nearby.
+    Blocks of nodes are halved again and again where a surface is near their middle, or where the sign changes nearby:
+    over a hole it does so far from any surface.
     """
-    shape = [len(axis) for axis in axes]
-    blocks = [-(-n // BLOCK) for n in shape]
-    middles = [axis[0] + (np.arange(b) * BLOCK + 0.5 * (BLOCK - 1)) * (axis[1] - axis[0])
-               for axis, b in zip(axes, blocks, strict=True)]
-    grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
-    coarse = model.signed_distance(grid, threshold).reshape(blocks)
-    inside = coarse < 0.0
-    near = np.abs(coarse) < np.sqrt(3.0) * (0.5 * (BLOCK - 1) + 1.0) * step
-    near |= maximum_filter(inside, 3) != minimum_filter(inside, 3)
-    value = np.where(inside, np.float32(-2.0 * step), np.float32(2.0 * step))
-    for axis, n in enumerate(shape):
-        value = np.take(np.repeat(value, BLOCK, axis=axis), np.arange(n), axis=axis)
-    near = np.argwhere(near)
-    offsets = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    for part in chunks(len(near), 1 << 14):
-        node = (near[part, None] * BLOCK + offsets).reshape(-1, 3)
-        node = node[(node < shape).all(axis=1)]
-        points = np.column_stack([axes[i][node[:, i]] for i in range(3)]).astype(np.float32)
-        found = model.signed_distance(points, threshold)
-        # vertices stay off the nodes, where marching cubes would make slivers
-        sized = np.clip(np.abs(found), 0.1 * step, 2.0 * step)
-        value[tuple(node.T)] = np.where(found < 0.0, -sized, sized)
-    return value
+    shape, size = np.array([len(axis) for axis in axes]), BLOCK
+    middles = np.indices(-(-shape // size)).reshape(3, -1).T
+    value = model.signed_distance(_block_middles(axes, middles, size), threshold, np.zeros(len(middles), np.int8))
+    value = value.reshape(-(-shape // size))
+    while size > 1:
+        hole = _jumps(value, size * step)
+        near = np.argwhere(hole | (np.abs(value) < np.sqrt(3.0) * (0.5 * (size - 1) + 1.0) * step))
+        size //= 2
+        finer = np.where(value < 0.0, np.float32(-2.0 * step), np.float32(2.0 * step))
+        for axis, count in enumerate(-(-shape // size)):
+            finer = np.take(np.repeat(finer, 2, axis=axis), np.arange(count), axis=axis)
+        for part in chunks(len(near)):
+            parent, child = np.repeat(near[part], 8, axis=0), (2 * near[part, None] + EIGHT).reshape(-1, 3)
+            inside = (child < finer.shape).all(axis=1)
+            parent, child = tuple(parent[inside].T), child[inside]
+            # no surface comes between, so that the sign is the parent's
+            known = ~hole[parent] & (np.abs(value[parent]) > np.sqrt(3.0) * 0.5 * size * step)
+            sign = np.where(known, np.sign(value[parent]), 0.0).astype(np.int8)
+            finer[tuple(child.T)] = model.signed_distance(_block_middles(axes, child, size), threshold, sign)
+        value = finer
+    # vertices stay off the nodes, where marching cubes would make slivers
+    sized = np.clip(np.abs(value), 0.1 * step, 2.0 * step)
+    return np.where(value < 0.0, -sized, sized)
+
+
+def _jumps(value, distance):
+    """Where a signed distance changes by more than the way between two middles: its sign changes in the open."""
+    jumps = np.zeros(value.shape, bool)
+    for axis in range(3):
+        a, b = np.moveaxis(value, axis, 0)[:-1], np.moveaxis(value, axis, 0)[1:]
+        far = np.abs(a - b) > 1.001 * distance
+        moved = np.moveaxis(jumps, axis, 0)
+        moved[:-1] |= far
+        moved[1:] |= far
+    return binary_dilation(jumps, np.ones((3, 3, 3)))
+
+
+def _block_middles(axes, block, size):
+    """Middles float32 [N, 3] of blocks [N, 3] of ``size`` nodes along each side."""
+    return np.column_stack([axis[0] + (axis[1] - axis[0]) * (block[:, i] * size + 0.5 * (size - 1))
+                            for i, axis in enumerate(axes)]).astype(np.float32)
 
 
 def _reachable(points, faces, lock, step):
-    """Without closed pieces that enclose water (caves that nothing can enter) or are no larger than a few cells."""
+    """Without closed pieces that enclose water (caves that nothing can enter) and pieces of a few cells."""
     label = pieces(faces, len(points))
     a, b, c = (points[faces[:, i]].astype(float) for i in range(3))
-    volume = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=label.max() + 1)
-    closed = np.bincount(label, (lock[faces] != 0).any(axis=(1, 2)), minlength=len(volume)) == 0
-    keep = ~closed | (volume > (2.0 * step) ** 3)
+    count = label.max() + 1
+    volume = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=count)
+    area = np.bincount(label, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), minlength=count)
+    closed = np.bincount(label, (lock[faces] != 0).any(axis=(1, 2)), minlength=count) == 0
+    keep = np.where(closed, volume > (2.0 * step) ** 3, area > (4.0 * step) ** 2)
     if not keep.any():
-        keep = volume >= volume.max()
+        keep = area >= area.max()
     faces = faces[keep[label]]
     used = np.unique(faces)
     points, faces = compact(points, faces)
