@@ -93,8 +93,10 @@ def test_the_stated_depth_error_is_the_difference_of_two_depth_images(chosen):
 
 
 def test_depth_moves_by_no_more_than_what_is_allowed_at_right_angles_to_the_surface(chosen):
-    """The change along the ray times the cosine to the surface is the distance between two planes; the surface is not
-    one, so what is compared are pixels whose normals agree to 2 degrees, and 5 % more is let through."""
+    """The change along the ray times the cosine to the surface is the distance between two planes.
+
+    The surface is not one, so what is compared are pixels whose normals agree to 2 degrees, and 5 % more is let through.
+    """
     scene, detail = chosen
     given, made = (FrameRenderer(scene, "cpu", parts) for parts in ([part()], detail.parts))
     allowed, count = PlacedNeed(Need(scene, POSES, scene.render.level_of_detail), TERRAIN[0]), 0

@@ -15,8 +15,8 @@ from varos_warp.scene.lod import Kept, depth_step, keep_parts, reduce_parts
 PIXELS = 640 * 360
 """Most pixels of an image that is compared."""
 EDGE = 0.05
-"""Where 1 / z, which is linear on a plane, bends by more than this share of it from pixel to pixel is an outline: whether
-those pixels hit what is before or behind is decided by less than a pixel, and tells nothing of the surface."""
+"""Where 1 / z, which is linear on a plane, bends by more than this share of it from pixel to pixel is an outline: what
+pixels hit there, before or behind, is decided by less than a pixel and tells nothing of the surface."""
 BYTES = {False: 119, True: 165}
 """Device memory per triangle with its BVH, without and with normals for shading (measured: 524 288 triangles, CPU)."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.assets import default_chord_error
-from varos_warp.scene.description import Camera, LevelOfDetail, MeshObject, Scene
+from varos_warp.scene.description import Boulder, Camera, LevelOfDetail, MeshObject, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.meshes import object_part
@@ -184,7 +184,7 @@ def _reduce_part(scene, need, part):
     if isinstance(part, Instances):
         return _reduce_instances(need, part)
     block = _block(scene, part.name)
-    if block is not None and not isinstance(block, MeshObject):
+    if block is not None and not isinstance(block, MeshObject | Boulder):  # a boulder's mesh is its true surface
         return _tessellate(scene, need, part, block)
     if part.skin is not None:
         return part, _unchanged(need, part, "exact: it has a texture map or colours of its own")
