@@ -1,5 +1,7 @@
 """The whole chain without stand-ins: a scene file in, a valid dataset out, the same bytes again."""
 
+import json
+
 import pytest
 from standins import tree
 from typer.testing import CliRunner
@@ -34,3 +36,28 @@ def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
     for shard in ("1/2", "0/2"):
         call("run", made / "scene.yaml", "-o", tmp_path, "--shard", shard, *SMALL)
     assert tree(tmp_path) == tree(made / "out")
+
+
+def test_shards_of_a_run_with_less_detail_give_the_same_bytes_and_say_what_was_kept(made, tmp_path):
+    """The meshes follow from the whole sequence, whichever frames a shard renders."""
+    less = [*SMALL, "--set", "render.level_of_detail={tolerance_px: 1.0}"]
+    call("run", made / "scene.yaml", "-o", tmp_path / "plain", *less)
+    for shard in ("1/2", "0/2"):
+        call("run", made / "scene.yaml", "-o", tmp_path / "shards", "--shard", shard, *less)
+    assert tree(tmp_path / "shards") == tree(tmp_path / "plain")
+    meshes = Dataset(tmp_path / "plain").meta["samples"]["plan"]["meshes"]
+    assert meshes["kept"] < 0.8 * meshes["triangles"]
+    assert meshes["depth_error"]["rms_mm"] > 0.0
+    every = Dataset(made / "out").meta["samples"]["plan"]["meshes"]
+    assert every["kept"] == every["triangles"]
+    assert tree(tmp_path / "plain").keys() == tree(made / "out").keys()
+
+
+def test_a_plan_says_what_less_detail_would_keep(made):
+    text = call("plan", made / "scene.yaml", *SMALL).output
+    assert "all triangles are kept; render.level_of_detail={} would make of them" in text
+    assert "never in view: 4 times the tolerance" in text
+    assert "error of D at [m]" in text
+    meshes = json.loads(call("plan", made / "scene.yaml", "--json", *SMALL).stdout)["meshes"]
+    assert f"in all {meshes['kept']} of {meshes['triangles']} triangles" in text
+    assert meshes["level_of_detail"] is None

@@ -63,6 +63,7 @@ def test_the_plan_carries_it_as_plain_types_and_alike_each_time(chosen):
     assert json.loads(json.dumps(plan, allow_nan=False))["meshes"]["kept"] == len(detail.parts[0].faces)
     assert choose_detail(scene, [part()], POSES).meshes == detail.meshes
     assert "meshes" not in plan_render(scene, None, POSES).to_dict()
+    assert f"{len(detail.parts[0].faces)} of {len(TERRAIN[1])} triangles are kept; D moves by" in plan["reasons"][-1]
 
 
 def test_time_is_measured_only_where_the_cost_is_asked_for(chosen):
@@ -95,7 +96,7 @@ def test_the_stated_depth_error_is_the_difference_of_two_depth_images(chosen):
 def test_depth_moves_by_no_more_than_what_is_allowed_at_right_angles_to_the_surface(chosen):
     """The change along the ray times the cosine to the surface is the distance between two planes.
 
-    The surface is not one, so what is compared are pixels whose normals agree to 2 degrees, and 5 % more is let through.
+    The surface is not one, so what is compared are pixels whose normals agree to 2 degrees, and 5 % more is allowed.
     """
     scene, detail = chosen
     given, made = (FrameRenderer(scene, "cpu", parts) for parts in ([part()], detail.parts))

@@ -86,7 +86,18 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     max_scatterings, why_scatterings = settled or _fewest_scatterings(scene, views)
     spp, why_spp = _fewest_spp(scene, views)
     cost = _cost(scene, renderer, poses, spp, max_scatterings) if measure_cost else None
-    return Plan(spp, max_scatterings, [why_scatterings, why_spp], _models(scene, spp, max_scatterings), cost, meshes)
+    reasons = [why_scatterings, why_spp, *_why_meshes(meshes)]
+    return Plan(spp, max_scatterings, reasons, _models(scene, spp, max_scatterings), cost, meshes)
+
+
+def _why_meshes(meshes: dict | None) -> list[str]:
+    """A sentence on the meshes where any were reduced."""
+    if meshes is None or meshes["level_of_detail"] is None:
+        return []
+    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
+    depth = meshes.get("depth_error", {})
+    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
+    return [f"level_of_detail {asked}: {meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"]
 
 
 def _models(scene: Scene, spp: int, max_scatterings: int | None) -> dict[str, str]:

@@ -1,0 +1,136 @@
+"""Level of detail against the error it makes in depth and normals, and the time it saves; writes a chart.
+
+    python benchmarks/level_of_detail.py [SCENE] [--device cpu] -o benchmarks/results/level_of_detail
+
+SCENE is examples/munkholmen by default. Every level is one tolerance in pixels, without the limit in steps of D; the
+last is the default, with it. Errors are those of C and D at five frames, against every triangle. Times are CPU seconds
+of all threads on a CPU (which other work beside does not lengthen much), and seconds on a GPU; the least of three.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import matplotlib
+from bench_frame import commit
+
+from varos_warp.render.detail import choose_detail
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.plan import pilot_camera
+from varos_warp.scene.load import load_scene
+from varos_warp.scene.meshes import build_parts
+from varos_warp.sim.trajectory import simulate
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+HERE = Path(__file__).parent
+MUNKHOLMEN = HERE.parent / "examples" / "munkholmen" / "scene.yaml"
+LEVELS = [(0.125, None), (0.25, None), (0.5, None), (1.0, None), (2.0, None), (4.0, None), (8.0, None), (0.5, 1.0)]
+"""tolerance_px and depth_steps."""
+PIXELS, SPP = 160 * 90, 4
+
+
+def clock(device: str) -> float:
+    """Seconds of the processor that does the work."""
+    return time.process_time() if device == "cpu" else time.perf_counter()
+
+
+def frame_seconds(scene, parts, T_w_v, device: str) -> dict:
+    """Seconds of a small image A on a CPU, of a whole one on a GPU, and of C and D; the least of three."""
+    renderer = FrameRenderer(scene, device, parts)
+    camera = scene.vehicle.cameras[0] if device != "cpu" else pilot_camera(scene.vehicle.cameras[0], PIXELS)
+    seconds = {}
+    for letters in ("A", "CD"):
+        times = []
+        for _ in range(4):  # the first one compiles
+            start = clock(device)
+            renderer.render(T_w_v, camera, letters, spp=SPP if device == "cpu" else 64)
+            times.append(clock(device) - start)
+        seconds[letters] = min(times[1:])
+    return seconds
+
+
+def measure(path: Path, device: str) -> dict:
+    """One row per level, the first without any."""
+    plain = load_scene(path)
+    simulation = simulate(plain)
+    poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
+    parts, middle = build_parts(plain), poses[len(poses) // 2]
+    exact = choose_detail(plain, parts, poses, device).meshes
+    rows = [{"tolerance_px": None, "triangles": exact["kept"], "memory_mb": exact["memory_mb"]["kept"],
+             "seconds": frame_seconds(plain, parts, middle, device)}]
+    for pixels, steps in LEVELS:
+        block = f"{{tolerance_px: {pixels}, depth_steps: {'null' if steps is None else steps}}}"
+        scene = load_scene(path, [f"render.level_of_detail={block}"])
+        start = time.process_time()
+        detail = choose_detail(scene, parts, poses, device, compare=False)
+        reducing = time.process_time() - start
+        meshes = choose_detail(scene, parts, poses, device).meshes
+        depth = {key: meshes["depth_error"][key] for key in
+                 ("rms_mm", "p95_mm", "rms_steps", "p95_steps", "max_steps", "outline_share", "by_distance")}
+        rows.append({"tolerance_px": pixels, "depth_steps": steps, "triangles": meshes["kept"],
+                     "memory_mb": meshes["memory_mb"]["kept"], "depth": depth, "normal_deg": meshes["normal_error_deg"],
+                     "seconds": frame_seconds(scene, detail.parts, middle, device),
+                     "reducing_cpu_seconds": round(reducing, 1)})
+        print(json.dumps({key: value for key, value in rows[-1].items() if key != "depth"}), flush=True)
+    name = FrameRenderer(plain, device, parts[:0]).device_name
+    return {"scene": plain.name, "frames": len(poses), "device": name, "commit": commit(), "rows": rows}
+
+
+def chart(result: dict, path: Path) -> None:
+    """Depth error, normal error and time against the triangles kept; numbers at the points are pixels."""
+    exact, *levels = result["rows"]
+    plain = [row for row in levels if row["depth_steps"] is None]
+    default = levels[-1]
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4.3), constrained_layout=True)
+    curves = [
+        ("error of D [steps of 0.381 mm]", {
+            "rms": lambda row: row["depth"]["rms_steps"], "95 %": lambda row: row["depth"]["p95_steps"],
+            "95 %, nearer than 4 m": near}),
+        ("error of C [degrees]", {"rms": lambda row: row["normal_deg"]["rms"],
+                                  "95 %": lambda row: row["normal_deg"]["p95"]}),
+        ("time, all triangles = 1", {
+            "image A": lambda row: row["seconds"]["A"] / exact["seconds"]["A"],
+            "images C and D": lambda row: row["seconds"]["CD"] / exact["seconds"]["CD"],
+            "memory": lambda row: row["memory_mb"] / exact["memory_mb"]}),
+    ]
+    for axis, (title, lines) in zip(axes, curves, strict=True):
+        for number, (label, value) in enumerate(lines.items()):
+            axis.plot([row["triangles"] for row in plain], [value(row) for row in plain], "o-", color=f"C{number}",
+                      label=label)
+            axis.plot(default["triangles"], value(default), "*", color=f"C{number}", markersize=14)
+        first = next(iter(lines.values()))
+        for row in plain:
+            axis.annotate(f"{row['tolerance_px']:g}", (row["triangles"], first(row)), textcoords="offset points",
+                          xytext=(4, 5), fontsize=8)
+        axis.set(xlabel=f"triangles kept of {exact['triangles']:,}", ylabel=title, xscale="log")
+        axis.grid(True, which="both", alpha=0.3)
+        axis.legend(fontsize=8)
+    axes[0].set_yscale("log")
+    axes[1].set_yscale("log")
+    axes[2].set_ylim(bottom=0.0)
+    figure.suptitle(f"{result['scene']}, {result['frames']} frames, {result['device']}; numbers are tolerance_px, "
+                    "the star is the default with its limit in depth")
+    figure.savefig(path, dpi=110)
+
+
+def near(row: dict) -> float:
+    """The larger of the 95 % errors of depth at 1 to 2 and 2 to 4 m."""
+    return max(part["p95_steps"] for part in row["depth"]["by_distance"] if part["nearest_m"][1] <= 4.0)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", nargs="?", type=Path, default=MUNKHOLMEN)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("-o", "--output", type=Path, default=HERE / "results" / "level_of_detail")
+    arguments = parser.parse_args()
+    result = measure(arguments.scene, arguments.device)
+    arguments.output.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    chart(result, arguments.output.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
