@@ -320,9 +320,9 @@ def preprocess(
         meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Files, which are joined.")],
         out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
         vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many.")] = None,
-        merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than this [m].")] = 0.001,
+        merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than so many m.")] = 0.001,
         fill_holes: Annotated[float | None, typer.Option(
-            min=0.0, help="Fill holes up to this wide [m], by default ten median edges.")] = None,
+            min=0.0, help="Fill holes up to so many metres wide, by default ten median edges.")] = None,
         shrinkwrap: Annotated[str, typer.Option(
             metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
             "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto",
@@ -332,7 +332,11 @@ def preprocess(
         scale: Annotated[float, typer.Option(help="Multiply coordinates; 0.001 if they are millimetres.")] = 1.0,
         up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None,
         device: Device = "auto", json_: Json = False, quiet: Quiet = False):
-    """Join, merge, repair, shrinkwrap and decimate meshes, and print the error that it made."""
+    """Join, merge, repair, shrinkwrap and decimate meshes, and print the error that it made.
+
+    16.6 million vertices, wrapped and decimated to 250 000, need 10 CPU-minutes and 9.3 GB of memory; it grows in
+    proportion to the vertices of the model or of its wrap, whichever are more.
+    """
     from varos_warp.dataset.files import write_json
     from varos_warp.dataset.progress import Steps
     from varos_warp.scene.device import resolve_device

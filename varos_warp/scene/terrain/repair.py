@@ -75,10 +75,13 @@ def fill_holes(vertices, faces, widest: float):
     outgoing = np.bincount(corners[:, 0], minlength=len(used))
     simple = np.bincount(loop, (degree != 2) | (outgoing != 1)) == 0
     size = _extent(vertices[used], loop)
+    small = simple & (size <= widest)
+    if not small.any():
+        return (vertices, faces), {"holes_filled": 0, "holes_left": len(size), "faces_added": 0}
     piece = groups(np.concatenate([faces[:, :2], faces[:, 1:]]), len(vertices))
     whole = np.zeros(len(size))
     whole[loop] = _extent(vertices, piece)[piece[used]]
-    fill = simple & (size <= widest) & (size < 0.5 * whole)
+    fill = small & (size < 0.5 * whole)
     apex = np.cumsum(fill) - 1 + len(vertices)
     rim = np.column_stack([np.bincount(loop, vertices[used, i] - vertices[0, i]) for i in range(3)])
     rim = rim / np.bincount(loop)[:, None] + vertices[0]
@@ -107,8 +110,7 @@ def orient(vertices, faces, device="cpu"):
     if not is_consistent(faces):
         turned = _disagreeing(faces)
         faces[turned] = faces[turned, ::-1]
-    label = pieces(faces, len(vertices))
-    backward = _seen_from_behind(vertices, faces, label, device)
+    backward = _seen_from_behind(vertices, faces, device)
     faces[backward] = faces[backward, ::-1]
     return (vertices, faces), {"turned_faces": int((turned ^ backward).sum())}
 
@@ -137,7 +139,7 @@ def _disagreeing(faces):
     return fewer & (as_is != mirrored)
 
 
-def _seen_from_behind(vertices, faces, label, device):
+def _seen_from_behind(vertices, faces, device):
     """Faces [F] of pieces of which more back than front is seen from above."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     rng = np.random.default_rng(1)
@@ -147,6 +149,9 @@ def _seen_from_behind(vertices, faces, label, device):
     points[:, 2] = high[2] + max(np.ptp([low, high]) * 0.1, 1e-3)
     face, side = Surface(vertices, faces, device).first_hits(points, (0.0, 0.0, -1.0))
     hit = face >= 0
+    if not (side[hit] < 0.0).any():
+        return np.zeros(len(faces), bool)
+    label = pieces(faces, len(vertices))
     votes = np.bincount(label[face[hit]], side[hit], minlength=label.max() + 1)
     return votes[label] < 0.0
 
