@@ -170,6 +170,18 @@ def test_what_is_far_away_is_the_mean_of_what_is_near(name):
     assert np.all(far.std(axis=0) < 0.15 * near.std(axis=0))
 
 
+@pytest.mark.parametrize("make", [rust, dirt])
+@pytest.mark.parametrize("amount", [0.2, 0.5, 0.8])
+def test_the_share_that_is_covered_does_not_depend_on_the_footprint(make, amount):
+    """Also where the noise fades out and its mean takes over (6 patches a metre): within 0.05 of blue's range."""
+    p = points(5.0)
+    n = np.random.default_rng(3).standard_normal(p.shape)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    blue = [reflectance(make(amount=amount), p, n, footprint=f / 6.0)[:, 2].mean()
+            for f in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 2.0)]
+    assert np.ptp(blue) < 0.05 * 0.47
+
+
 def test_patterns_keep_their_fineness_at_a_million_metres():
     p, far = points(25.0), np.array([1.0e6, -1.0e6, 0.0])
     here = reflectance(slope_blend(), p)

@@ -1,9 +1,9 @@
 """A scene of known radiance: ref1, rendered to the end by two other programs, with the standard error of every pixel.
 
 The statistic is the mean over blocks of 20 x 20 pixels. A pixel of blue is too heavy-tailed for it: its few samples
-hold no firefly, or one, and its standard error follows suit, so that low values look certain. A block's 12800 samples at
-32 per pixel are nearly enough: of five seeds, one gave 0.0013 in blue and the others 0.07 to 0.95. The chi-square over
-144 blocks is tested per channel (Sidak over three).
+hold no firefly, or one, and its standard error follows suit, so that low values look certain. A block's 12800 samples
+at 32 per pixel are nearly enough: of five seeds, one gave 0.0013 in blue and the others 0.07 to 0.95. The chi-square
+over 144 blocks is tested per channel (Sidak over three).
 """
 
 import os

@@ -181,9 +181,11 @@ def test_what_cannot_or_need_not_be_reduced_stays_the_same_object():
     ball = trimesh.creation.icosphere(subdivisions=2)
     small = floor((np.asarray(ball.vertices), np.asarray(ball.faces, np.int32)), "objects.0")
     textured = floor(skin=Skin(np.zeros((len(TERRAIN[1]), 3, 3), np.float32)))
+    many = Instances("scatter.0", *TERRAIN, np.eye(4)[None], textured.material, skin=textured.skin)
     scene = make_scene(objects=[{"file": "ball.ply"}])
-    parts, kept = reduce_parts(scene, [textured, small], POSES, LevelOfDetail(tolerance_px=3.0))
+    parts, kept = reduce_parts(scene, [textured, small, many], POSES, LevelOfDetail(tolerance_px=3.0))
     assert parts[0] is textured
+    assert parts[2] is many
     assert parts[1] is small
     assert "texture map" in kept[0].reason
     assert "fewer than 1000" in kept[1].reason

@@ -69,7 +69,8 @@ def test_copies_of_two_blocks_keep_clear_of_each_other():
 def test_copies_keep_clear_of_objects_and_do_not_lie_in_them():
     objects = [{"kind": "pipe", "radius": 0.2, "length": 6, "position": [0, 0, 0.2], "rotation_euler_deg": [0, 90, 0]},
                {"kind": "boulder", "diameter": 5.0, "position": [0, 4, 0], "chord_error_m": 0.05}]
-    block = {"object": ROCK | {"chord_error_m": 0.1, "diameter": 0.2}, "count": 80, "area": [-4, -2, 4, 5], "clearance_m": 0.3}
+    stone = ROCK | {"chord_error_m": 0.1, "diameter": 0.2}
+    block = {"object": stone, "count": 80, "area": [-4, -2, 4, 5], "clearance_m": 0.3}
     s = scene(block, terrain=FLAT, objects=objects)
     parts = build_single_parts(s)
     (instances,) = build_instances(s, parts)

@@ -23,5 +23,5 @@ def test_every_part_has_a_row_with_its_block():
 
 
 def test_parts_that_are_not_of_the_scene_file_have_a_number_too():
-    assert segment_table(scene(), ["probe", "objects.7"])[1] == {
+    assert segment_table(scene(), ["model.obj", "objects.7"])[1] == {
         "id": 2, "key": "objects.7", "kind": "", "material": None, "material_id": 0}

@@ -113,6 +113,12 @@ def test_pyramids_refuse_sides_that_cannot_be_halved():
             make(np.ones((12, 16, 3)))
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
+def test_the_smallest_images_are_tiles_too(shape):
+    pyramid = tile_pyramid(np.full((*shape, 3), 0.3, np.float32), 1)
+    assert np.isfinite(pyramid.colours).all()
+
+
 def test_a_tile_of_one_colour_stays_that_colour():
     pyramid = tile_pyramid(np.full((8, 8, 3), (0.1, 0.2, 0.3)))
     np.testing.assert_allclose(pyramid.colours @ pyramid.basis.T, np.broadcast_to((0.1, 0.2, 0.3), (4, 512, 3)),

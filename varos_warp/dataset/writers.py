@@ -13,6 +13,7 @@ import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import SCHEMA_VERSION, Layout, runs
 from varos_warp.render.outputs import DEPTH_LEVELS
+from varos_warp.scene.description import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.water import optical_properties
@@ -177,11 +178,13 @@ def _version(package: str) -> str:
 
 
 def sources(scene) -> dict[str, str]:
-    """SHA-256 of every mesh file that the scene names."""
+    """SHA-256 of every mesh and image file that the scene names; of images that mesh files name it knows nothing."""
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
     objects = [*scene.objects, *(block.object for block in scene.scatter)]
     named += [o.file for o in objects if getattr(o, "file", None)]
+    textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
+    named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
     return {name: _digest(scene.resolve(name)) for name in dict.fromkeys(named)}
 
 

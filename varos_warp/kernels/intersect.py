@@ -7,7 +7,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.light import Light
 from varos_warp.kernels.medium import Medium
-from varos_warp.kernels.texture import Material, Surface, surface_at
+from varos_warp.kernels.texture import MAPPED, Material, Surface, surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -243,7 +243,11 @@ def make_hit_surface(textures: bool):
     def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
         """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
         if wp.static(textures):
-            return surface_at(scene.materials[hit.part], hit.p, n, file_value(scene, hit), footprint)
+            m = scene.materials[hit.part]
+            at = file_value(scene, hit)
+            if hit.instance >= 0 and m.kind == MAPPED:
+                at[2] = at[2] / scene.instances[hit.instance].scale
+            return surface_at(m, hit.p, n, at, footprint)
         surface = Surface()
         surface.reflectance = scene.materials[hit.part].base
         return surface

@@ -145,7 +145,8 @@ def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
 @wp.func
 def covered(m: Material, noise: float, bias: float, footprint: float):
     """Share of a layer: all where ``noise + bias`` is above the threshold; its mean far away."""
-    share = band(0.5 * m.cycles * footprint)
+    # the broadest octave is still whole where the threshold gives way to its mean
+    share = band(2.0 * m.cycles * footprint)
     # the noise is about normal; 1.702 makes a logistic function one
     mean = 1.0 / (1.0 + wp.exp(-1.702 * (bias - m.threshold) / NOISE_DEVIATION))
     return wp.lerp(mean, wp.smoothstep(-0.06, 0.06, noise + bias - m.threshold), share)

@@ -258,6 +258,10 @@ class Diffuse(Block):
     reflectance: UnitRgb = (0.5, 0.5, 0.5)
 
 
+GROUND_TEXTURES = ("sand", "rock")
+"""Names of the textures that ship; anything else is an image file."""
+
+
 class Texture(Block):
     """A texture that covers the surface without end: its tile is ``size_m`` wide, or fits ``tiles`` times into it."""
 

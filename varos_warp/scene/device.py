@@ -1,4 +1,4 @@
-"""A scene in device memory: one mesh with its BVH, materials, lights and water, in a local float32 world."""
+"""A scene in device memory: meshes with their BVHs, copies, materials, lights and water, in a local float32 world."""
 
 import numpy as np
 import warp as wp

@@ -22,7 +22,7 @@ class Part:
     """One connected-by-name piece of the world, in world coordinates."""
 
     name: str
-    """Key in the scene file: ``terrain`` or ``objects.3``."""
+    """Key in the scene file: ``terrain``, ``objects.3``, or ``scatter.0.17`` for a copy."""
     vertices: np.ndarray
     """float64 [V, 3] [m]."""
     faces: np.ndarray

@@ -88,6 +88,8 @@ class Need:
             tangent = 0.5 * np.array(camera.resolution) / (K[0, 0], K[1, 1])
             for T in T_w_c:
                 left = np.flatnonzero(~seen)
+                if not len(left):
+                    return seen
                 p = (centres[left] - T[:3, 3]) @ T[:3, :3]
                 aside = (np.abs(p[:, :2]) - p[:, 2:] * tangent) / np.hypot(1.0, tangent)
                 seen[left] = (p[:, 2] > -radius) & (aside < radius).all(axis=1)
@@ -181,13 +183,13 @@ def keep_parts(scene: Scene, parts: Sequence[Part | Instances], poses: Sequence[
 
 def _reduce_part(scene, need, part):
     """A part made fit for its need, and what was kept of it."""
+    if part.skin is not None:
+        return part, _unchanged(need, part, "exact: it has a texture map or colours of its own")
     if isinstance(part, Instances):
         return _reduce_instances(need, part)
     block = _block(scene, part.name)
     if block is not None and not isinstance(block, MeshObject | Boulder):  # a boulder's mesh is its true surface
         return _tessellate(scene, need, part, block)
-    if part.skin is not None:
-        return part, _unchanged(need, part, "exact: it has a texture map or colours of its own")
     if len(part.faces) < SMALL:
         return part, _unchanged(need, part, f"exact: fewer than {SMALL} triangles")
     allowed = PlacedNeed(need, part.vertices)
@@ -241,11 +243,11 @@ def _tessellate(scene, need, part, block):
 
 def _reduce_instances(need, group):
     """An instanced mesh, reduced to what the copy needs that comes nearest in proportion to its scale."""
+    if len(group.faces) < SMALL:
+        return group, _unchanged(need, group, f"exact: fewer than {SMALL} triangles")
     scales = np.cbrt(np.linalg.det(group.T_w_o[:, :3, :3]))
     least = min(allowed_all_over(need, box.vertices)[0] / scale
                 for box, scale in zip(group.boxes(), scales, strict=True))
-    if len(group.faces) < SMALL:
-        return group, _unchanged(need, group, f"exact: fewer than {SMALL} triangles")
 
     def allowed(points):
         return np.full(len(points), least)

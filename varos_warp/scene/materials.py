@@ -107,7 +107,7 @@ def _set_layer(record, part):
 def corner_values(parts: list[Part | Instances]) -> np.ndarray:
     """What ``texture.surface_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
 
-    Of texture maps u, v and their units per metre of surface, of colours the reflectances.
+    Of texture maps u, v and their units per metre before the scale of instances, of colours the reflectances.
     """
     if not any(part.skin is not None for part in parts):
         return np.zeros((0, 3), np.float32)
@@ -121,8 +121,7 @@ def _part_values(part):
     corners = part.skin.corners
     values[..., :corners.shape[-1]] = corners
     if part.skin.image is not None:
-        scale = np.cbrt(np.linalg.det(part.T_w_o[0, :3, :3])) if isinstance(part, Instances) else 1.0
-        a, b, c = np.moveaxis(part.vertices[part.faces] * scale, 1, 0)
+        a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
         on_surface = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         u, v = corners[:, 1].astype(float) - corners[:, 0], corners[:, 2].astype(float) - corners[:, 0]
         on_map = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])

@@ -100,7 +100,8 @@ def _standing(block, drawn, vertices, reach, ground, dropped):
     lost = np.isnan(rows).any(axis=1)
     steep = ~lost & (np.arctan(np.hypot(rows[:, 5], rows[:, 6])) > np.radians(block.max_slope_deg))
     near = np.zeros(len(rows), bool)
-    near[~lost & ~steep] = _near_objects(rows[~lost & ~steep], vertices, block.clearance_m, ground.objects)
+    near[~lost & ~steep] = _near_objects(rows[~lost & ~steep], vertices, block.max_tilt_deg > 0.0, block.clearance_m,
+                                         ground.objects)
     for reason, which in (("beside the terrain", lost), ("too steep", steep), ("too near to an object", near)):
         dropped[reason] += np.count_nonzero(which)
     return rows[~(lost | steep | near)]
@@ -150,9 +151,11 @@ def _stand(rows, terrain, reach):
     return np.column_stack([rows[:, :2], z[:, 0], rows[:, 2:], slopes])
 
 
-def _near_objects(rows, vertices, gap, objects):
+def _near_objects(rows, vertices, leaning, gap, objects):
     """Which copies' bounding balls come nearer to an object than ``gap``, or lie in it; bool [N]."""
-    middle = np.array([0.0, 0.0, 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())])
+    # about the foot where copies lean on it
+    height = 0.0 if leaning else 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
+    middle = np.array([0.0, 0.0, height])
     centre = rows[:, :3] + rows[:, 3:4] * middle
     radius = rows[:, 3] * np.linalg.norm(vertices - middle, axis=1).max() + gap
     near = np.zeros(len(rows), bool)

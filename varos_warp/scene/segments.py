@@ -31,4 +31,5 @@ def _block(scene: Scene, key: str):
     if group == "terrain":
         return scene.terrain
     blocks = {"objects": scene.objects, "scatter": [block.object for block in scene.scatter]}.get(group, [])
-    return blocks[int(numbers[0])] if numbers and int(numbers[0]) < len(blocks) else None
+    known = bool(numbers) and numbers[0].isdigit() and int(numbers[0]) < len(blocks)
+    return blocks[int(numbers[0])] if known else None

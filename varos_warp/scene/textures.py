@@ -107,7 +107,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
     whole tile at the top.
     """
     pixels = np.asarray(reflectance, np.float32).reshape(-1, 3)
-    _, basis = np.linalg.eigh(np.cov(pixels[::7].T) if len(pixels) > 64 else np.cov(pixels.T))
+    some = pixels[::7] if len(pixels) > 64 else pixels
+    _, basis = np.linalg.eigh(np.cov(some.T) if len(some) > 1 else np.eye(3))
     basis = basis[:, ::-1]  # the axis of largest variance first
     rng = np.random.default_rng(seed)
     gaussian, quantiles = [], []
