@@ -47,7 +47,7 @@ def reduced():
 
 def test_the_surface_stays_within_the_tolerance_of_every_place(reduced):
     """At random points, not those that were measured; and most of the tolerance is made use of."""
-    assert len(reduced[1]) < 0.25 * len(RIPPLED[1])
+    assert len(reduced[1]) < 0.3 * len(RIPPLED[1])
     assert 0.8 < worst_share(RIPPLED, reduced, by_distance) <= 1.0
 
 
@@ -156,7 +156,8 @@ def test_crossings_are_where_the_edges_of_a_grid_lie_above_an_edge():
     grid = Surface(*grid_mesh(axis, axis, np.zeros((5, 5))))
     vertices, faces = np.array([[0.25, 3.6, 1], [3.75, 0.5, 1], [4.0, 4.0, 1]]), np.array([[0, 1, 2]], np.int32)
     lines = Lines.along(vertices, faces, 0.05)
-    crossed = lines.crossings(np.array([[0.0, 0.0, 1.0]]), grid, grid.nearest(lines.points())[1])
+    crossed, below = lines.crossings(np.array([[0.0, 0.0, 1.0]]), grid, grid.nearest(lines.points())[1])
+    np.testing.assert_allclose(below, crossed.points() * [1, 1, 0], atol=1e-12)
     x, y, _ = crossed.points()[crossed.number == 0].T
     on_grid = np.abs(np.array([x, y, x - y]) - np.round([x, y, x - y])) < 1e-9
     np.testing.assert_array_equal(on_grid.sum(axis=1), [3, 3, 7])
