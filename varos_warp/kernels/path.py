@@ -13,7 +13,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
-from varos_warp.kernels.conventions import BLOCK_DIM, FAR, NEAR
+from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS, FAR, NEAR
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import LitInterval, brightest, lit_interval
@@ -450,7 +450,12 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(BLOCK_DIM, 6))
+    @wp.kernel(
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_FLAGS},
+        enable_backward=False,
+        launch_bounds=(BLOCK_DIM, 6),
+    )
     def trace_paths(
         scene: SceneData,
         camera: Camera,
