@@ -14,12 +14,14 @@ from varos_warp.kernels.aov import make_first_hits_kernel
 from varos_warp.kernels.conventions import ALL, BLOCK_DIM
 from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.path import PathSpec, make_path_kernel
+from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
+INTEGRATORS = ("auto", "tables", "path", "reference")
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 GPU_THREADS = 1 << 19
@@ -79,9 +81,21 @@ def _usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _check_request(outputs, layers, **numbers):
-    """Refuse what cannot be rendered: unknown letters and layers, numbers under their least value."""
-    for key, names, known in (("outputs", outputs, "ABCDS"), ("layers", layers, LAYERS)):
+def resolve_integrator(name: str) -> str:
+    """The integrator that ``render.integrator`` stands for.
+
+    Raises:
+        InputError: If there is none of that name.
+    """
+    if name == "tables":
+        raise InputError("not available yet", key="integrator", value=name, remedy="Give auto, path or reference.")
+    return "path" if name == "auto" else name
+
+
+def _check_request(outputs, layers, integrator, **numbers):
+    """Refuse what cannot be rendered: unknown letters, layers and integrators, numbers under their least value."""
+    texts = (("outputs", outputs, "ABCDS"), ("layers", layers, LAYERS), ("integrator", [integrator], INTEGRATORS))
+    for key, names, known in texts:
         unknown = [name for name in names if name not in known]
         if unknown or not len(names):
             raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
@@ -136,6 +150,7 @@ class FrameRenderer:
         max_scatterings: int | None = None,
         max_bounces: int | None = None,
         layers=LAYERS,
+        integrator: str | None = None,
         seed: int | None = None,
         frame: int = 0,
     ) -> Frame:
@@ -150,11 +165,13 @@ class FrameRenderer:
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.
             layers: which of direct, single, multiple to render.
+            integrator: of A: auto, tables, path or reference; absent: the scene's.
             seed: of the random numbers; absent: the scene's.
             frame: number of the frame, which keys the random numbers too.
         """
         bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces}
-        _check_request(outputs, layers, spp=spp, spp_b=spp_b, **bounds)
+        integrator = integrator or self.scene.render.integrator
+        _check_request(outputs, layers, integrator, spp=spp, spp_b=spp_b, **bounds)
         view = self._camera(camera)
         seed = self.scene.seed if seed is None else seed
         T_w_v = np.asarray(T_w_v, np.float64)
@@ -163,7 +180,7 @@ class FrameRenderer:
             spp = spp or self.scene.render.spp or 64
             key = stream_key(seed, frame, view.id, "A")
             bounds = (ALL if bound is None else bound for bound in bounds.values())
-            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, key)
+            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, resolve_integrator(integrator), key)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, key)
@@ -185,18 +202,22 @@ class FrameRenderer:
 
     # ------------------------------------------------------------------------------------------------- the images
 
-    def _render_water(self, view, T_w_v, spp, max_scatterings, max_bounces, layers, key) -> RadianceImage:
+    def _render_water(self, view, T_w_v, spp, max_scatterings, max_bounces, layers, integrator, key) -> RadianceImage:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
         max_scatterings = max_scatterings if medium else 0
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
-        spec = PathSpec(medium, *wanted, self.world.has_instances, self.world.has_textures)
+        surfaces = (self.world.has_instances, self.world.has_textures)
+        if integrator == "reference":
+            kernel = make_reference_kernel(*wanted, *surfaces)
+        else:
+            kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
         self._launch(
-            make_path_kernel(spec),
+            kernel,
             view,
             film,
             [self.world.data, self.world.camera(view, T_w_v)],

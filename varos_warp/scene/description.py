@@ -615,6 +615,8 @@ class Render(Block):
     max_scatterings: Annotated[int, Field(ge=0)] | None = None
     max_bounces: Annotated[int, Field(ge=0)] | None = None
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
+    integrator: Literal["auto", "tables", "path", "reference"] = "auto"
+    """How the light of A is computed; ``reference``: a plain, slow path tracer, the judge of the others."""
     denoise: Literal["oidn", "nlm", "none"] = "oidn"
     denoise_b: Literal["oidn", "nlm", "none"] = "nlm"
     exposure: Exposure = Exposure()
