@@ -65,14 +65,14 @@ def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
     out = tmp_path / "out"
     result = call("run", scene_file, "-o", out, "--device", "cpu", "--outputs", "A,D", "--spp", 4,
                   "--max-scatterings", 2, "--max-bounces", 3, "--layers", "direct,single", "--seed", 9,
-                  "--denoise", "none", "--linear-exr",
+                  "--denoise", "none", "--linear-exr", "--integrator", "reference",
                   "--frames", "2:4", "--set", "render.depth_kind=range", "--set", "seed=5", "-q")
     assert result.exit_code == 0, result.output
     data = Dataset(out)
     render = data.meta["scene"]["render"]
     assert (render["spp"], render["max_scatterings"], render["max_bounces"]) == (4, 2, 3)
     assert (render["layers"], render["denoise"], render["linear_exr"]) == (["direct", "single"], "none", True)
-    assert (render["depth_kind"], data.meta["seed"]) == ("range", 9)
+    assert (render["depth_kind"], data.meta["seed"], render["integrator"]) == ("range", 9, "reference")
     assert (data.frames, data.outputs) == ([2, 3], ["A", "D"])
     assert data.layout.linear("L0", 2).is_file()
 
@@ -105,7 +105,8 @@ def test_plan_prints_what_the_planner_says(scene_file):
     assert "  - a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 
-COMMON = "--device --frames --outputs --tolerance --spp --max-scatterings --layers --max-bounces --seed --denoise --set"
+COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
+          "--denoise --set")
 JOB = COMMON + " --linear-exr --shard --json --quiet"
 
 
@@ -271,8 +272,8 @@ def test_an_unknown_device_is_refused_with_those_that_exist(scene_file, tmp_path
 
 @pytest.mark.parametrize("arguments", [
     "--frames a:b", "--frames 1:2:3", "--frames -3:", "--frames 50:", "--shard 2/2", "--shard x", "--spp 0",
-    "--spp 4 --tolerance 0.1", "--outputs AX", "--layers all", "--denoise magic", "--seed -1", "--tolerance 0",
-    "--max-scatterings -1", "--set nonsense", "--set render.what=1"])
+    "--spp 4 --tolerance 0.1", "--outputs AX", "--layers all", "--integrator magic", "--denoise magic", "--seed -1",
+    "--tolerance 0", "--max-scatterings -1", "--set nonsense", "--set render.what=1"])
 def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):
     refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *arguments.split())
     assert not (tmp_path / "out").exists()

@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 from standins import tree
 from typer.testing import CliRunner
 
 from varos_warp import cli
+from varos_warp.dataset.files import read_exr
 from varos_warp.dataset.layout import Dataset
 
 SMALL = ["--device", "cpu", "--spp", "4", "--frames", "0:3", "-q", "--set", "vehicle.cameras.0.resolution=[48, 27]",
@@ -51,6 +53,23 @@ def test_shards_of_a_run_with_less_detail_give_the_same_bytes_and_say_what_was_k
     every = Dataset(made / "out").meta["samples"]["plan"]["meshes"]
     assert every["kept"] == every["triangles"]
     assert tree(tmp_path / "plain").keys() == tree(made / "out").keys()
+
+
+def test_the_reference_integrator_renders_the_same_scene_and_is_on_record(made, tmp_path):
+    """Its image is the other's within their standard errors, and the plan says whose it is."""
+    out, how = tmp_path / "out", [*SMALL, "--frames", "0:1", "--outputs", "A", "--spp", "64", "--linear-exr"]
+    scene = made / "scene.yaml"
+    for name in ("reference", "path"):
+        call("render", scene, "-o", out / name, "--integrator", name, *how)
+    data = {name: Dataset(out / name) for name in ("reference", "path")}
+    words = {name: dataset.meta["samples"]["plan"]["models"]["A"] for name, dataset in data.items()}
+    assert words["reference"].startswith("reference path tracer, ")
+    assert words["path"].startswith("path tracer, ")
+    one, two = (read_exr(dataset.layout.linear(dataset.layout.cameras[0], 0)) for dataset in data.values())
+    for c in "RGB":
+        assert not np.array_equal(one[c], two[c])
+        error = np.sqrt(sum(np.sum(image[f"stderr.{c}"].astype(float) ** 2) for image in (one, two)))
+        assert abs(np.sum(one[c].astype(float) - two[c])) < 4 * error < 0.2 * two[c].sum()
 
 
 def test_a_plan_says_what_less_detail_would_keep(made):

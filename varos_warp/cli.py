@@ -31,6 +31,7 @@ Spp = Annotated[int | None, typer.Option(help="Samples per pixel of A, instead o
 MaxScatterings = Annotated[int | None, typer.Option(help="Most scatterings in the water on a path of light.")]
 MaxBounces = Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")]
 Layers = Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Parts of A to render.")]
+Integrator = Annotated[str | None, typer.Option(metavar="auto|tables|path|reference", help="How A is computed.")]
 Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
 Denoise = Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")]
 LinearExr = Annotated[bool, typer.Option("--linear-exr", help="Also write A as rendered, with its standard error.")]
@@ -64,11 +65,11 @@ def _job(name: str, text: str, **kind):
     """`run` and `render` differ in what they write, not in what they take."""
     def command(scene: SceneFile, out: Out, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
                 tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
-                max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
-                linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
-                quiet: Quiet = False):
-        changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise,
-                            linear_exr)
+                max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None,
+                seed: Seed = None, denoise: Denoise = None, linear_exr: LinearExr = False, set_: Set = None,
+                shard: Shard = None, json_: Json = False, quiet: Quiet = False):
+        changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed,
+                            denoise, linear_exr)
         make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
              **kind)
 
@@ -90,15 +91,16 @@ def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, js
 @verb
 def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
          tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
-         max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
-         linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None, json_: Json = False,
-         quiet: Quiet = False):
+         max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None, seed: Seed = None,
+         denoise: Denoise = None, linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None,
+         json_: Json = False, quiet: Quiet = False):
     """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
     from varos_warp.dataset.layout import Dataset
     from varos_warp.dataset.report import write_report
     from varos_warp.scene.load import demo_scene_path
 
-    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise, linear_exr)
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed, denoise,
+                        linear_exr)
     whole = make(demo_scene_path(), out, changed, json_, quiet, device=device, frames=parse_frames(frames),
                  shard=parse_shard(shard))
     if not whole:
@@ -127,8 +129,8 @@ def make(path: Path, out: Path, changed: list[str], json_: bool, quiet: bool, **
 @verb
 def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
          tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
-         max_bounces: MaxBounces = None, layers: Layers = None, seed: Seed = None, denoise: Denoise = None,
-         set_: Set = None, json_: Json = False, quiet: Quiet = False):
+         max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None, seed: Seed = None,
+         denoise: Denoise = None, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Say which models and meshes each output needs, why, and what it will cost."""
     from varos_warp.dataset.produce import select, simulated
     from varos_warp.render.detail import choose_detail
@@ -139,7 +141,7 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
     from varos_warp.scene.meshes import build_parts
 
     device = resolve_device(device)
-    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, seed, denoise)
+    changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed, denoise)
     loaded, chosen = load_scene(scene, changed), parse_frames(frames)
     simulation = simulated(loaded, quiet)
     ticks = simulation.frame_ticks
@@ -379,14 +381,14 @@ def _print_preprocessed(out: Path, facts: dict) -> None:
 
 
 def overrides(set_=None, outputs=None, tolerance=None, spp=None, max_scatterings=None, max_bounces=None, layers=None,
-              seed=None, denoise=None, linear_exr=False) -> list[str]:
+              integrator=None, seed=None, denoise=None, linear_exr=False) -> list[str]:
     """The options that change a scene, as ``key.path=value``; they come after ``--set`` and so have the last word."""
     if tolerance is not None and spp is not None:
         raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
     changes = {"render.outputs": outputs and ",".join(outputs.replace(",", "")), "render.tolerance": tolerance,
                "render.spp": "null" if tolerance is not None else spp, "render.max_scatterings": max_scatterings,
-               "render.max_bounces": max_bounces, "render.layers": layers, "seed": seed, "render.denoise": denoise,
-               "render.linear_exr": "true" if linear_exr else None}
+               "render.max_bounces": max_bounces, "render.layers": layers, "render.integrator": integrator,
+               "seed": seed, "render.denoise": denoise, "render.linear_exr": "true" if linear_exr else None}
     lists = ("render.outputs", "render.layers")
     return list(set_ or ()) + [f"{key}=[{value}]" if key in lists else f"{key}={value}"
                                for key, value in changes.items() if value is not None]

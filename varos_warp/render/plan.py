@@ -17,6 +17,7 @@ from scipy.ndimage import uniform_filter
 from scipy.special import pdtrc
 
 from varos_warp.render.denoise import available_method
+from varos_warp.render.frame import resolve_integrator
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.water import OpticalProperties, optical_properties
@@ -106,7 +107,8 @@ def _models(scene: Scene, spp: int, max_scatterings: int | None) -> dict[str, st
     bounds = ((max_scatterings, "scattering", "in the water"), (render.max_bounces, "reflection", "on surfaces"))
     words = [f"any number of {noun}s {where}" if bound is None else
              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
-    return {"A": f"paths with {' and '.join(words)}, {spp} samples per pixel, denoise {render.denoise}",
+    tracer = {"reference": "reference path tracer", "path": "path tracer"}[resolve_integrator(render.integrator)]
+    return {"A": f"{tracer}, paths with {' and '.join(words)}, {spp} samples per pixel, denoise {render.denoise}",
             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
             "S": "first hits of pixel centres"}
