@@ -1,6 +1,6 @@
-"""Speed and error of one frame of image A, beside the plain kernel in the same run.
+"""Speed and error of one frame of image A, by each integrator in the same run.
 
-    python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--resolution 320x180] [-o results.json]
+    python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--integrators path reference] [-o results.json]
 
 Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time
 is reported apart. A path is one camera sample with the walk that follows it.
@@ -16,54 +16,31 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from plain_kernel import make_plain_kernel
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.frame import INTEGRATORS, FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 
-def time_ours(renderer, T_w_v, spp: int, repeat: int):
+def time_method(renderer, T_w_v, spp: int, repeat: int, integrator: str):
     """Image, its variance and the median seconds of ``repeat`` renderings."""
-    renderer.render(T_w_v, outputs="A", spp=1)
+    renderer.render(T_w_v, outputs="A", spp=1, integrator=integrator)
     seconds = []
     for frame in range(repeat):
         start = time.perf_counter()
-        image = renderer.render(T_w_v, outputs="A", spp=spp, frame=frame).A
+        image = renderer.render(T_w_v, outputs="A", spp=spp, frame=frame, integrator=integrator).A
         seconds.append(time.perf_counter() - start)
-    return image.radiance, image.stderr**2, np.median(seconds)
+    return image.radiance, image.stderr**2, float(np.median(seconds))
 
 
-def time_plain(renderer, T_w_v, spp: int, repeat: int):
-    """The same for the plain kernel."""
-    view = renderer.scene.vehicle.cameras[0]
-    shape = view.resolution[::-1]
-    mean, squares = (wp.zeros(shape, dtype=wp.vec3, device=renderer.device) for _ in range(2))
-    renderer.world.pose_lights(T_w_v)
-    camera = renderer.world.camera(view, T_w_v)
-    seconds = []
-    for key in range(repeat + 1):
-        start = time.perf_counter()
-        renderer._launch(
-            make_plain_kernel(renderer.world.has_textures),
-            view,
-            None,
-            [renderer.world.data, camera],
-            [1 if key == 0 else spp, wp.uint32(key), mean, squares],
-        )
-        radiance = mean.numpy()
-        seconds.append(time.perf_counter() - start)
-    return radiance, (squares.numpy() - radiance**2) / (spp - 1), np.median(seconds[1:])
-
-
-def rays_per_path(renderer, timed, T_w_v) -> float:
-    """Nearest-hit and visibility rays per camera sample, counted in one sample per pixel."""
+def rays_per_path(renderer, T_w_v, integrator: str) -> float:
+    """Nearest-hit and visibility rays per camera sample, counted in a few samples per pixel."""
     counter = wp.zeros(1, dtype=wp.int64, device=renderer.device)
     renderer.world.data.ray_count = counter
-    timed(renderer, T_w_v, 2, 1)  # traces 1 + 2 samples
+    renderer.render(T_w_v, outputs="A", spp=4, integrator=integrator)
     renderer.world.data.ray_count = wp.array(dtype=wp.int64, device=renderer.device)
     width, height = renderer.scene.vehicle.cameras[0].resolution
-    return float(counter.numpy()[0]) / (3 * width * height)
+    return float(counter.numpy()[0]) / (4 * width * height)
 
 
 def relative_work(radiance, variance, seconds):
@@ -78,7 +55,9 @@ def peak_memory_mib(device: str) -> float:
     return wp.get_mempool_used_mem_high(device) / 2**20
 
 
-def measure(scene_file: str, device: str, spp: int, resolution: str | None, repeat: int) -> dict:
+def measure(
+    scene_file: str, device: str, spp: int, resolution: str | None, repeat: int, integrators: list[str]
+) -> dict:
     """One row of results."""
     width_height = [] if resolution is None else [f"vehicle.cameras.0.resolution=[{resolution.replace('x', ',')}]"]
     scene = load_scene(scene_file, width_height)
@@ -99,22 +78,30 @@ def measure(scene_file: str, device: str, spp: int, resolution: str | None, repe
         "commit": commit(),
         "setup_s": round(setup, 2),
     }
-    for name, timed in (("ours", time_ours), ("plain", time_plain)):
-        radiance, variance, seconds = timed(renderer, T_w_v, spp, repeat)
+    for name in integrators:
+        radiance, variance, seconds = time_method(renderer, T_w_v, spp, repeat, name)
         relative = np.sqrt(variance) / np.maximum(radiance, 1e-30)
         row[name] = {
             "ms_per_frame": seconds * 1e3,
             "paths_per_s": width * height * spp / seconds,
-            "rays_per_s": width * height * spp / seconds * rays_per_path(renderer, timed, T_w_v),
+            "rays_per_s": width * height * spp / seconds * rays_per_path(renderer, T_w_v, name),
             "work_rgb": relative_work(radiance, variance, seconds),
             "median_relative_stderr_rgb": np.median(relative, axis=(0, 1)).tolist(),
             "mean_rgb": radiance.mean(axis=(0, 1)).tolist(),
         }
     row["compile_s"] = round(renderer.compile_seconds, 2)
     row["peak_memory_mib"] = round(peak_memory_mib(renderer.device), 1)
-    row["speed_ratio"] = row["ours"]["paths_per_s"] / row["plain"]["paths_per_s"]
-    row["work_ratio_rgb"] = (np.array(row["plain"]["work_rgb"]) / np.array(row["ours"]["work_rgb"])).tolist()
+    if "reference" in integrators:
+        compare(row, integrators)
     return row
+
+
+def compare(row: dict, integrators: list[str]):
+    """Add to each integrator how it stands beside the reference integrator."""
+    plain = row["reference"]
+    for one in (row[name] for name in integrators if name != "reference"):
+        one["speed_ratio"] = one["paths_per_s"] / plain["paths_per_s"]
+        one["work_ratio_rgb"] = (np.array(plain["work_rgb"]) / np.array(one["work_rgb"])).tolist()
 
 
 def commit() -> str:
@@ -132,9 +119,11 @@ def main():
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--resolution", help="WIDTHxHEIGHT instead of the scene's")
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--integrators", nargs="+", choices=INTEGRATORS, default=["path", "reference"])
     parser.add_argument("-o", "--output", type=Path, help="append the row to this JSON file")
     arguments = parser.parse_args()
-    row = measure(arguments.scene, arguments.device, arguments.spp, arguments.resolution, arguments.repeat)
+    options = (arguments.device, arguments.spp, arguments.resolution, arguments.repeat, arguments.integrators)
+    row = measure(arguments.scene, *options)
     print(json.dumps(row, indent=1))
     if arguments.output:
         rows = json.loads(arguments.output.read_text()) if arguments.output.exists() else []
