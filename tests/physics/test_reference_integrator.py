@@ -1,8 +1,8 @@
 """The reference integrator: closed forms that judge the judge, and the path integrator judged by it.
 
-Free flights find a lamp's neighbourhood by chance, and light there goes as 1/d^2. Scattered once from a ray beside the
-lamp that is bounded; over more events its variance is not finite, but its mean is, and a sum over its own standard
-error keeps Gaussian-like tails all the same (Logan et al. 1973, "Limit distributions of self-normalized sums").
+Free flights find a lamp's neighbourhood by chance, and light there goes as 1/d^2. On a ray that passes beside the lamp
+that is bounded. A walk may scatter anywhere, and its light exceeds x with a probability that goes as x^-3/2: it has a
+mean but no finite variance, and estimates mostly fall short, at times by several of their standard errors (``SHORT``).
 """
 
 import numpy as np
@@ -21,11 +21,23 @@ from varos_warp.scene.description import Diffuse, Metal, Nut, Rust
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.load import scene_from_dict
 
+SHORT = 8.0
+"""Standard errors that a right mean of values with a tail of x^-3/2 may fall short by. Of 4000 simulated means of such
+Pareto variables in 16 batches, one in a thousand falls short by 7.4, and one in a hundred exceeds by 1.4."""
+
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 
 
 def radiance(scene, parts=(), layer=None, **how):
     return any_radiance(scene, parts, layer, **{"integrator": "reference", "spp": 1024} | how)
+
+
+def assert_agrees_with_heavy_tail(estimate, truth, truth_stderr=0.0, precision=0.025):
+    """As assert_agrees, for light that may have been scattered beside a lamp on a walk."""
+    mean, stderr = estimate
+    off, error = mean - truth, np.hypot(stderr, truth_stderr)
+    assert np.all(stderr <= precision * truth), f"too noisy to tell: {stderr / truth}"
+    assert np.all((off > -SHORT * error) & (off < Z * error)), f"{off / truth}: {off / error} sigma"
 
 
 def sphere(reflectance):
@@ -106,15 +118,15 @@ def test_orders_of_scattering_around_a_point_source_in_an_isotropic_medium(albed
     """Case and Zweifel's infinite medium, seen along a ray 1 m from the source (power 1 W: intensity 1/4 pi)."""
     scene = one_ray_scene([point((1, 0, 1), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0))
     assert_agrees(radiance(scene, [], "single"), first)
-    assert_agrees(radiance(scene, [], "multiple", max_scatterings=2, spp=8192), second, precision=0.03)
-    assert_agrees(radiance(scene, [], spp=8192), total, precision=0.03)
+    assert_agrees_with_heavy_tail(radiance(scene, [], "multiple", max_scatterings=2, spp=16384, seed=3), second)
+    assert_agrees_with_heavy_tail(radiance(scene, [], spp=16384, seed=3), total)
 
 
 def test_one_scattering_on_the_way_to_or_from_the_floor():
     """Blue, floor at 10 m, one lamp of the paper's rig; the truth is a Monte Carlo of other samplers, to 0.1 %."""
     scene, truth = one_ray_scene([spot((0.15, 0, -0.1))], PAPER_WATER), 1.21722e-4 + 1.09274e-4
     mean, stderr = radiance(scene, [floor(10, 0.25)], "multiple", max_scatterings=1, max_bounces=1, spp=16384)
-    assert_agrees((mean[2], stderr[2]), truth, np.hypot(6e-8, 1e-3 * truth / Z), precision=0.03)
+    assert_agrees_with_heavy_tail((mean[2], stderr[2]), truth, np.hypot(6e-8, 1e-3 * truth / Z), precision=0.03)
 
 
 def test_two_floors_exchange_light_like_a_geometric_series():
@@ -142,7 +154,8 @@ def test_a_furnace_of_water_that_absorbs_nothing_loses_no_light():
     r, gap, sigma = 0.3, 2e-4, np.array([0.0, 0.2, 1.0])
     scene = at_the_wall({"sigma_s": sigma.tolist(), "sigma_a": [0.0] * 3, "phase": {"g": 0.5}}, gap)
     truth = r / np.pi / (1 - r)
-    assert_agrees(radiance(scene, [sphere(r)]), truth, (FACETS + 2 * gap * sigma) / Z * truth, precision=0.02)
+    estimate = radiance(scene, [sphere(r)], spp=2048, seed=3)
+    assert_agrees_with_heavy_tail(estimate, truth, (FACETS + 2 * gap * sigma) / Z * truth)
 
 
 # ------------------------------------------------------------------------------------------------- what it is asked for
@@ -230,31 +243,54 @@ def rich_parts(sand):
 BATCHES = 16
 
 
-def quarters(renderer, integrator, spp, seed):
+def quarters(renderer, integrator, spp, seed, **bounds):
     """Mean radiance of each layer in each quarter of the image [layer, 2, 2, 3]."""
-    layers = renderer.render(POSE, outputs="A", integrator=integrator, spp=spp, seed=seed).A.layers
+    layers = renderer.render(POSE, outputs="A", integrator=integrator, spp=spp, seed=seed, **bounds).A.layers
     return np.array([layers[name].astype(float).reshape(2, 12, 2, 16, 3).mean(axis=(1, 3)) for name in LAYERS])
 
 
-def assert_same_layers(device, spp, spp_reference, precision):
-    """Welch's t-test of independent batches in each quarter, layer and channel.
-
-    ``precision`` is the relative error of the image's mean, by layer, that keeps the test from passing for noise.
-    """
+def two_integrators(device, spp, spp_reference, **bounds):
+    """Independent batches of the reference and of the path integrator, [batch, layer, 2, 2, 3] each."""
     scene = scene_from_dict(RICH)
     renderer = FrameRenderer(scene, device, parts=rich_parts(scene.materials["sand"]))
-    one = np.array([quarters(renderer, "path", spp, seed) for seed in range(BATCHES)])
-    other = np.array([quarters(renderer, "reference", spp_reference, 1000 + seed) for seed in range(BATCHES)])
-    assert_plausible(stats.ttest_ind(one, other, equal_var=False).pvalue)
-    means = [batches.mean(axis=(2, 3)) for batches in (one, other)]
-    error = np.sqrt(sum(mean.var(axis=0, ddof=1) / BATCHES for mean in means)) / means[0].mean(axis=0)
-    assert np.all(error < np.array(precision)[:, None]), f"too noisy to tell: {error}"
+    samples = {"reference": spp_reference, "path": spp}
+    return [np.array([quarters(renderer, name, n, 1000 * k + seed, **bounds) for seed in range(BATCHES)])
+            for k, (name, n) in enumerate(samples.items())]
+
+
+def assert_same_layers(device, spp, spp_reference, precision):
+    """Light of finite variance: Welch's t-test of every quarter, layer and channel.
+
+    First direct light and single scattering, then what surfaces exchange through the water without scattering.
+    ``precision`` is the relative error of the image's means that keeps the test from passing for noise.
+    """
+    once = [batches[:, :2] for batches in two_integrators(device, spp, spp_reference)]
+    again = [batches[:, 2:] for batches in two_integrators(device, spp, spp_reference, max_scatterings=0)]
+    reference, path = (np.concatenate(pair, axis=1) for pair in zip(once, again, strict=True))
+    assert_plausible(stats.ttest_ind(reference, path, equal_var=False).pvalue)
+    mean, error = difference(reference.mean(axis=(2, 3)), path.mean(axis=(2, 3)))[1:]
+    assert np.all(error < precision * mean), f"too noisy to tell: {error / mean}"
+
+
+def difference(reference, path):
+    """What the reference has more than path, the mean of path, and the difference's standard error."""
+    variance = (reference.var(axis=0, ddof=1) + path.var(axis=0, ddof=1)) / BATCHES
+    return reference.mean(axis=0) - path.mean(axis=0), path.mean(axis=0), np.sqrt(variance)
+
+
+def assert_same_multiple_scattering(device, spp, spp_reference, precision):
+    """Light of all orders, which the reference finds with a heavy tail."""
+    reference, path = two_integrators(device, spp, spp_reference)
+    off, mean, error = difference(*(batches[:, 2].mean(axis=(1, 2)) for batches in (reference, path)))
+    assert_agrees_with_heavy_tail((mean + off, error), mean, precision=precision)
 
 
 def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies():
-    assert_same_layers("cpu", 8, 24, (0.006, 0.006, 0.06))
+    assert_same_layers("cpu", 8, 48, 0.03)
+    assert_same_multiple_scattering("cpu", 8, 96, 0.05)
 
 
 @pytest.mark.gpu
 def test_the_path_integrator_has_the_same_layers_on_a_gpu():
-    assert_same_layers("cuda:0", 512, 8192, (0.002, 0.002, 0.01))
+    assert_same_layers("cuda:0", 512, 2048, 0.005)
+    assert_same_multiple_scattering("cuda:0", 512, 8192, 0.02)
