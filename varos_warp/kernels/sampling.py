@@ -116,3 +116,30 @@ def sample_joint(to_light: wp.vec3, u: float, v: float):
     """Direction with density joint_pdf around ``to_light``."""
     gamma = wp.pi * (1.0 - wp.sqrt(1.0 - u))
     return from_polar(to_light, wp.cos(gamma), wp.sin(gamma), wp.tau * v)
+
+
+@wp.struct
+class Pick:
+    """State of a choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
+
+    u: float
+    """Uniform number, stretched again after each decision."""
+    index: int
+    """The candidate held, and its weight."""
+    weight: float
+
+
+@wp.func
+def reservoir(pick: Pick, index: int, weight: float, total: float):
+    """Take candidate ``index`` with probability weight/total, where ``total`` includes its weight."""
+    after = pick
+    if weight <= 0.0:
+        return after
+    probability = weight / total
+    if pick.u < probability:
+        after.u = pick.u / probability
+        after.index = index
+        after.weight = weight
+    else:
+        after.u = (pick.u - probability) / (1.0 - probability)
+    return after

@@ -15,6 +15,8 @@ from varos_warp.kernels.conventions import ALL, BLOCK_DIM
 from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
+from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
+from varos_warp.render.tables import OpenWater
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
@@ -87,8 +89,6 @@ def resolve_integrator(name: str) -> str:
     Raises:
         InputError: If there is none of that name.
     """
-    if name == "tables":
-        raise InputError("not available yet", key="integrator", value=name, remedy="Give auto, path or reference.")
     return "path" if name == "auto" else name
 
 
@@ -135,6 +135,7 @@ class FrameRenderer:
         """What the numbers of S stand for: a row for each."""
         self.threads = threads or _usable_cores()
         self.compile_seconds = 0.0
+        self.open_water = OpenWater(scene, self.device)
         self._films: dict[tuple[int, int, int], Film] = {}
         self._loaded: set = set()
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
@@ -210,8 +211,14 @@ class FrameRenderer:
         max_scatterings = max_scatterings if medium else 0
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
         surfaces = (self.world.has_instances, self.world.has_textures)
+        bounds = [max_scatterings, max_bounces]
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
+        elif integrator == "tables":
+            kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
+            tables = self.open_water.tables(view)
+            self.world.pose_lights(T_w_v)
+            grid, points = self._veil(view, T_w_v, tables, spp, max_bounces, key, surfaces)
         else:
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         self.world.pose_lights(T_w_v)
@@ -221,9 +228,37 @@ class FrameRenderer:
             view,
             film,
             [self.world.data, self.world.camera(view, T_w_v)],
-            [spp, max_scatterings, max_bounces, wp.uint32(key), film],
+            [*([tables, points, grid] if integrator == "tables" else []), spp, *(bounds if integrator != "tables" else bounds[1:]), wp.uint32(key), film],
         )
         return self._develop(film, spp, layers)
+
+    def _veil(self, view, T_w_v, tables, spp, max_bounces, key, surfaces):
+        from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
+        from varos_warp.kernels.veil import VeilGrid, make_veil_kernel, sum_slabs
+        import os
+        CELL=int(os.environ.get("CELL","8")); K=int(os.environ.get("SLABS","16")); N=int(os.environ.get("NV","8"))
+        points = wp.empty(1 << 14, dtype=LitPoint, device=self.device)
+        kk = make_lit_points_kernel(*surfaces); self._load(kk)
+        wp.launch(kk, dim=points.shape[0], inputs=[self.world.data, wp.uint32(key)], outputs=[points], device=self.device, block_dim=BLOCK_DIM)
+        width, height = view.resolution
+        rows, cols = max(2, -(-height // CELL) + 1), max(2, -(-width // CELL) + 1)
+        grid = VeilGrid()
+        grid.scale = 1.0
+        grid.log_step = float(np.log1p(200.0) / K)
+        grid.radiance = wp.empty((K, rows, cols), dtype=wp.vec3, device=self.device)
+        slabs = wp.empty((N, rows, cols, K), dtype=wp.vec4, device=self.device)
+        kern = make_veil_kernel(*surfaces)
+        self._load(kern)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        args = [tables, points, grid, wp.vec2(float(width), float(height)), max_bounces, wp.uint32(key ^ 0x5bd1e995), slabs]
+        if self.device != "cpu":
+            wp.launch(kern, dim=(rows, cols, N), inputs=[self.world.data, camera, 0, *args], device=self.device, block_dim=BLOCK_DIM)
+        else:
+            with ThreadPoolExecutor(self.threads) as pool:
+                list(pool.map(lambda r: wp.launch(kern, dim=(1, cols, N), inputs=[self.world.data, camera, r, *args], device="cpu"), range(rows)))
+        self._load(sum_slabs)
+        wp.launch(sum_slabs, dim=(rows, cols), inputs=[self.world.data, slabs, grid], device=self.device, block_dim=BLOCK_DIM)
+        return grid, points
 
     def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
         if not self.world.has_surfaces:

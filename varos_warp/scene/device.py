@@ -10,14 +10,14 @@ from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.medium import Medium
 from varos_warp.kernels.texture import DIFFUSE, Material
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials import corner_values, device_material
 from varos_warp.scene.normals import corner_normals, face_normals
 from varos_warp.scene.textures import Textures
-from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water import OpticalProperties, optical_properties
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
 
@@ -53,18 +53,11 @@ class DeviceScene:
         self.part_names: list[str] = []
         self.has_instances = any(isinstance(part, Instances) for part in parts)
         self.data = SceneData()
-        self.data.medium = self._medium()
+        self.data.medium = medium_record(self.water)
         if parts:
             self._upload_geometry(parts)
         self.lights = wp.zeros(len(scene.vehicle.lights), dtype=LightData, device=device)
         self.data.lights = self.lights
-
-    def _medium(self) -> Medium:
-        medium = Medium()
-        medium.sigma_s = wp.vec3(*self.water.sigma_s)
-        medium.sigma_t = wp.vec3(*self.water.sigma_t)
-        medium.g = self.water.g
-        return medium
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """One mesh of all parts in world axes, one of each instanced mesh in its own; arrays per face hold all."""
@@ -148,34 +141,51 @@ class DeviceScene:
 
     def pose_lights(self, T_w_v: np.ndarray):
         """Put the vehicle's lights where a pose of the vehicle has them."""
-        records = []
-        for light in self.scene.vehicle.lights:
-            record = LightData()
-            record.position = wp.vec3(*(T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - self.origin))
-            record.intensity = wp.vec3(*light.intensity)
-            record.cos_half = -1.0
-            record.axis = wp.vec3(0.0, 0.0, 1.0)
-            if light.kind == "spot":
-                axis = T_w_v[:3, :3] @ np.asarray(light.direction)
-                record.axis = wp.vec3(*(axis / np.linalg.norm(axis)))
-                record.cos_half = float(np.cos(np.radians(light.cone_deg) / 2)) if light.cone_deg < 360.0 else -1.0
-                record.blend = light.blend
-            records.append(record)
+        records = [light_record(light, T_w_v, self.origin) for light in self.scene.vehicle.lights]
         if records:
             self.lights.assign(wp.array(records, dtype=LightData, device=self.device))
 
     def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:
         """Camera record for a pose of the vehicle; ``pinhole`` leaves out the depth of field."""
-        T_w_c, K = camera_pose(camera, T_w_v), intrinsics(camera)
-        record = CameraData()
-        record.position = wp.vec3(*(T_w_c[:3, 3] - self.origin))
-        record.right, record.down, record.forward = (wp.vec3(*T_w_c[:3, axis]) for axis in range(3))
-        record.fx, record.fy, record.cx, record.cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-        record.pixel_angle = 1.0 / K[0, 0]
-        open_lens = camera.f_stop > 0.0 and not pinhole
-        record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
-        record.focus = camera.focus_m if open_lens else 1.0
-        return record
+        return camera_record(camera, T_w_v, self.origin, pinhole=pinhole)
+
+
+def medium_record(water: OpticalProperties) -> Medium:
+    """What kernels know of the water."""
+    medium = Medium()
+    medium.sigma_s = wp.vec3(*water.sigma_s)
+    medium.sigma_t = wp.vec3(*water.sigma_t)
+    medium.g = water.g
+    return medium
+
+
+def light_record(light: Light, T_w_v: np.ndarray, origin) -> LightData:
+    """A light of the vehicle at a pose, relative to ``origin``."""
+    record = LightData()
+    record.position = wp.vec3(*(T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin))
+    record.intensity = wp.vec3(*light.intensity)
+    record.cos_half = -1.0
+    record.axis = wp.vec3(0.0, 0.0, 1.0)
+    if light.kind == "spot":
+        axis = T_w_v[:3, :3] @ np.asarray(light.direction)
+        record.axis = wp.vec3(*(axis / np.linalg.norm(axis)))
+        record.cos_half = float(np.cos(np.radians(light.cone_deg) / 2)) if light.cone_deg < 360.0 else -1.0
+        record.blend = light.blend
+    return record
+
+
+def camera_record(camera: Camera, T_w_v: np.ndarray, origin, *, pinhole: bool = False) -> CameraData:
+    """A camera for a pose of the vehicle, relative to ``origin``; ``pinhole`` leaves out the depth of field."""
+    T_w_c, K = camera_pose(camera, T_w_v), intrinsics(camera)
+    record = CameraData()
+    record.position = wp.vec3(*(T_w_c[:3, 3] - origin))
+    record.right, record.down, record.forward = (wp.vec3(*T_w_c[:3, axis]) for axis in range(3))
+    record.fx, record.fy, record.cx, record.cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    record.pixel_angle = 1.0 / K[0, 0]
+    open_lens = camera.f_stop > 0.0 and not pinhole
+    record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
+    record.focus = camera.focus_m if open_lens else 1.0
+    return record
 
 
 def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:

@@ -1,0 +1,137 @@
+"""Image A from tables: light in open water, less what surfaces take away, plus what they send.
+
+What lamps send through water without end is smooth, stays with the rig, and is known beforehand (open_water.py). Of
+each camera sample remain
+
+    direct  lamp light off the surface at the end of the ray, with a shadow ray;
+    single  light scattered once: a quadrature without obstacles, less the light of one sampled point if it is blocked;
+    glow    light that this surface reflects after it was scattered or reflected before: from the lamps' tables, less
+            what is blocked, plus what other surfaces send (residual.py);
+    veil    light scattered twice or more, or off a surface and on its way to the camera: from the camera's table for
+            open water, and the frame's grid for the rest (veil.py).
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS
+from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
+from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
+from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.light import brightest
+from varos_warp.kernels.lit_points import LitPoint
+from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.open_water import Tables, single_scattering, veil_radiance
+from varos_warp.kernels.residual import draw, glow, make_blocked_light, make_surface_light, walk_from_surface
+from varos_warp.kernels.texture import footprint_width
+from varos_warp.kernels.veil import VeilGrid, frame_veil
+from varos_warp.kernels.walk import Vertex, surface_vertex
+
+wp.set_module_options({"enable_backward": False})
+
+BLOCKED_SHARE = wp.constant(0.5)
+REFLECTED_SHARE = wp.constant(0.5)
+"""Shares of the samples that draw what surfaces block of the glow, and what they add to it."""
+
+
+@dataclass(frozen=True)
+class TablesSpec:
+    """What the kernel is compiled for; what is absent costs nothing."""
+
+    direct: bool = True
+    single: bool = True
+    multiple: bool = True
+    """Which layers are wanted."""
+    instances: bool = False
+    """Something stands in many places."""
+    textures: bool = True
+    """Some material is more than one constant reflectance."""
+
+
+@cache
+def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
+    """Rendering of a range of rows with tables, specialised to ``spec``."""
+    first_hit, visible = make_rays(spec.instances)
+    hit_surface = make_hit_surface(spec.textures)
+    blocked_light = make_blocked_light(spec.instances)
+    surface_light = make_surface_light(spec.instances, spec.textures)
+
+    @wp.kernel(
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_FLAGS},
+        enable_backward=False,
+        launch_bounds=(BLOCK_DIM, 6),
+    )
+    def render_with_tables(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        tables: Tables,
+        lit_points: wp.array(dtype=LitPoint),
+        grid: VeilGrid,
+        spp: int,
+        max_bounces: int,
+        key: wp.uint32,
+        # out
+        film: Film,
+    ):
+        tile_row, col, stratum = wp.tid()
+        row = first_row + tile_row
+        strata, height, width = film.squares.shape[0], film.squares.shape[1], film.squares.shape[2]
+        pixel = row * width + col
+        sums = Sums()
+        for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
+            u = draw(key, pixel, sample, 0)
+            v = draw(key, pixel, sample, 1)
+            x = float(col) + u[0]
+            y = float(row) + u[1]
+            ray = camera_ray(camera, x, y, wp.vec2(u[2], u[3]))
+            o = ray.o
+            d = ray.d
+            hit = first_hit(scene, o, d)
+            T = transmittance(scene.medium, hit.t)
+            L_direct = wp.vec3(0.0)
+            L_single = wp.vec3(0.0)
+            L_glow = wp.vec3(0.0)
+            L_veil = wp.vec3(0.0)
+
+            vertex = Vertex()
+            on_surface = hit.face >= 0 and max_bounces > 0
+            if on_surface:
+                n = shading_normal(scene, hit)
+                surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, d, hit.n))
+                vertex = surface_vertex(hit, d, n, surface)
+                if wp.static(spec.direct):
+                    reflected = gather_reflected(scene, hit, vertex, v[0])
+                    if brightest(reflected.L) > 0.0:
+                        if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
+                            L_direct = wp.cw_mul(T, reflected.L)
+
+            if wp.static(spec.single):
+                for i in range(scene.lights.shape[0]):
+                    L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
+                scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
+                if brightest(scattered.L) > 0.0:
+                    if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
+                        L_single -= scattered.L
+
+            if wp.static(spec.multiple):
+                u = draw(key, pixel, sample, 2)
+                L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
+                L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)
+                if on_surface:
+                    walk = walk_from_surface(scene, vertex, hit.t)
+                    if vertex.surface.metal <= 0.0:
+                        L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
+                        if u[0] < BLOCKED_SHARE:
+                            L_glow -= blocked_light(scene, walk, key, pixel, sample, 3) / BLOCKED_SHARE
+                    if u[1] < REFLECTED_SHARE:
+                        seen = surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, sample, 6)
+                        L_glow += seen / REFLECTED_SHARE
+            sums = add_sample(sums, L_direct, L_single, L_glow + L_veil)
+        store(film, stratum, row, col, sums)
+
+    return render_with_tables

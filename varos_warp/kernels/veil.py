@@ -1,0 +1,138 @@
+"""The veil: light that surfaces send and water scatters towards the camera, less what they block, for one frame.
+
+It is smooth, for it comes from everywhere around a place in the water. So it is not drawn pixel by pixel but on a grid
+of rays that covers the image, slab by slab of their length, and summed up from the camera (Wronski 2014, "Volumetric
+fog"). A pixel looks it up at the length of its own ray. What scatters once from a lamp is not part of it, so shafts of
+light and shadow stay sharp.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.conventions import CPU_FLAGS
+from varos_warp.kernels.intersect import SceneData, make_rays
+from varos_warp.kernels.lit_points import LitPoint
+from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.open_water import Tables
+from varos_warp.kernels.residual import draw, make_blocked_light, make_surface_light, walk_from_water
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class VeilGrid:
+    """Radiance that is scattered into a ray before the end of each slab, through nodes that span the image."""
+
+    radiance: wp.array3d(dtype=wp.vec3)
+    """[slab, row, column]."""
+    scale: float
+    log_step: float
+    """Slab k ends at scale (exp((k + 1) log_step) - 1) [m]."""
+
+
+@wp.func
+def slab_end(grid: VeilGrid, k: int):
+    """Where slab ``k`` ends [m]; slab -1 at 0."""
+    return grid.scale * (wp.exp(float(k + 1) * grid.log_step) - 1.0)
+
+
+@wp.func
+def veil_at(grid: VeilGrid, k: int, x: float, y: float):
+    """Radiance up to the end of slab ``k``, between the nodes, at a place (x, y) in [0, 1]^2 of the image."""
+    if k < 0:
+        return wp.vec3(0.0)
+    u = wp.clamp(x, 0.0, 1.0) * float(grid.radiance.shape[2] - 1)
+    v = wp.clamp(y, 0.0, 1.0) * float(grid.radiance.shape[1] - 1)
+    i = wp.min(int(v), grid.radiance.shape[1] - 2)
+    j = wp.min(int(u), grid.radiance.shape[2] - 2)
+    above = wp.lerp(grid.radiance[k, i, j], grid.radiance[k, i, j + 1], u - float(j))
+    below = wp.lerp(grid.radiance[k, i + 1, j], grid.radiance[k, i + 1, j + 1], u - float(j))
+    return wp.lerp(above, below, v - float(i))
+
+
+@wp.func
+def frame_veil(grid: VeilGrid, x: float, y: float, t: float):
+    """The veil of a ray of length ``t`` through a place (x, y) in [0, 1]^2 of the image."""
+    last = grid.radiance.shape[0] - 1
+    k = wp.clamp(int(wp.log(1.0 + t / grid.scale) / grid.log_step), 0, last)
+    start = slab_end(grid, k - 1)
+    share = wp.clamp((t - start) / (slab_end(grid, k) - start), 0.0, 1.0)
+    return wp.lerp(veil_at(grid, k - 1, x, y), veil_at(grid, k, x, y), share)
+
+
+@cache
+def make_veil_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Samples of the grid's slabs."""
+    first_hit, _ = make_rays(instances)
+    blocked_light = make_blocked_light(instances)
+    surface_light = make_surface_light(instances, textures)
+
+    @wp.kernel(module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}, enable_backward=False)
+    def sample_veil(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        tables: Tables,
+        lit_points: wp.array(dtype=LitPoint),
+        grid: VeilGrid,
+        size: wp.vec2,
+        max_bounces: int,
+        key: wp.uint32,
+        # out
+        slabs: wp.array4d(dtype=wp.vec4),  # radiance, and whether the place lies in the water; [sample, row, col, slab]
+    ):
+        """One ray near each node, with a place in each of its slabs."""
+        tile_row, col, sample = wp.tid()
+        row = first_row + tile_row
+        rows, cols, count = slabs.shape[1], slabs.shape[2], slabs.shape[3]
+        node = row * cols + col
+        u = draw(key, node, sample, 0)
+        x = size[0] * (float(col) + u[0] - 0.5) / float(cols - 1)
+        y = size[1] * (float(row) + u[1] - 0.5) / float(rows - 1)
+        ray = camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
+        hit = first_hit(scene, ray.o, ray.d)
+        for k in range(count):
+            start = slab_end(grid, k - 1)
+            width = slab_end(grid, k) - start
+            point = sample * count + k
+            v = draw(key, node, point, 1)
+            t = start + width * v[0]
+            slabs[sample, row, col, k] = wp.vec4(0.0)
+            if t < hit.t:
+                walk = walk_from_water(scene, ray.o, ray.d, t, 1.0 / width)
+                L = surface_light(scene, tables, lit_points, walk, max_bounces, key, node, point, 2)
+                L -= blocked_light(scene, walk, key, node, point, 6)
+                slabs[sample, row, col, k] = wp.vec4(L[0], L[1], L[2], 1.0)
+
+    return sample_veil
+
+
+@wp.kernel(enable_backward=False)
+def sum_slabs(
+    scene: SceneData,
+    slabs: wp.array4d(dtype=wp.vec4),
+    # out
+    grid: VeilGrid,
+):
+    """Mean of the samples in the water, summed up along each node's rays.
+
+    Slabs that no sample found in the water go on as the one before them: rays beside an edge may see into them.
+    """
+    row, col = wp.tid()
+    total = wp.vec3(0.0)
+    inside = wp.vec3(0.0)
+    for k in range(slabs.shape[3]):
+        found = wp.vec4(0.0)
+        for sample in range(slabs.shape[0]):
+            found += slabs[sample, row, col, k]
+        if found[3] > 0.0:
+            inside = wp.vec3(found[0], found[1], found[2]) / found[3]
+        else:
+            start = slab_end(grid, k - 1)
+            end = slab_end(grid, k)
+            before = wp.max(start - slab_end(grid, k - 2), 1.0e-6)
+            inside = wp.cw_mul(inside, transmittance(scene.medium, 0.5 * (end - start + before))) * (end - start) / before
+        total += inside
+        grid.radiance[k, row, col] = total
