@@ -72,7 +72,7 @@ def measure(
         "spp": spp,
         "device": renderer.device,
         "device_name": renderer.device_name,
-        "threads": renderer.threads,
+        "threads": renderer.launcher.threads,
         "cpu": platform.processor() or platform.machine(),
         "warp": wp.__version__,
         "commit": commit(),

@@ -8,7 +8,7 @@ from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
 from scipy import stats
 
 from varos_warp.errors import InputError
-from varos_warp.render import frame as frame_module
+from varos_warp.render import launch as launch_module
 from varos_warp.render.frame import LAYERS, FrameRenderer
 from varos_warp.scene.description import Diffuse, Scene
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
@@ -70,7 +70,7 @@ def assert_same_bytes(one, two):
 def test_neither_threads_nor_tiles_change_a_byte(renderer, monkeypatch, threads, tile_rows):
     how = {"spp": 7, "spp_b": 5, "seed": 11, "frame": 4}
     expected = renderer.render(POSE, **how)
-    monkeypatch.setattr(frame_module, "TILE_ROWS", tile_rows)
+    monkeypatch.setattr(launch_module, "TILE_ROWS", tile_rows)
     other = FrameRenderer(make_scene(), "cpu", parts=ground_and_ball(), threads=threads)
     assert_same_bytes(other.render(POSE, **how), expected)
     # nor what was rendered before
@@ -362,5 +362,5 @@ def test_kernels_are_loaded_once_and_before_the_launch():
     """A binary for another block size would be compiled again inside the first launch, and its time not be counted."""
     renderer = FrameRenderer(one_ray_scene(VAROS_LAMPS, VAROS_WATER, pixels=2), "cpu", parts=[floor(2.0, 0.5)])
     renderer.render(np.eye(4), spp=1)
-    for kernel in renderer._loaded:
+    for kernel in renderer.launcher._loaded:
         assert {block for _, block in kernel.module.execs} == {1}, kernel.key

@@ -17,8 +17,10 @@ class Film:
 
     direct: wp.array3d(dtype=wp.vec3d)
     single: wp.array3d(dtype=wp.vec3d)
-    multiple: wp.array3d(dtype=wp.vec3d)
-    """Radiance of each layer [W/sr/m^2]."""
+    glow: wp.array3d(dtype=wp.vec3d)
+    veil: wp.array3d(dtype=wp.vec3d)
+    """Radiance of each layer [W/sr/m^2]. The rest is ``glow``, off the surface at the end of the camera's ray, and
+    ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
     squares: wp.array3d(dtype=wp.vec3d)
     """Squares of the total radiance."""
 
@@ -29,21 +31,25 @@ class Sums:
 
     direct: wp.vec3d
     single: wp.vec3d
-    multiple: wp.vec3d
+    glow: wp.vec3d
+    veil: wp.vec3d
     squares: wp.vec3d
 
 
 @wp.func
-def add_sample(sums: Sums, direct: wp.vec3, single: wp.vec3, multiple: wp.vec3):
+def add_sample(sums: Sums, direct: wp.vec3, single: wp.vec3, glow: wp.vec3, veil: wp.vec3):
     """Sums with the radiance of one more sample, layer by layer."""
     after = sums
     d = wp.vec3d(direct)
     s = wp.vec3d(single)
-    m = wp.vec3d(multiple)
+    g = wp.vec3d(glow)
+    v = wp.vec3d(veil)
+    total = d + s + g + v
     after.direct += d
     after.single += s
-    after.multiple += m
-    after.squares += wp.cw_mul(d + s + m, d + s + m)
+    after.glow += g
+    after.veil += v
+    after.squares += wp.cw_mul(total, total)
     return after
 
 
@@ -58,7 +64,8 @@ def store(film: Film, stratum: int, row: int, col: int, sums: Sums):
     """Write the sums of one pixel."""
     film.direct[stratum, row, col] = sums.direct
     film.single[stratum, row, col] = sums.single
-    film.multiple[stratum, row, col] = sums.multiple
+    film.glow[stratum, row, col] = sums.glow
+    film.veil[stratum, row, col] = sums.veil
     film.squares[stratum, row, col] = sums.squares
 
 
@@ -70,22 +77,25 @@ def develop(
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
     multiple: wp.array2d(dtype=wp.vec3),
+    glow: wp.array2d(dtype=wp.vec3),
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer, their sum and the standard error of that sum, all [height, width]."""
+    """Mean of each layer (``glow`` is a part of ``multiple``), their sum and the standard error of that sum, all [height, width]."""
     row, col = wp.tid()
     sums = Sums()
     for k in range(film.squares.shape[0]):
         sums.direct += film.direct[k, row, col]
         sums.single += film.single[k, row, col]
-        sums.multiple += film.multiple[k, row, col]
+        sums.glow += film.glow[k, row, col]
+        sums.veil += film.veil[k, row, col]
         sums.squares += film.squares[k, row, col]
     n = wp.float64(spp)
-    total = sums.direct + sums.single + sums.multiple
+    total = sums.direct + sums.single + sums.glow + sums.veil
     direct[row, col] = wp.vec3(sums.direct / n)
     single[row, col] = wp.vec3(sums.single / n)
-    multiple[row, col] = wp.vec3(sums.multiple / n)
+    multiple[row, col] = wp.vec3((sums.glow + sums.veil) / n)
+    glow[row, col] = wp.vec3(sums.glow / n)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     if spp == 1:

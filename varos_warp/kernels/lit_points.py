@@ -10,7 +10,6 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import Light, brightest
 from varos_warp.kernels.medium import transmittance
@@ -22,7 +21,7 @@ from varos_warp.kernels.walk import Vertex, own_lobe_pdf, vertex_eval
 
 wp.set_module_options({"enable_backward": False})
 
-CANDIDATES = wp.constant(8)
+CANDIDATES = wp.constant(4)
 """Lit points that one is chosen from."""
 
 

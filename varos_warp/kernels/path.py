@@ -141,6 +141,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         L_single = wp.vec3(0.0)
         L_multiple = wp.vec3(0.0)
         on_camera = bool(True)
+        from_surface = bool(False)
         walk = Walk()
         while sample < end:
             # a ray: through the pixel, or on from the vertex where a walk turns
@@ -193,12 +194,15 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     walk.alive = 0
                     if wp.static(spec.multiple):
                         walk = start_walk(scene, o, d, hit, end_vertex, max_scatterings, max_bounces, v)
+                        from_surface = walk.bounces == 1
                 else:
                     L_multiple += wp.cw_mul(walk.throughput, L_water + L_surface)
                     walk = advance(scene, walk, hit, end_vertex, max_scatterings, max_bounces, v)
 
             if walk.alive == 0:
-                sums = add_sample(sums, L_direct, L_single, L_multiple)
+                black = wp.vec3(0.0)
+                glow = wp.where(from_surface, L_multiple, black)
+                sums = add_sample(sums, L_direct, L_single, glow, wp.where(from_surface, black, L_multiple))
                 L_multiple = wp.vec3(0.0)
                 on_camera = True
                 sample += 1

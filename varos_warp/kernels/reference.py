@@ -107,7 +107,9 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
-            L_multiple = wp.vec3(0.0)
+            L_glow = wp.vec3(0.0)
+            L_veil = wp.vec3(0.0)
+            from_surface = bool(False)
             u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
             o = ray.o
@@ -153,12 +155,16 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                         o = hit.start
 
                 # the layer that it belongs to
-                if events > 0:
-                    L_multiple += L
-                elif in_water:
-                    L_single = L
+                if events == 0:
+                    from_surface = not in_water
+                    if from_surface:
+                        L_direct = L
+                    else:
+                        L_single = L
+                elif from_surface:
+                    L_glow += L
                 else:
-                    L_direct = L
+                    L_veil += L
                 if not wp.static(multiple):
                     alive = False
 
@@ -170,7 +176,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 L_direct = wp.vec3(0.0)
             if not wp.static(single):
                 L_single = wp.vec3(0.0)
-            sums = add_sample(sums, L_direct, L_single, L_multiple)
+            sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
         store(film, stratum, row, col, sums)
 
     return trace_reference

@@ -26,16 +26,12 @@ from varos_warp.kernels.lit_points import LitPoint
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.open_water import Tables, single_scattering, veil_radiance
 from varos_warp.kernels.residual import draw, glow, make_blocked_light, make_surface_light, walk_from_surface
+from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.texture import footprint_width
 from varos_warp.kernels.veil import VeilGrid, frame_veil
 from varos_warp.kernels.walk import Vertex, surface_vertex
 
 wp.set_module_options({"enable_backward": False})
-
-BLOCKED_SHARE = wp.constant(0.5)
-REFLECTED_SHARE = wp.constant(0.5)
-"""Shares of the samples that draw what surfaces block of the glow, and what they add to it."""
-
 
 @dataclass(frozen=True)
 class TablesSpec:
@@ -83,6 +79,7 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
         strata, height, width = film.squares.shape[0], film.squares.shape[1], film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
+        flip = int(4.0 * uniforms(key, pixel, 0, 0)[0]) & 1
         for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
             u = draw(key, pixel, sample, 0)
             v = draw(key, pixel, sample, 1)
@@ -119,19 +116,18 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
                         L_single -= scattered.L
 
             if wp.static(spec.multiple):
-                u = draw(key, pixel, sample, 2)
                 L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)
                 if on_surface:
+                    L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
+                    # samples take turns, so that each kind has a whole low-discrepancy sequence
                     walk = walk_from_surface(scene, vertex, hit.t)
-                    if vertex.surface.metal <= 0.0:
-                        L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
-                        if u[0] < BLOCKED_SHARE:
-                            L_glow -= blocked_light(scene, walk, key, pixel, sample, 3) / BLOCKED_SHARE
-                    if u[1] < REFLECTED_SHARE:
-                        seen = surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, sample, 6)
-                        L_glow += seen / REFLECTED_SHARE
-            sums = add_sample(sums, L_direct, L_single, L_glow + L_veil)
+                    round = (sample + flip) >> 1
+                    if (sample + flip) & 1 == 0:
+                        L_glow += 2.0 * surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, round, 6)
+                    elif vertex.surface.metal <= 0.0:
+                        L_glow -= 2.0 * blocked_light(scene, walk, key, pixel, round, 3)
+            sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
         store(film, stratum, row, col, sums)
 
     return render_with_tables

@@ -1,9 +1,6 @@
 """One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
-import os
-import time
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
@@ -11,12 +8,14 @@ import warp as wp
 from varos_warp.errors import InputError
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel
-from varos_warp.kernels.conventions import ALL, BLOCK_DIM
+from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
+from varos_warp.render.launch import Launcher
 from varos_warp.render.tables import OpenWater
+from varos_warp.render.veil import fill_veil_grid, find_lit_points
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
@@ -24,8 +23,6 @@ from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
-TILE_ROWS = 8
-"""Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
 
@@ -39,6 +36,9 @@ class RadianceImage:
     """Standard error of the mean; inf for one sample."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
+    glow: np.ndarray | None = None
+    """Of A made with tables: the only part with much noise. Light off the surface that a pixel sees, scattered or
+    reflected before; contained in the layer multiple."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,6 @@ class Frame:
     C: NormalImage | None = None
     D: DepthImage | None = None
     S: SegmentImage | None = None
-
-
-def _usable_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def resolve_integrator(name: str) -> str:
@@ -133,12 +129,15 @@ class FrameRenderer:
         self.origin = self.world.origin
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
-        self.threads = threads or _usable_cores()
-        self.compile_seconds = 0.0
-        self.open_water = OpenWater(scene, self.device)
+        self.launcher = Launcher(self.device, threads)
+        self.open_water = OpenWater(scene, self.launcher)
         self._films: dict[tuple[int, int, int], Film] = {}
-        self._loaded: set = set()
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time spent so far on compiling kernels."""
+        return self.launcher.compile_seconds
 
     def render(
         self,
@@ -211,67 +210,35 @@ class FrameRenderer:
         max_scatterings = max_scatterings if medium else 0
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
         surfaces = (self.world.has_instances, self.world.has_textures)
-        bounds = [max_scatterings, max_bounces]
-        if integrator == "reference":
-            kernel = make_reference_kernel(*wanted, *surfaces)
-        elif integrator == "tables":
-            kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
-            tables = self.open_water.tables(view)
-            self.world.pose_lights(T_w_v)
-            grid, points = self._veil(view, T_w_v, tables, spp, max_bounces, key, surfaces)
-        else:
-            kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         self.world.pose_lights(T_w_v)
         film = self._film(view, spp)
-        self._launch(
-            kernel,
-            view,
-            film,
-            [self.world.data, self.world.camera(view, T_w_v)],
-            [*([tables, points, grid] if integrator == "tables" else []), spp, *(bounds if integrator != "tables" else bounds[1:]), wp.uint32(key), film],
-        )
-        return self._develop(film, spp, layers)
-
-    def _veil(self, view, T_w_v, tables, spp, max_bounces, key, surfaces):
-        from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
-        from varos_warp.kernels.veil import VeilGrid, make_veil_kernel, sum_slabs
-        import os
-        CELL=int(os.environ.get("CELL","8")); K=int(os.environ.get("SLABS","16")); N=int(os.environ.get("NV","8"))
-        points = wp.empty(1 << 14, dtype=LitPoint, device=self.device)
-        kk = make_lit_points_kernel(*surfaces); self._load(kk)
-        wp.launch(kk, dim=points.shape[0], inputs=[self.world.data, wp.uint32(key)], outputs=[points], device=self.device, block_dim=BLOCK_DIM)
-        width, height = view.resolution
-        rows, cols = max(2, -(-height // CELL) + 1), max(2, -(-width // CELL) + 1)
-        grid = VeilGrid()
-        grid.scale = 1.0
-        grid.log_step = float(np.log1p(200.0) / K)
-        grid.radiance = wp.empty((K, rows, cols), dtype=wp.vec3, device=self.device)
-        slabs = wp.empty((N, rows, cols, K), dtype=wp.vec4, device=self.device)
-        kern = make_veil_kernel(*surfaces)
-        self._load(kern)
-        camera = self.world.camera(view, T_w_v, pinhole=True)
-        args = [tables, points, grid, wp.vec2(float(width), float(height)), max_bounces, wp.uint32(key ^ 0x5bd1e995), slabs]
-        if self.device != "cpu":
-            wp.launch(kern, dim=(rows, cols, N), inputs=[self.world.data, camera, 0, *args], device=self.device, block_dim=BLOCK_DIM)
+        if integrator == "tables":
+            kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
+            how = [*self._stages(view, T_w_v, spp, max_bounces, key), spp, max_bounces]
+        elif integrator == "reference":
+            kernel, how = make_reference_kernel(*wanted, *surfaces), [spp, max_scatterings, max_bounces]
         else:
-            with ThreadPoolExecutor(self.threads) as pool:
-                list(pool.map(lambda r: wp.launch(kern, dim=(1, cols, N), inputs=[self.world.data, camera, r, *args], device="cpu"), range(rows)))
-        self._load(sum_slabs)
-        wp.launch(sum_slabs, dim=(rows, cols), inputs=[self.world.data, slabs, grid], device=self.device, block_dim=BLOCK_DIM)
-        return grid, points
+            kernel, how = make_path_kernel(PathSpec(medium, *wanted, *surfaces)), [spp, max_scatterings, max_bounces]
+        self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], [*how, wp.uint32(key), film])
+        image = self._develop(film, spp, layers)
+        return image if integrator == "tables" else replace(image, glow=None)
+
+    def _stages(self, view, T_w_v, spp, max_bounces, key):
+        """What an image with tables needs before its pixels: tables, lit points and the grid of the veil."""
+        keys = np.random.SeedSequence(key).generate_state(2)
+        tables = self.open_water.tables(view)
+        lit_points = find_lit_points(self.launcher, self.world, int(keys[0]))
+        how = (tables, lit_points, spp, max_bounces, int(keys[1]))
+        return tables, lit_points, fill_veil_grid(self.launcher, self.world, view, T_w_v, *how)
 
     def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
         if not self.world.has_surfaces:
             shape = (*view.resolution[::-1], 3)
             return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
         film = self._film(view, spp)
-        self._launch(
-            make_ambient_kernel(self.world.has_instances, self.world.has_textures),
-            view,
-            film,
-            [self.world.data, self.world.camera(view, T_w_v, pinhole=True)],
-            [spp, ALL, wp.uint32(key), film],
-        )
+        kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        self._launch(kernel, film, [self.world.data, camera], [spp, ALL, wp.uint32(key), film])
         image = self._develop(film, spp, ("direct",))
         return RadianceImage(image.radiance, image.stderr)
 
@@ -284,7 +251,7 @@ class FrameRenderer:
         if self.world.has_surfaces:
             camera = self.world.camera(view, T_w_v, pinhole=True)
             kernel = make_first_hits_kernel(self.world.has_instances)
-            self._launch(kernel, view, None, [self.world.data, camera], [normal, depth, distance, instance])
+            self.launcher.rows(kernel, shape, [self.world.data, camera], [normal, depth, distance, instance])
         ids = instance.numpy()
         return {
             "C": NormalImage(normal.numpy()),
@@ -301,54 +268,22 @@ class FrameRenderer:
         shape = (strata, height, width)
         if shape not in self._films:
             film = Film()
-            for name in ("direct", "single", "multiple", "squares"):
+            for name in ("direct", "single", "glow", "veil", "squares"):
                 setattr(film, name, wp.empty(shape, dtype=wp.vec3d, device=self.device))
             self._films[shape] = film
         return self._films[shape]
 
     def _develop(self, film: Film, spp: int, layers) -> RadianceImage:
         shape = film.squares.shape[1:]
-        images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in (*LAYERS, "radiance", "stderr")}
-        self._load(develop)
-        outputs = list(images.values())
-        wp.launch(develop, dim=shape, inputs=[film, spp], outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
-        arrays = {name: image.numpy() for name, image in images.items()}
+        names = (*LAYERS, "glow", "radiance", "stderr")
+        images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
+        self.launcher.run(develop, shape, [film, spp], list(images.values()))
+        wanted = {name: images[name].numpy() for name in names if name not in LAYERS or name in layers}
         return RadianceImage(
-            arrays["radiance"], arrays["stderr"], {layer: arrays[layer] for layer in LAYERS if layer in layers}
+            wanted["radiance"], wanted["stderr"], {layer: wanted[layer] for layer in LAYERS if layer in layers}, wanted["glow"]
         )
 
-    def _launch(self, kernel, view, film, before, after):
-        """Run a kernel over the image: at once on a GPU, in tiles of rows from a thread pool on the CPU."""
-        self._load(kernel)
-        width, height = view.resolution
-        strata = () if film is None else (film.squares.shape[0],)
-        if self.device != "cpu":
-            wp.launch(
-                kernel,
-                dim=(height, width, *strata),
-                inputs=[*before, 0, *after],
-                device=self.device,
-                block_dim=BLOCK_DIM,
-            )
-            return
-
-        def launch_tile(row):
-            rows = min(TILE_ROWS, height - row)
-            wp.launch(kernel, dim=(rows, width, *strata), inputs=[*before, row, *after], device="cpu")
-
-        rows = range(0, height, TILE_ROWS)
-        if self.threads == 1:
-            for row in rows:
-                launch_tile(row)
-            return
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(launch_tile, rows))
-
-    def _load(self, kernel):
-        """Compile a kernel before threads need it, and count the time apart."""
-        if kernel not in self._loaded:
-            start = time.perf_counter()
-            # the block size is part of a binary's identity, and a CPU launch always has 1
-            kernel.module.load(self.device, block_dim=1 if self.device == "cpu" else BLOCK_DIM)
-            self.compile_seconds += time.perf_counter() - start
-            self._loaded.add(kernel)
+    def _launch(self, kernel, film, before, after):
+        """Run a kernel over the pixels and strata of a film."""
+        strata, height, width = film.squares.shape
+        self.launcher.rows(kernel, (height, width, strata), before, after)

@@ -7,11 +7,11 @@ import numpy as np
 import warp as wp
 from scipy.interpolate import RegularGridInterpolator
 
-from varos_warp.kernels.conventions import BLOCK_DIM
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.open_water import MOMENTS, LampTable, Tables
 from varos_warp.kernels.tabulate import fill_first_order, fill_higher_orders, fill_veil
+from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
@@ -32,8 +32,8 @@ SAMPLES = 4096
 class OpenWater:
     """The tables of one scene on one device."""
 
-    def __init__(self, scene: Scene, device: str):
-        self.scene, self.device = scene, device
+    def __init__(self, scene: Scene, launcher: Launcher):
+        self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.samples = SAMPLES
         self._lamps: list[LampTable] | None = None
         self._cameras: dict = {}
@@ -68,11 +68,11 @@ class OpenWater:
         table = self._table(record, FINE)
         moments = self._array(_shape(FINE))
         table.moments = moments
-        self._launch(fill_first_order, _shape(FINE)[:2], [scene, table, DIRECTIONS], [moments])
+        self.launcher.run(fill_first_order, _shape(FINE)[:2], [scene, table, DIRECTIONS], [moments])
         coarse = self._table(record, COARSE)
         higher = self._array((1, *_shape(COARSE)))
         coarse.moments = self._array(_shape(COARSE))
-        self._launch(fill_higher_orders, higher.shape[:3], [scene, coarse, 0, self.samples, 7], [higher])
+        self.launcher.run(fill_higher_orders, higher.shape[:3], [scene, coarse, 0, self.samples, 7], [higher])
         table.moments = self._array(moments.numpy() + _refined(higher.numpy().mean(axis=0)))
         return table
 
@@ -93,7 +93,7 @@ class OpenWater:
             parts, squares = self._array((1, *VEIL)), self._array((1, *VEIL[1:]))
             width, height = map(float, view.resolution)
             inputs = [scene, camera, width, height, NEAREST_M, _log_step(VEIL[0]), 0, self.samples, 11]
-            self._launch(fill_veil, (1, *VEIL[1:]), inputs, [parts, squares])
+            self.launcher.run(fill_veil, (1, *VEIL[1:]), inputs, [parts, squares])
             self._cameras[key] = self._array(np.cumsum(parts.numpy().mean(axis=0, dtype=float), axis=0))
         return self._cameras[key]
 
@@ -109,9 +109,6 @@ class OpenWater:
         if isinstance(values, tuple):
             return wp.empty(values, dtype=wp.vec3, device=self.device)
         return wp.array(np.ascontiguousarray(values, np.float32), dtype=wp.vec3, device=self.device)
-
-    def _launch(self, kernel, dim, inputs, outputs):
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
 
 
 def _shape(nodes) -> tuple[int, int, int]:
