@@ -120,13 +120,14 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)
                 if on_surface:
                     L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
-                    # samples take turns, so that each kind has a whole low-discrepancy sequence
                     walk = walk_from_surface(scene, vertex, hit.t)
-                    round = (sample + flip) >> 1
-                    if (sample + flip) & 1 == 0:
-                        L_glow += 2.0 * surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, round, 6)
+                    # samples take turns, so that each kind has a whole low-discrepancy sequence
+                    turn = sample + flip
+                    if turn & 1 == 0:
+                        seen = surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, turn >> 1, 6)
+                        L_glow += 2.0 * seen
                     elif vertex.surface.metal <= 0.0:
-                        L_glow -= 2.0 * blocked_light(scene, walk, key, pixel, round, 3)
+                        L_glow -= 2.0 * blocked_light(scene, walk, key, pixel, turn >> 1, 3)
             sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
         store(film, stratum, row, col, sums)
 

@@ -133,6 +133,7 @@ def sum_slabs(
             start = slab_end(grid, k - 1)
             end = slab_end(grid, k)
             before = wp.max(start - slab_end(grid, k - 2), 1.0e-6)
-            inside = wp.cw_mul(inside, transmittance(scene.medium, 0.5 * (end - start + before))) * (end - start) / before
+            inside = wp.cw_mul(inside, transmittance(scene.medium, 0.5 * (end - start + before)))
+            inside *= (end - start) / before
         total += inside
         grid.radiance[k, row, col] = total

@@ -278,10 +278,8 @@ class FrameRenderer:
         names = (*LAYERS, "glow", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film, spp], list(images.values()))
-        wanted = {name: images[name].numpy() for name in names if name not in LAYERS or name in layers}
-        return RadianceImage(
-            wanted["radiance"], wanted["stderr"], {layer: wanted[layer] for layer in LAYERS if layer in layers}, wanted["glow"]
-        )
+        kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
+        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, images["glow"].numpy())
 
     def _launch(self, kernel, film, before, after):
         """Run a kernel over the pixels and strata of a film."""
