@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from ray_ceiling import ceilings
 
 from varos_warp.render.frame import INTEGRATORS, FrameRenderer
 from varos_warp.scene.load import load_scene
@@ -23,14 +24,19 @@ from varos_warp.sim.trajectory import simulate
 
 
 def time_method(renderer, T_w_v, spp: int, repeat: int, integrator: str):
-    """Image, its variance and the median seconds of ``repeat`` renderings."""
+    """Image, its variance and the median seconds of ``repeat`` renderings, two at least.
+
+    The variance is that between the renderings: what samples within one say of it is too much where they are a
+    low-discrepancy sequence, and nothing where pixels share them.
+    """
     renderer.render(T_w_v, outputs="A", spp=1, integrator=integrator)
-    seconds = []
+    seconds, images = [], []
     for frame in range(repeat):
         start = time.perf_counter()
         image = renderer.render(T_w_v, outputs="A", spp=spp, frame=frame, integrator=integrator).A
         seconds.append(time.perf_counter() - start)
-    return image.radiance, image.stderr**2, float(np.median(seconds))
+        images.append(image.radiance.astype(float))
+    return image.radiance, np.var(images, axis=0, ddof=1), float(np.median(seconds))
 
 
 def rays_per_path(renderer, T_w_v, integrator: str) -> float:
@@ -91,6 +97,7 @@ def measure(
         }
     row["compile_s"] = round(renderer.compile_seconds, 2)
     row["peak_memory_mib"] = round(peak_memory_mib(renderer.device), 1)
+    row["ceiling_rays_per_s"] = ceilings(renderer, T_w_v)
     if "reference" in integrators:
         compare(row, integrators)
     return row

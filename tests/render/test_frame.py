@@ -51,6 +51,8 @@ def arrays(frame):
     for output in "ABCD":
         image = getattr(frame, output)
         for name, value in vars(image).items() if image is not None else ():
+            if value is None:
+                continue
             inner = value if isinstance(value, dict) else {"": value}
             found |= {f"{output}.{name}{key}": array for key, array in inner.items()}
     return found

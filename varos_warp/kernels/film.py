@@ -81,7 +81,7 @@ def develop(
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer (``glow`` is a part of ``multiple``), their sum and its standard error, all [height, width]."""
+    """Mean of each layer (``glow`` is part of ``multiple``), their sum and its standard error, all [height, width]."""
     row, col = wp.tid()
     sums = Sums()
     for k in range(film.squares.shape[0]):
