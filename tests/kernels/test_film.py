@@ -32,7 +32,7 @@ def develop(samples, strata):
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
     wp.launch(expose, dim=(strata, *shape), inputs=[device_samples, film], device="cpu")
     out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(6)]
-    wp.launch(kernel.develop, dim=shape, inputs=[film, spp], outputs=out, device="cpu")
+    wp.launch(kernel.develop, dim=shape, inputs=[film, spp, 0], outputs=out, device="cpu")
     return [image.numpy() for image in out]
 
 

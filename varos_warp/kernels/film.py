@@ -23,6 +23,9 @@ class Film:
     ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
     squares: wp.array3d(dtype=wp.vec3d)
     """Squares of the total radiance."""
+    residual: wp.array3d(dtype=wp.vec3d)
+    residual_squares: wp.array3d(dtype=wp.vec3d)
+    """What is added to ``glow`` with samples of its own, and its squares; empty without such samples."""
 
 
 @wp.struct
@@ -69,10 +72,20 @@ def store(film: Film, stratum: int, row: int, col: int, sums: Sums):
     film.squares[stratum, row, col] = sums.squares
 
 
+@wp.func
+def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
+    """Variance of the mean of ``count`` samples with a given sum and sum of squares; infinite for one."""
+    if count < 2:
+        return wp.float64(wp.inf)
+    n = wp.float64(count)
+    return wp.max((squares - total * total / n) / (n - wp.float64(1.0)), wp.float64(0.0)) / n
+
+
 @wp.kernel(enable_backward=False)
 def develop(
     film: Film,
     spp: int,
+    spp_residual: int,
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
@@ -90,19 +103,25 @@ def develop(
         sums.glow += film.glow[k, row, col]
         sums.veil += film.veil[k, row, col]
         sums.squares += film.squares[k, row, col]
+    residual = wp.vec3d(wp.float64(0.0))
+    residual_squares = wp.vec3d(wp.float64(0.0))
+    for k in range(film.residual.shape[0]):
+        residual += film.residual[k, row, col]
+        residual_squares += film.residual_squares[k, row, col]
     n = wp.float64(spp)
+    m = wp.float64(wp.max(spp_residual, 1))
     total = sums.direct + sums.single + sums.glow + sums.veil
+    L_glow = sums.glow / n + residual / m
     direct[row, col] = wp.vec3(sums.direct / n)
     single[row, col] = wp.vec3(sums.single / n)
-    multiple[row, col] = wp.vec3((sums.glow + sums.veil) / n)
-    glow[row, col] = wp.vec3(sums.glow / n)
+    multiple[row, col] = wp.vec3(L_glow + sums.veil / n)
+    glow[row, col] = wp.vec3(L_glow)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    if spp == 1:
-        stderr[row, col] = wp.vec3(wp.inf)
-        return
     error = wp.vec3(0.0)
     for c in range(3):
-        variance = (sums.squares[c] - total[c] * total[c] / n) / (n - wp.float64(1.0))
-        error[c] = float(wp.sqrt(wp.max(variance, wp.float64(0.0)) / n))
+        variance = variance_of_mean(sums.squares[c], total[c], spp)
+        if film.residual.shape[0] > 0:
+            variance += variance_of_mean(residual_squares[c], residual[c], spp_residual)
+        error[c] = float(wp.sqrt(variance))
     stderr[row, col] = error

@@ -15,7 +15,7 @@ import warp as wp
 
 from varos_warp.kernels.conventions import ALL, FAR
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
-from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.lit_points import LitPoint, found_weight, gather_lit_point
 from varos_warp.kernels.medium import transmittance
@@ -85,6 +85,15 @@ def walk_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: flo
     return walk
 
 
+@wp.struct
+class Connection:
+    """Light that goes from ``q`` to ``p`` if nothing stands between them."""
+
+    p: wp.vec3
+    q: wp.vec3
+    L: wp.vec3
+
+
 @cache
 def make_blocked_light(instances: bool):
     """The function ``blocked_light(scene, start, key, pixel, sample, group)``."""
@@ -94,8 +103,9 @@ def make_blocked_light(instances: bool):
     def blocked_light(scene: SceneData, start: Walk, key: wp.uint32, pixel: int, sample: int, group: int):
         """What surfaces keep from a walk of the light that open water would send it."""
         walk = start
-        L = wp.vec3(0.0)
+        before = walk.vertex.p
         clear = bool(True)
+        L = wp.vec3(0.0)
         k = group
         while walk.alive == 1:
             u = draw(key, pixel, sample, k)
@@ -105,21 +115,29 @@ def make_blocked_light(instances: bool):
             walk = turn(scene, walk, 0.5, u, v)
             if walk.alive == 1:
                 p = walk.vertex.p
-                d = walk.vertex.d
                 if walk.vertex.on_surface == 1:
-                    clear = wp.dot(d, start.vertex.n_geometric) > 0.0
-                scattered = gather_in_scattered(scene, p, d, FAR, w[0], w[1])
-                if brightest(scattered.L) > 0.0:
-                    lit = clear
-                    if lit:
-                        lit = visible(scene, p, scattered.p)
-                    if lit:
-                        lit = visible(scene, scattered.p, scene.lights[scattered.lamp].position)
-                    if not lit:
-                        L += wp.cw_mul(walk.throughput, scattered.L)
+                    clear = wp.dot(walk.vertex.d, start.vertex.n_geometric) > 0.0
+                scattered = gather_in_scattered(scene, p, walk.vertex.d, FAR, w[0], w[1])
+                # along the path, from the last vertex on: is it free up to here, and on to the lamp?
+                segments = wp.where(brightest(scattered.L) > 0.0, 3, 1)
+                at = before
+                free = clear
+                segment = int(0)
+                while free and segment < segments:
+                    to = p
+                    if segment == 1:
+                        to = scattered.p
+                    if segment == 2:
+                        to = scene.lights[scattered.lamp].position
+                    free = visible(scene, at, to)
+                    if segment == 0:
+                        clear = free
+                    at = to
+                    segment += 1
+                if not free:
+                    L += wp.cw_mul(walk.throughput, scattered.L)
+                before = p
                 walk = drift(scene, walk, wp.vec4(w[2], w[3], v[2], 0.0))
-                if walk.alive == 1 and clear:
-                    clear = visible(scene, p, walk.vertex.p)
         return L
 
     return blocked_light
@@ -153,42 +171,52 @@ def make_surface_light(instances: bool, textures: bool):
             v = draw(key, pixel, sample, k + 1)
             w = draw(key, pixel, sample, k + 2)
             k += 3
-            if not sees_water:
+            # a lit point, or on the way to the next surface the water that a metal sees; and lamp light off that surface
+            first = Connection()
+            first.p = walk.vertex.p
+            if not sees_water and walk.bounces < max_bounces:
                 seen = gather_lit_point(scene, lit_points, walk.vertex, u[0], u[1])
-                if brightest(seen.L) > 0.0:
-                    if visible(scene, walk.vertex.p, seen.p):
-                        L += wp.cw_mul(walk.throughput, seen.L)
+                first.q = seen.p
+                first.L = wp.cw_mul(walk.throughput, seen.L)
+            second = Connection()
             lamp_share = float(0.0)
             if wp.static(textures):
                 lamp_share = wp.where(sees_water, 0.5, 0.0)
             before = walk.vertex
             walk = turn(scene, walk, lamp_share, u, v)
+            hit = Hit()
+            end = Vertex()
             if walk.alive == 1:
-                o = walk.vertex.p
                 d = walk.vertex.d
-                hit = first_hit(scene, o, d)
-                arriving = wp.vec3(0.0)
+                hit = first_hit(scene, walk.vertex.p, d)
                 if wp.static(textures):
                     if sees_water:
-                        scattered = gather_in_scattered(scene, o, d, hit.t, w[0], w[1])
-                        if brightest(scattered.L) > 0.0:
-                            if visible(scene, scattered.p, scene.lights[scattered.lamp].position):
-                                arriving = scattered.L
-                end = Vertex()
+                        scattered = gather_in_scattered(scene, walk.vertex.p, d, hit.t, w[0], w[1])
+                        first.p = scattered.p
+                        first.q = scene.lights[wp.max(scattered.lamp, 0)].position
+                        first.L = wp.cw_mul(walk.throughput, scattered.L)
                 if hit.face >= 0 and walk.bounces < max_bounces:
                     n = shading_normal(scene, hit)
                     surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
                     end = surface_vertex(hit, d, n, surface)
+                    throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
                     reflected = gather_reflected(scene, hit, end, w[2])
-                    if brightest(reflected.L) > 0.0:
-                        if not visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                            reflected.L = wp.vec3(0.0)
-                        elif not sees_water and surface.metal <= 0.0:
-                            pdf = own_lobe_pdf(scene, before, d)
-                            reflected.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
-                    off_surface = reflected.L + glow(scene, tables, end)
-                    arriving += wp.cw_mul(transmittance(scene.medium, hit.t), off_surface)
-                L += wp.cw_mul(walk.throughput, arriving)
+                    second.p = reflected.p
+                    second.q = scene.lights[wp.max(reflected.lamp, 0)].position
+                    second.L = wp.cw_mul(throughput, reflected.L)
+                    if not sees_water and surface.metal <= 0.0 and brightest(second.L) > 0.0:
+                        pdf = own_lobe_pdf(scene, before, d)
+                        second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
+                    L += wp.cw_mul(throughput, glow(scene, tables, end))
+            connection = first
+            count = int(0)
+            while count < 2:  # not a range, which would be unrolled and compiled twice
+                if brightest(connection.L) > 0.0:
+                    if visible(scene, connection.p, connection.q):
+                        L += connection.L
+                connection = second
+                count += 1
+            if walk.alive == 1:
                 walk = advance(scene, walk, hit, end, ALL, max_bounces, wp.vec4(w[3], v[2], v[3], 0.0))
                 if walk.vertex.on_surface == 1:
                     sees_water = walk.vertex.surface.metal > 0.0

@@ -22,14 +22,12 @@ from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
-from varos_warp.kernels.lit_points import LitPoint
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.open_water import Tables, single_scattering, veil_radiance
-from varos_warp.kernels.residual import draw, glow, make_blocked_light, make_surface_light, walk_from_surface
-from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.residual import Connection, draw, glow
 from varos_warp.kernels.texture import footprint_width
 from varos_warp.kernels.veil import VeilGrid, frame_veil
-from varos_warp.kernels.walk import Vertex, surface_vertex
+from varos_warp.kernels.walk import surface_vertex
 
 wp.set_module_options({"enable_backward": False})
 
@@ -52,8 +50,6 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
     """Rendering of a range of rows with tables, specialised to ``spec``."""
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
-    blocked_light = make_blocked_light(spec.instances)
-    surface_light = make_surface_light(spec.instances, spec.textures)
 
     @wp.kernel(
         module="unique",
@@ -66,7 +62,6 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
         camera: Camera,
         first_row: int,
         tables: Tables,
-        lit_points: wp.array(dtype=LitPoint),
         grid: VeilGrid,
         spp: int,
         max_bounces: int,
@@ -79,7 +74,6 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
         strata, height, width = film.squares.shape[0], film.squares.shape[1], film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        flip = int(4.0 * uniforms(key, pixel, 0, 0)[0]) & 1
         for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
             u = draw(key, pixel, sample, 0)
             v = draw(key, pixel, sample, 1)
@@ -95,39 +89,36 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
             L_glow = wp.vec3(0.0)
             L_veil = wp.vec3(0.0)
 
-            vertex = Vertex()
-            on_surface = hit.face >= 0 and max_bounces > 0
-            if on_surface:
+            # lamp light at both ends of what the ray sees, and what is blocked of it
+            reflected = Connection()
+            blocked = Connection()
+            if hit.face >= 0 and max_bounces > 0:
                 n = shading_normal(scene, hit)
                 surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, d, hit.n))
                 vertex = surface_vertex(hit, d, n, surface)
                 if wp.static(spec.direct):
-                    reflected = gather_reflected(scene, hit, vertex, v[0])
-                    if brightest(reflected.L) > 0.0:
-                        if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                            L_direct = wp.cw_mul(T, reflected.L)
-
+                    light = gather_reflected(scene, hit, vertex, v[0])
+                    reflected.p = light.p
+                    reflected.q = scene.lights[wp.max(light.lamp, 0)].position
+                    reflected.L = wp.cw_mul(T, light.L)
+                if wp.static(spec.multiple):
+                    L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
             if wp.static(spec.single):
                 for i in range(scene.lights.shape[0]):
                     L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
-                scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
-                if brightest(scattered.L) > 0.0:
-                    if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
-                        L_single -= scattered.L
-
+                light = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
+                blocked.p = light.p
+                blocked.q = scene.lights[wp.max(light.lamp, 0)].position
+                blocked.L = light.L
+            if brightest(reflected.L) > 0.0:
+                if visible(scene, reflected.p, reflected.q):
+                    L_direct = reflected.L
+            if brightest(blocked.L) > 0.0:
+                if not visible(scene, blocked.p, blocked.q):
+                    L_single -= blocked.L
             if wp.static(spec.multiple):
                 L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)
-                if on_surface:
-                    L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
-                    walk = walk_from_surface(scene, vertex, hit.t)
-                    # samples take turns, so that each kind has a whole low-discrepancy sequence
-                    turn = sample + flip
-                    if turn & 1 == 0:
-                        seen = surface_light(scene, tables, lit_points, walk, max_bounces, key, pixel, turn >> 1, 6)
-                        L_glow += 2.0 * seen
-                    elif vertex.surface.metal <= 0.0:
-                        L_glow -= 2.0 * blocked_light(scene, walk, key, pixel, turn >> 1, 3)
             sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
         store(film, stratum, row, col, sums)
 

@@ -11,7 +11,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.conventions import CPU_FLAGS
+from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS
 from varos_warp.kernels.intersect import SceneData, make_rays
 from varos_warp.kernels.lit_points import LitPoint
 from varos_warp.kernels.medium import transmittance
@@ -69,7 +69,12 @@ def make_veil_kernel(instances: bool, textures: bool) -> wp.Kernel:
     blocked_light = make_blocked_light(instances)
     surface_light = make_surface_light(instances, textures)
 
-    @wp.kernel(module="unique", module_options={"cpu_compiler_flags": CPU_FLAGS}, enable_backward=False)
+    @wp.kernel(
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_FLAGS},
+        enable_backward=False,
+        launch_bounds=(BLOCK_DIM, 6),
+    )
     def sample_veil(
         scene: SceneData,
         camera: Camera,

@@ -1,6 +1,6 @@
 """One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import warp as wp
@@ -10,12 +10,13 @@ from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.film import Film, develop
+from varos_warp.kernels.glow import make_glow_kernel
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
 from varos_warp.render.launch import Launcher
 from varos_warp.render.tables import OpenWater
-from varos_warp.render.veil import fill_veil_grid, find_lit_points
+from varos_warp.render.veil import empty_veil_grid, fill_veil_grid, find_lit_points
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
@@ -211,25 +212,36 @@ class FrameRenderer:
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
         surfaces = (self.world.has_instances, self.world.has_textures)
         self.world.pose_lights(T_w_v)
-        film = self._film(view, spp)
         if integrator == "tables":
-            kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
-            how = [*self._stages(view, T_w_v, spp, max_bounces, key), spp, max_bounces]
-        elif integrator == "reference":
-            kernel, how = make_reference_kernel(*wanted, *surfaces), [spp, max_scatterings, max_bounces]
-        else:
-            kernel, how = make_path_kernel(PathSpec(medium, *wanted, *surfaces)), [spp, max_scatterings, max_bounces]
-        self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], [*how, wp.uint32(key), film])
-        image = self._develop(film, spp, layers)
-        return image if integrator == "tables" else replace(image, glow=None)
+            return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, key)
+        film = self._film(view, spp)
+        kernel = make_reference_kernel(*wanted, *surfaces)
+        if integrator == "path":
+            kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
+        how = [spp, max_scatterings, max_bounces, wp.uint32(key), film]
+        self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], how)
+        return self._develop(film, spp, layers)
 
-    def _stages(self, view, T_w_v, spp, max_bounces, key):
-        """What an image with tables needs before its pixels: tables, lit points and the grid of the veil."""
-        keys = np.random.SeedSequence(key).generate_state(2)
-        tables = self.open_water.tables(view)
-        lit_points = find_lit_points(self.launcher, self.world, int(keys[0]))
-        how = (tables, lit_points, spp, max_bounces, int(keys[1]))
-        return tables, lit_points, fill_veil_grid(self.launcher, self.world, view, T_w_v, *how)
+    def _render_with_tables(self, view, T_w_v, spp, max_bounces, layers, key) -> RadianceImage:
+        """Tables, lit points and the grid of the veil; then the pixels, and the residual of their glow."""
+        wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
+        surfaces = (self.world.has_instances, self.world.has_textures)
+        keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
+        scene = [self.world.data, self.world.camera(view, T_w_v)]
+        residual = wanted[2] and self.world.has_surfaces and max_bounces > 0
+        spp_residual = -(-spp // 2) if residual else 0
+        film = self._film(view, spp, spp_residual)
+        tables, grid = self.open_water.tables(view), empty_veil_grid(self.launcher, view)
+        if residual:
+            lit_points = find_lit_points(self.launcher, self.world, keys[0])
+            how = (tables, lit_points, spp, max_bounces, keys[1])
+            fill_veil_grid(self.launcher, self.world, view, T_w_v, grid, *how)
+            how = [tables, lit_points, spp_residual, max_bounces, wp.uint32(keys[2]), film]
+            strata, *shape = film.residual.shape
+            self.launcher.rows(make_glow_kernel(*surfaces), (*shape, strata), scene, how)
+        kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
+        self._launch(kernel, film, scene, [tables, grid, spp, max_bounces, wp.uint32(keys[3]), film])
+        return self._develop(film, spp, layers, spp_residual, keep_glow=True)
 
     def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
         if not self.world.has_surfaces:
@@ -261,25 +273,34 @@ class FrameRenderer:
 
     # ---------------------------------------------------------------------------------------------- films, launches
 
-    def _film(self, view, spp: int) -> Film:
+    def _film(self, view, spp: int, spp_residual: int = 0) -> Film:
         """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
         width, height = view.resolution
-        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
-        shape = (strata, height, width)
-        if shape not in self._films:
+        fill = GPU_THREADS // (width * height)
+        strata, strata_residual = (
+            min(count, 1) if self.device == "cpu" else min(count, max(1, fill)) for count in (spp, spp_residual)
+        )
+        key = (strata, strata_residual, height, width)
+        if key not in self._films:
             film = Film()
             for name in ("direct", "single", "glow", "veil", "squares"):
-                setattr(film, name, wp.empty(shape, dtype=wp.vec3d, device=self.device))
-            self._films[shape] = film
-        return self._films[shape]
+                setattr(film, name, self._buffer(strata, height, width))
+            for name in ("residual", "residual_squares"):
+                setattr(film, name, self._buffer(strata_residual, height, width))
+            self._films[key] = film
+        return self._films[key]
 
-    def _develop(self, film: Film, spp: int, layers) -> RadianceImage:
+    def _buffer(self, *shape: int) -> wp.array:
+        return wp.empty(shape, dtype=wp.vec3d, device=self.device)
+
+    def _develop(self, film: Film, spp: int, layers, spp_residual: int = 0, keep_glow: bool = False) -> RadianceImage:
         shape = film.squares.shape[1:]
         names = (*LAYERS, "glow", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        self.launcher.run(develop, shape, [film, spp], list(images.values()))
+        self.launcher.run(develop, shape, [film, spp, spp_residual], list(images.values()))
         kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
-        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, images["glow"].numpy())
+        glow = images["glow"].numpy() if keep_glow else None
+        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, glow)
 
     def _launch(self, kernel, film, before, after):
         """Run a kernel over the pixels and strata of a film."""

@@ -20,12 +20,21 @@ LEAST_SAMPLES = 8
 
 
 def find_lit_points(launcher: Launcher, world: DeviceScene, key: int) -> wp.array:
-    """Where the lamps' rays meet surfaces in this frame; none without surfaces."""
-    points = wp.empty(LIT_POINTS if world.has_surfaces else 0, dtype=LitPoint, device=launcher.device)
-    if world.has_surfaces:
-        kernel = make_lit_points_kernel(world.has_instances, world.has_textures)
-        launcher.run(kernel, points.shape, [world.data, wp.uint32(key)], [points])
+    """Where the lamps' rays meet surfaces in this frame."""
+    points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
+    kernel = make_lit_points_kernel(world.has_instances, world.has_textures)
+    launcher.run(kernel, points.shape, [world.data, wp.uint32(key)], [points])
     return points
+
+
+def empty_veil_grid(launcher: Launcher, view: Camera) -> VeilGrid:
+    """The grid that covers a camera's image, as it is without surfaces."""
+    width, height = view.resolution
+    nodes = tuple(max(2, -(-side // CELL_PX) + 1) for side in (height, width))
+    grid = VeilGrid()
+    grid.scale, grid.log_step = SCALE_M, float(np.log1p(FARTHEST_M / SCALE_M) / SLABS)
+    grid.radiance = wp.zeros((SLABS, *nodes), dtype=wp.vec3, device=launcher.device)
+    return grid
 
 
 def fill_veil_grid(
@@ -33,28 +42,21 @@ def fill_veil_grid(
     world: DeviceScene,
     view: Camera,
     T_w_v,
+    grid: VeilGrid,
     tables: Tables,
     lit_points: wp.array,
     spp: int,
     max_bounces: int,
     key: int,
-) -> VeilGrid:
-    """The veil of a frame that is rendered with ``spp`` samples per pixel."""
-    width, height = view.resolution
-    nodes = tuple(max(2, -(-side // CELL_PX) + 1) for side in (height, width))
-    grid = VeilGrid()
-    grid.scale, grid.log_step = SCALE_M, float(np.log1p(FARTHEST_M / SCALE_M) / SLABS)
-    grid.radiance = wp.zeros((SLABS, *nodes), dtype=wp.vec3, device=launcher.device)
-    if not world.has_surfaces:
-        return grid
-    samples = max(LEAST_SAMPLES, spp // 2)
+):
+    """Fill the grid for a frame that is rendered with ``spp`` samples per pixel."""
+    samples, nodes = max(LEAST_SAMPLES, spp // 2), grid.radiance.shape[1:]
     slabs = wp.empty((samples, *nodes, SLABS), dtype=wp.vec4, device=launcher.device)
     launcher.rows(
         make_veil_kernel(world.has_instances, world.has_textures),
         (*nodes, samples),
         [world.data, world.camera(view, T_w_v, pinhole=True)],
-        [tables, lit_points, grid, wp.vec2(float(width), float(height)), max_bounces, wp.uint32(key), slabs],
+        [tables, lit_points, grid, wp.vec2(*map(float, view.resolution)), max_bounces, wp.uint32(key), slabs],
         tile_rows=1,
     )
     launcher.run(sum_slabs, nodes, [world.data, slabs], [grid])
-    return grid

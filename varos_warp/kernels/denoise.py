@@ -1,0 +1,63 @@
+"""What happens to an image on its device before and after a denoiser that is not written in Warp."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def unit_scale(total: wp.vec3, pixels: int):
+    """The power of two that brings an image with a sum of ``total`` to a mean near 1; 1 for a black image."""
+    mean = (total[0] + total[1] + total[2]) / (3.0 * float(pixels))
+    if mean <= 0.0:
+        return 1.0
+    return wp.pow(2.0, -wp.round(wp.log2(mean)))
+
+
+@wp.kernel(enable_backward=False)
+def take_part(
+    image: wp.array2d(dtype=wp.vec3),
+    sign: float,
+    # out
+    part: wp.array2d(dtype=wp.vec3),
+):
+    """What is positive of ``sign`` times an image."""
+    row, col = wp.tid()
+    part[row, col] = wp.max(sign * image[row, col], wp.vec3(0.0))
+
+
+@wp.kernel(enable_backward=False)
+def scale_to_unit(
+    total: wp.array(dtype=wp.vec3),
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
+):
+    """Multiply an image by its `unit_scale`; ``total`` is its sum."""
+    row, col = wp.tid()
+    image[row, col] = unit_scale(total[0], image.shape[0] * image.shape[1]) * image[row, col]
+
+
+@wp.kernel(enable_backward=False)
+def exchange_part(
+    noisy: wp.array2d(dtype=wp.vec3),
+    smooth: wp.array2d(dtype=wp.vec3),
+    total: wp.array(dtype=wp.vec3),
+    sign: float,
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
+):
+    """Put the denoised, scaled part ``smooth`` of ``noisy`` in the place of the noisy one; see `take_part`."""
+    row, col = wp.tid()
+    before = wp.max(sign * noisy[row, col], wp.vec3(0.0))
+    after = smooth[row, col] / unit_scale(total[0], image.shape[0] * image.shape[1])
+    image[row, col] += sign * (after - before)
+
+
+@wp.kernel(enable_backward=False)
+def clip_negative(
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
+):
+    """Set what is negative to zero."""
+    row, col = wp.tid()
+    image[row, col] = wp.max(image[row, col], wp.vec3(0.0))
