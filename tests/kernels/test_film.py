@@ -24,7 +24,7 @@ def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
 
 
 def develop(samples, strata):
-    """direct, single, multiple, glow, radiance, stderr [H, W, 3] of samples [layer, sample, H, W, 3]."""
+    """direct, single, multiple, residual, radiance, stderr [H, W, 3] of samples [layer, sample, H, W, 3]."""
     spp, shape = samples.shape[1], samples.shape[2:4]
     film = kernel.Film()
     for name in (*LAYERS, "squares"):
@@ -53,10 +53,11 @@ def samples_of(kind, spp, seed=1):
 def test_mean_and_standard_error_are_those_of_all_samples(kind, spp, strata):
     """In parts of uneven size, too: against numpy in float64."""
     samples = np.float32(samples_of(kind, spp)).astype(float)
-    direct, single, multiple, glow, radiance, stderr = develop(samples, strata)
-    total = samples.sum(axis=0)
-    for layer, truth in zip((direct, single, glow, multiple - glow), samples.mean(axis=1), strict=True):
+    direct, single, multiple, residual, radiance, stderr = develop(samples, strata)
+    total, means = samples.sum(axis=0), samples.mean(axis=1)
+    for layer, truth in zip((direct, single, multiple), (means[0], means[1], means[2] + means[3]), strict=True):
         np.testing.assert_allclose(layer, truth, rtol=1e-7, atol=1e-7 * multiple.max())
+    assert not residual.any()
     np.testing.assert_allclose(radiance, total.mean(axis=0), rtol=3e-7)
     np.testing.assert_allclose(stderr, total.std(axis=0, ddof=1) / np.sqrt(spp), rtol=1e-6)
 

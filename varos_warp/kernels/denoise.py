@@ -1,4 +1,4 @@
-"""What happens to an image on its device before and after a denoiser that is not written in Warp."""
+"""What is done to an image on its device before and after a denoiser that is not written in Warp."""
 
 import warp as wp
 
@@ -7,15 +7,15 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def unit_scale(total: wp.vec3, pixels: int):
-    """The power of two that brings an image with a sum of ``total`` to a mean near 1; 1 for a black image."""
+    """The power of two that brings an image with a sum of ``total`` to a mean near 1; 0 for a black image."""
     mean = (total[0] + total[1] + total[2]) / (3.0 * float(pixels))
     if mean <= 0.0:
-        return 1.0
+        return 0.0
     return wp.pow(2.0, -wp.round(wp.log2(mean)))
 
 
 @wp.kernel(enable_backward=False)
-def take_part(
+def positive_part(
     image: wp.array2d(dtype=wp.vec3),
     sign: float,
     # out
@@ -38,19 +38,30 @@ def scale_to_unit(
 
 
 @wp.kernel(enable_backward=False)
-def exchange_part(
-    noisy: wp.array2d(dtype=wp.vec3),
-    smooth: wp.array2d(dtype=wp.vec3),
+def subtract(
+    image: wp.array2d(dtype=wp.vec3),
+    part: wp.array2d(dtype=wp.vec3),
+    # out
+    rest: wp.array2d(dtype=wp.vec3),
+):
+    """An image without a part of it."""
+    row, col = wp.tid()
+    rest[row, col] = image[row, col] - part[row, col]
+
+
+@wp.kernel(enable_backward=False)
+def add_scaled(
+    part: wp.array2d(dtype=wp.vec3),
     total: wp.array(dtype=wp.vec3),
     sign: float,
     # in and out
     image: wp.array2d(dtype=wp.vec3),
 ):
-    """Put the denoised, scaled part ``smooth`` of ``noisy`` in the place of the noisy one; see `take_part`."""
+    """Add ``sign`` times what `scale_to_unit` has scaled; nothing if it was black."""
     row, col = wp.tid()
-    before = wp.max(sign * noisy[row, col], wp.vec3(0.0))
-    after = smooth[row, col] / unit_scale(total[0], image.shape[0] * image.shape[1])
-    image[row, col] += sign * (after - before)
+    scale = unit_scale(total[0], image.shape[0] * image.shape[1])
+    if scale > 0.0:
+        image[row, col] += (sign / scale) * part[row, col]
 
 
 @wp.kernel(enable_backward=False)

@@ -90,11 +90,11 @@ def develop(
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
     multiple: wp.array2d(dtype=wp.vec3),
-    glow: wp.array2d(dtype=wp.vec3),
+    residual: wp.array2d(dtype=wp.vec3),
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer (``glow`` is part of ``multiple``), their sum and its standard error, all [height, width]."""
+    """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width]."""
     row, col = wp.tid()
     sums = Sums()
     for k in range(film.squares.shape[0]):
@@ -103,25 +103,24 @@ def develop(
         sums.glow += film.glow[k, row, col]
         sums.veil += film.veil[k, row, col]
         sums.squares += film.squares[k, row, col]
-    residual = wp.vec3d(wp.float64(0.0))
-    residual_squares = wp.vec3d(wp.float64(0.0))
+    added = wp.vec3d(wp.float64(0.0))
+    added_squares = wp.vec3d(wp.float64(0.0))
     for k in range(film.residual.shape[0]):
-        residual += film.residual[k, row, col]
-        residual_squares += film.residual_squares[k, row, col]
+        added += film.residual[k, row, col]
+        added_squares += film.residual_squares[k, row, col]
     n = wp.float64(spp)
     m = wp.float64(wp.max(spp_residual, 1))
     total = sums.direct + sums.single + sums.glow + sums.veil
-    L_glow = sums.glow / n + residual / m
     direct[row, col] = wp.vec3(sums.direct / n)
     single[row, col] = wp.vec3(sums.single / n)
-    multiple[row, col] = wp.vec3(L_glow + sums.veil / n)
-    glow[row, col] = wp.vec3(L_glow)
+    multiple[row, col] = wp.vec3((sums.glow + sums.veil) / n + added / m)
+    residual[row, col] = wp.vec3(added / m)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     error = wp.vec3(0.0)
     for c in range(3):
         variance = variance_of_mean(sums.squares[c], total[c], spp)
         if film.residual.shape[0] > 0:
-            variance += variance_of_mean(residual_squares[c], residual[c], spp_residual)
+            variance += variance_of_mean(added_squares[c], added[c], spp_residual)
         error[c] = float(wp.sqrt(variance))
     stderr[row, col] = error

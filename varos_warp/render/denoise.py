@@ -1,6 +1,12 @@
-"""Denoising of linear radiance: Open Image Denoise on the noisy colour only, or non-local means (paper 3.2.1).
+"""Denoising of linear radiance: Open Image Denoise, or non-local means (paper 3.2.1).
 
-Geometry guides (albedo, normals) are never given to a denoiser: they would imprint what the water hides.
+An image made with tables has a part that holds nearly all its noise, light off surfaces, and only that part is
+denoised: what the water scatters towards the camera, edges, shadows and textures stay as they are. Values of the part
+may be negative (it corrects what tables hold), and clipping them would brighten the image: what is positive and what
+is negative are denoised as two images, each of which a denoiser takes.
+
+Geometry guides (albedo, normals) go with that part only: given with an image of water, they would imprint what the
+water hides.
 """
 
 import functools
@@ -20,14 +26,63 @@ def denoise(radiance: np.ndarray, stderr: np.ndarray, method: str) -> np.ndarray
     Raises:
         ValueError: If a value is not finite, or the method is unknown.
     """
-    if method not in ("oidn", "nlm", "none"):
-        raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
+    _check_method(method)
     radiance = np.ascontiguousarray(radiance, np.float32)
     if method == "none" or not np.any(stderr) or not np.any(radiance):
         return radiance
-    if not np.isfinite(radiance).all():
-        raise ValueError(f"cannot denoise: {np.count_nonzero(~np.isfinite(radiance))} values are not finite")
+    check_finite(radiance)
     return _oidn(radiance) if available_method(method) == "oidn" else _nlm(radiance, stderr)
+
+
+def denoise_image(image, method: str) -> np.ndarray:
+    """Linear radiance float32 [H, W, 3] of an image, with less noise.
+
+    Of an image with a ``residual`` only that part is denoised, guided by ``albedo`` and ``normal`` if it has them, and
+    what is negative of the sum is cut.
+
+    Args:
+        image: `frame.RadianceImage`.
+        method: ``oidn``, ``nlm`` or ``none`` (which returns the radiance itself).
+
+    Raises:
+        ValueError: If a value is not finite, or the method is unknown.
+    """
+    if image.residual is None or method == "none":
+        return denoise(image.radiance, image.stderr, method)
+    _check_method(method)
+    check_finite(image.radiance)
+    check_finite(image.residual)
+    result = image.radiance - image.residual
+    for sign in (np.float32(1.0), np.float32(-1.0)):
+        part = np.maximum(sign * image.residual, np.float32(0.0))
+        if not part.any():
+            continue
+        if available_method(method) == "oidn":
+            result += sign * _oidn(part, RESIDUAL_QUALITY, image.albedo, image.normal)
+        else:
+            result += sign * _nlm(part, image.stderr)
+    return np.maximum(result, np.float32(0.0))
+
+
+def check_finite(image: np.ndarray) -> None:
+    """Refuse infinite values and what is not a number.
+
+    Raises:
+        ValueError: If there are any.
+    """
+    if not np.isfinite(image).all():
+        raise ValueError(f"cannot denoise: {np.count_nonzero(~np.isfinite(image))} values are not finite")
+
+
+def _check_method(method: str) -> None:
+    if method not in ("oidn", "nlm", "none"):
+        raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
+
+
+QUALITY, RESIDUAL_QUALITY = "high", "fast"
+"""Of Open Image Denoise: of a whole image, and of its residual alone, where the fast network with guides leaves no more
+error than the others with or without guides do, at half the time. Measured at 320 x 180, relative RMSE of the whole
+image, CPU-seconds of denoising: the reference scene at 4 spp 0.0132 fast 0.10, 0.0131 high 0.20."""
 
 
 @functools.cache
@@ -43,7 +98,7 @@ def available_method(method: str) -> str:
     return "oidn"
 
 
-def _oidn(radiance: np.ndarray) -> np.ndarray:
+def _oidn(radiance: np.ndarray, quality: str = QUALITY, albedo=None, normal=None) -> np.ndarray:
     """Open Image Denoise on the CPU, all cores; its bytes do not depend on the number of threads.
 
     It adds 1e-4 of its own to very dark images, so the image is brought to a mean near 1 first.
@@ -52,7 +107,9 @@ def _oidn(radiance: np.ndarray) -> np.ndarray:
 
     mean = float(radiance.mean(dtype=np.float64))
     scale = np.float32(2.0 ** -np.round(np.log2(mean)))  # a power of two: exact
-    return pyoidn.denoise(radiance * scale, hdr=True, quality="high") / scale
+    guided = albedo is not None and normal is not None
+    guides = {"albedo": albedo, "normal": normal, "clean_aux": True} if guided else {}
+    return pyoidn.denoise(radiance * scale, hdr=True, quality=quality, **guides) / scale
 
 
 def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:

@@ -30,16 +30,22 @@ GPU_THREADS = 1 << 19
 
 @dataclass(frozen=True)
 class RadianceImage:
-    """Linear radiance [W/sr/m^2] before denoising and exposure, float32 [H, W, 3]."""
+    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]."""
 
     radiance: np.ndarray
     stderr: np.ndarray
     """Standard error of the mean; inf for one sample."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
-    glow: np.ndarray | None = None
-    """Of A made with tables: the only part with much noise. Light off the surface that a pixel sees, scattered or
-    reflected before; contained in the layer multiple."""
+    residual: np.ndarray | None = None
+    """Of A made with tables: the only part with much noise, which may be negative. What surfaces add to the scattered
+    light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
+    albedo: np.ndarray | None = None
+    normal: np.ndarray | None = None
+    """Guides for denoising the residual, at the centres of the pixels: what the surface reflects, and its normal in the
+    world as in C; zeros where nothing is hit."""
+    denoised: np.ndarray | None = None
+    """The radiance with less noise, where that was asked for."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +247,7 @@ class FrameRenderer:
             self.launcher.rows(make_glow_kernel(*surfaces), (*shape, strata), scene, how)
         kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
         self._launch(kernel, film, scene, [tables, grid, spp, max_bounces, wp.uint32(keys[3]), film])
-        return self._develop(film, spp, layers, spp_residual, keep_glow=True)
+        return self._develop(film, spp, layers, spp_residual, tables=True)
 
     def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
         if not self.world.has_surfaces:
@@ -293,14 +299,14 @@ class FrameRenderer:
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def _develop(self, film: Film, spp: int, layers, spp_residual: int = 0, keep_glow: bool = False) -> RadianceImage:
+    def _develop(self, film: Film, spp: int, layers, spp_residual: int = 0, tables: bool = False) -> RadianceImage:
         shape = film.squares.shape[1:]
-        names = (*LAYERS, "glow", "radiance", "stderr")
+        names = (*LAYERS, "residual", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film, spp, spp_residual], list(images.values()))
         kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
-        glow = images["glow"].numpy() if keep_glow else None
-        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, glow)
+        residual = images["residual"].numpy() if tables else None
+        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, residual)
 
     def _launch(self, kernel, film, before, after):
         """Run a kernel over the pixels and strata of a film."""
