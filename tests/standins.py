@@ -110,8 +110,10 @@ class FlatFloorRenderer:
         rng = np.random.default_rng([self.scene.seed, frame, *camera.encode()])
         noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
         error = (clean / np.sqrt(spp)).astype(np.float32)
-        A = SimpleNamespace(radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
-        B = SimpleNamespace(radiance=(tone[..., None] * np.ones(3)).astype(np.float32), stderr=error * 0, layers={})
+        plain = {"residual": None, "denoised": None}
+        A = SimpleNamespace(**plain, radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
+        grey = (tone[..., None] * np.ones(3)).astype(np.float32)
+        B = SimpleNamespace(**plain, radiance=grey, stderr=error * 0, layers={})
         C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))
         D = SimpleNamespace(depth=z.astype(np.float32), range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))
         S = SimpleNamespace(instance=hit.astype(np.int32), material=hit.astype(np.int32))

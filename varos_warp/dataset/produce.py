@@ -23,7 +23,7 @@ from varos_warp.dataset.layout import Dataset, Layout, from_runs
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
-from varos_warp.render.denoise import available_method, denoise
+from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.outputs import OUTPUTS, SEGMENT_LEVELS, linear_channels, to_half
 from varos_warp.scene.load import scene_to_dict
 
@@ -361,7 +361,7 @@ class _Job:
                 image = self.renderer.render(
                     self.T_w_v(frame), camera=camera, outputs=letters, spp=self.plan["spp"],
                     max_scatterings=self.plan["max_scatterings"], max_bounces=render.max_bounces,
-                    layers=tuple(render.layers), frame=frame)
+                    layers=tuple(render.layers), frame=frame, **self.denoise_at_once())
                 seconds = time.monotonic() - start - (self.renderer.compile_seconds - compiled)
                 self.timings.append({"frame": frame, "camera": camera, "outputs": letters,
                                      "seconds": round(seconds, 4)})
@@ -371,6 +371,13 @@ class _Job:
                 progress.advance()
             for future in pending:
                 self.clamped += future.result()
+
+    def denoise_at_once(self) -> dict[str, str]:
+        """What the renderer is to denoise: what a GPU can; the CPU's part is done beside the next frame."""
+        if self.renderer.device == "cpu":
+            return {}
+        keys = (("denoise", "A"), ("denoise_b", "B"))
+        return {key: "oidn" for key, letter in keys if self.denoisers[letter] == "oidn"}
 
     # ---------------------------------------------------------------------------------------------------- storing
 
@@ -398,7 +405,8 @@ class _Job:
         render = self.scene.render
         if letter == "A" and render.linear_exr:
             files.write_exr(self.layout.linear(camera, frame), linear_channels(image))
-        half, clamped = to_half(denoise(image.radiance, image.stderr, self.denoisers[letter]))
+        denoised = denoise_image(image, self.denoisers[letter]) if image.denoised is None else image.denoised
+        half, clamped = to_half(denoised)
         self.statistics[camera, letter, frame] = exposure.statistics(half)
         files.write_exr(self.layout.exr(camera, letter, frame), {"RGB": half})
         gain = exposure.known_gain(getattr(render.exposure, letter), letter)

@@ -1,11 +1,13 @@
-"""Images C, D and S: what the ray through each pixel's centre hits first."""
+"""Images C, D and S, and guides for a denoiser: what the ray through each pixel's centre hits first."""
 
 from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.intersect import SceneData, corner_normal, make_rays
+from varos_warp.kernels.intersect import SceneData, corner_normal, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.surface import surface_albedo
+from varos_warp.kernels.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,3 +49,34 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
         instance[row, col] = hit.part + 1
 
     return trace_first_hits
+
+
+@cache
+def make_guides_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Guides for a denoiser, for scenes with or without instances and textures."""
+    first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_guides(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        # out
+        albedo: wp.array2d(dtype=wp.vec3),
+        normal: wp.array2d(dtype=wp.vec3),
+    ):
+        """What the surface reflects, in [0, 1], and its normal as in image C, both [height, width]; zeros at no hit."""
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
+        hit = first_hit(scene, ray.o, ray.d)
+        albedo[row, col] = wp.vec3(0.0)
+        normal[row, col] = wp.vec3(0.0)
+        if hit.face >= 0:
+            n = shading_normal(scene, hit)
+            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
+            albedo[row, col] = wp.min(surface_albedo(surface), wp.vec3(1.0))
+            normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
+
+    return trace_guides

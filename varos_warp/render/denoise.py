@@ -14,6 +14,8 @@ import warnings
 
 import numpy as np
 
+METHODS = ("oidn", "nlm", "none")
+
 
 def denoise(radiance: np.ndarray, stderr: np.ndarray, method: str) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] with less noise.
@@ -75,7 +77,7 @@ def check_finite(image: np.ndarray) -> None:
 
 
 def _check_method(method: str) -> None:
-    if method not in ("oidn", "nlm", "none"):
+    if method not in METHODS:
         raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
 
 
