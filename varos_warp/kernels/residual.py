@@ -1,21 +1,25 @@
 """What surfaces do to the light of open water: what they keep away, and what they send.
 
-Two walks, for the pixels of kernels/tables.py and the grid of kernels/veil.py alike. `blocked_light` walks through
-water without end and counts the light of every connection that something blocks: subtracted from what the tables hold
-it makes them right, and where nothing stands in the way it is exactly zero. `surface_light` walks from surface to
-surface and takes lamp light and scattered light off each, so that every path is counted once: by the last surface that
-it meets on its way from the lamp, or by the tables of the water if it meets none.
+Two kinds of walk, both from the same starts: on the surfaces that pixels see (kernels/glow.py), and in the water before
+the camera (kernels/veil.py). `block_light` walks through water without end and counts the light of every connection
+that something blocks: subtracted from what the tables hold it makes them right, and where nothing stands in the way it
+is exactly zero. `reflect_light` walks from surface to surface and takes lamp light and scattered light off each, so
+that every path is counted once: by the last surface that it meets on its way from the lamp, or by the tables of the
+water if it meets none.
 
 Metals see the water in their lobes. No table has that, so walks that leave one gather it on the way.
+
+A thread takes one start after the other and goes on segment by segment: where walks end early, the threads beside
+need not wait (path regeneration, Novak et al. 2010).
 """
 
 from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import ALL, FAR
+from varos_warp.kernels.conventions import ALL, BLOCK_DIM, CPU_FLAGS, FAR
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
-from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.lit_points import LitPoint, found_weight, gather_lit_point
 from varos_warp.kernels.medium import transmittance
@@ -38,7 +42,7 @@ from varos_warp.kernels.walk import (
 
 wp.set_module_options({"enable_backward": False})
 
-LOW_DIMENSIONS = wp.constant(12)
+LOW_DIMENSIONS = wp.constant(14)
 """So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
 
 
@@ -94,132 +98,198 @@ class Connection:
     L: wp.vec3
 
 
+@wp.struct
+class Order:
+    """Which random numbers a start gets: start i is point ``i % inner`` of place ``i / inner % places``."""
+
+    inner: int
+    places: int
+    first: int
+    """Number of the first sample, of ``inner`` points each."""
+
+
+@wp.func
+def place_of(order: Order, i: int):
+    """The place that a start belongs to, whose points are a low-discrepancy sequence."""
+    return i / order.inner % order.places
+
+
+@wp.func
+def point_of(order: Order, i: int):
+    """The number of a start in the sequence of its place."""
+    return (order.first + i / (order.inner * order.places)) * order.inner + i % order.inner
+
+
 @cache
-def make_blocked_light(instances: bool):
-    """The function ``blocked_light(scene, start, key, pixel, sample, group)``."""
+def make_block_kernel(instances: bool) -> wp.Kernel:
+    """What surfaces keep from each start of the light that open water would send it."""
     _, visible = make_rays(instances)
 
-    @wp.func
-    def blocked_light(scene: SceneData, start: Walk, key: wp.uint32, pixel: int, sample: int, group: int):
-        """What surfaces keep from a walk of the light that open water would send it."""
-        walk = start
-        before = walk.vertex.p
+    @wp.kernel(
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_FLAGS},
+        enable_backward=False,
+        launch_bounds=(BLOCK_DIM, 6),
+    )
+    def block_light(
+        scene: SceneData,
+        first: int,
+        stride: int,
+        starts: wp.array(dtype=Walk),
+        order: Order,
+        key: wp.uint32,
+        # out
+        light: wp.array(dtype=wp.vec3),  # what is blocked is subtracted
+    ):
+        i = first + wp.tid()
+        fresh = bool(True)
         clear = bool(True)
+        walk = Walk()
+        before = wp.vec3(0.0)
         L = wp.vec3(0.0)
-        k = group
-        while walk.alive == 1:
-            u = draw(key, pixel, sample, k)
-            v = draw(key, pixel, sample, k + 1)
-            w = draw(key, pixel, sample, k + 2)
-            k += 3
-            walk = turn(scene, walk, 0.5, u, v)
+        group = int(0)
+        while i < starts.shape[0]:
+            if fresh:
+                walk = starts[i]
+                if walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0:
+                    walk.alive = 0
+                before = walk.vertex.p
+                clear = True
+                L = wp.vec3(0.0)
+                group = int(8)
+                fresh = False
             if walk.alive == 1:
-                p = walk.vertex.p
-                if walk.vertex.on_surface == 1:
-                    clear = wp.dot(walk.vertex.d, start.vertex.n_geometric) > 0.0
-                scattered = gather_in_scattered(scene, p, walk.vertex.d, FAR, w[0], w[1])
-                # along the path, from the last vertex on: is it free up to here, and on to the lamp?
-                segments = wp.where(brightest(scattered.L) > 0.0, 3, 1)
-                at = before
-                free = clear
-                segment = int(0)
-                while free and segment < segments:
-                    to = p
-                    if segment == 1:
-                        to = scattered.p
-                    if segment == 2:
-                        to = scene.lights[scattered.lamp].position
-                    free = visible(scene, at, to)
-                    if segment == 0:
-                        clear = free
-                    at = to
-                    segment += 1
-                if not free:
-                    L += wp.cw_mul(walk.throughput, scattered.L)
-                before = p
-                walk = drift(scene, walk, wp.vec4(w[2], w[3], v[2], 0.0))
-        return L
+                u = draw(key, place_of(order, i), point_of(order, i), group)
+                v = draw(key, place_of(order, i), point_of(order, i), group + 1)
+                w = draw(key, place_of(order, i), point_of(order, i), group + 2)
+                group += 3
+                facing = walk.vertex.n_geometric
+                walk = turn(scene, walk, 0.5, u, v)
+                if walk.alive == 1:
+                    p = walk.vertex.p
+                    if walk.vertex.on_surface == 1:
+                        clear = wp.dot(walk.vertex.d, facing) > 0.0
+                    scattered = gather_in_scattered(scene, p, walk.vertex.d, FAR, w[0], w[1])
+                    # along the path, from the last vertex on: is it free up to here, and on to the lamp?
+                    segments = wp.where(brightest(scattered.L) > 0.0, 3, 1)
+                    at = before
+                    free = clear
+                    segment = int(0)
+                    while free and segment < segments:
+                        to = p
+                        if segment == 1:
+                            to = scattered.p
+                        if segment == 2:
+                            to = scene.lights[scattered.lamp].position
+                        free = visible(scene, at, to)
+                        if segment == 0:
+                            clear = free
+                        at = to
+                        segment += 1
+                    if not free:
+                        L += wp.cw_mul(walk.throughput, scattered.L)
+                    before = p
+                    walk = drift(scene, walk, wp.vec4(w[2], w[3], v[2], 0.0))
+            if walk.alive == 0:
+                light[i] -= L
+                i += stride
+                fresh = True
 
-    return blocked_light
+    return block_light
 
 
 @cache
-def make_surface_light(instances: bool, textures: bool):
-    """The function ``surface_light(scene, tables, lit_points, start, max_bounces, key, pixel, sample, group)``."""
+def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """What surfaces send to each start; after a metal also what the water does, up to the next surface."""
     first_hit, visible = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
-    @wp.func
-    def surface_light(
+    @wp.kernel(
+        module="unique",
+        module_options={"cpu_compiler_flags": CPU_FLAGS},
+        enable_backward=False,
+        launch_bounds=(BLOCK_DIM, 6),
+    )
+    def reflect_light(
         scene: SceneData,
+        first: int,
+        stride: int,
+        starts: wp.array(dtype=Walk),
+        order: Order,
         tables: Tables,
         lit_points: wp.array(dtype=LitPoint),
-        start: Walk,
         max_bounces: int,
         key: wp.uint32,
-        pixel: int,
-        sample: int,
-        group: int,
+        # out
+        light: wp.array(dtype=wp.vec3),
     ):
-        """Light that surfaces send to a walk; after a metal also what the water does, up to the next surface."""
-        walk = start
+        i = first + wp.tid()
+        fresh = bool(True)
+        sees_water = bool(False)
+        walk = Walk()
         L = wp.vec3(0.0)
-        k = group
-        sees_water = bool(walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0)
-        while walk.alive == 1:
-            u = draw(key, pixel, sample, k)
-            v = draw(key, pixel, sample, k + 1)
-            w = draw(key, pixel, sample, k + 2)
-            k += 3
-            # a lit point, or on the way to the next surface the water that a metal sees; and lamp light off that surface
-            first = Connection()
-            first.p = walk.vertex.p
-            if not sees_water and walk.bounces < max_bounces:
-                seen = gather_lit_point(scene, lit_points, walk.vertex, u[0], u[1])
-                first.q = seen.p
-                first.L = wp.cw_mul(walk.throughput, seen.L)
-            second = Connection()
-            lamp_share = float(0.0)
-            if wp.static(textures):
-                lamp_share = wp.where(sees_water, 0.5, 0.0)
-            before = walk.vertex
-            walk = turn(scene, walk, lamp_share, u, v)
-            hit = Hit()
-            end = Vertex()
+        group = int(0)
+        while i < starts.shape[0]:
+            if fresh:
+                walk = starts[i]
+                sees_water = walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0
+                L = wp.vec3(0.0)
+                group = int(1)
+                fresh = False
             if walk.alive == 1:
-                d = walk.vertex.d
-                hit = first_hit(scene, walk.vertex.p, d)
+                u = draw(key, place_of(order, i), point_of(order, i), group)
+                v = draw(key, place_of(order, i), point_of(order, i), group + 1)
+                w = draw(key, place_of(order, i), point_of(order, i), group + 2)
+                group += 3
+                # a lit point, or what a metal sees on the way to the next surface; and lamp light off that surface
+                connection = Connection()
+                second = Connection()
+                connection.p = walk.vertex.p
+                if not sees_water and walk.bounces < max_bounces:
+                    seen = gather_lit_point(scene, lit_points, walk.vertex, u[0], u[1])
+                    connection.q = seen.p
+                    connection.L = wp.cw_mul(walk.throughput, seen.L)
+                lamp_share = float(0.0)
                 if wp.static(textures):
-                    if sees_water:
-                        scattered = gather_in_scattered(scene, walk.vertex.p, d, hit.t, w[0], w[1])
-                        first.p = scattered.p
-                        first.q = scene.lights[wp.max(scattered.lamp, 0)].position
-                        first.L = wp.cw_mul(walk.throughput, scattered.L)
-                if hit.face >= 0 and walk.bounces < max_bounces:
-                    n = shading_normal(scene, hit)
-                    surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
-                    end = surface_vertex(hit, d, n, surface)
-                    throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
-                    reflected = gather_reflected(scene, hit, end, w[2])
-                    second.p = reflected.p
-                    second.q = scene.lights[wp.max(reflected.lamp, 0)].position
-                    second.L = wp.cw_mul(throughput, reflected.L)
-                    if not sees_water and surface.metal <= 0.0 and brightest(second.L) > 0.0:
-                        pdf = own_lobe_pdf(scene, before, d)
-                        second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
-                    L += wp.cw_mul(throughput, glow(scene, tables, end))
-            connection = first
-            count = int(0)
-            while count < 2:  # not a range, which would be unrolled and compiled twice
-                if brightest(connection.L) > 0.0:
-                    if visible(scene, connection.p, connection.q):
-                        L += connection.L
-                connection = second
-                count += 1
-            if walk.alive == 1:
-                walk = advance(scene, walk, hit, end, ALL, max_bounces, wp.vec4(w[3], v[2], v[3], 0.0))
-                if walk.vertex.on_surface == 1:
-                    sees_water = walk.vertex.surface.metal > 0.0
-        return L
+                    lamp_share = wp.where(sees_water, 0.5, 0.0)
+                before = walk.vertex
+                walk = turn(scene, walk, lamp_share, u, v)
+                if walk.alive == 1:
+                    d = walk.vertex.d
+                    hit = first_hit(scene, walk.vertex.p, d)
+                    end = Vertex()
+                    if wp.static(textures):
+                        if sees_water:
+                            scattered = gather_in_scattered(scene, walk.vertex.p, d, hit.t, w[0], w[1])
+                            connection.p = scattered.p
+                            connection.q = scene.lights[wp.max(scattered.lamp, 0)].position
+                            connection.L = wp.cw_mul(walk.throughput, scattered.L)
+                    if hit.face >= 0 and walk.bounces < max_bounces:
+                        n = shading_normal(scene, hit)
+                        surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
+                        end = surface_vertex(hit, d, n, surface)
+                        throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
+                        reflected = gather_reflected(scene, hit, end, w[2])
+                        second.p = reflected.p
+                        second.q = scene.lights[wp.max(reflected.lamp, 0)].position
+                        second.L = wp.cw_mul(throughput, reflected.L)
+                        if not sees_water and surface.metal <= 0.0 and brightest(second.L) > 0.0:
+                            pdf = own_lobe_pdf(scene, before, d)
+                            second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
+                        L += wp.cw_mul(throughput, glow(scene, tables, end))
+                    walk = advance(scene, walk, hit, end, ALL, max_bounces, wp.vec4(w[3], v[2], v[3], 0.0))
+                    if walk.vertex.on_surface == 1:
+                        sees_water = walk.vertex.surface.metal > 0.0
+                count = int(0)
+                while count < 2:  # not a range, which would be unrolled and compiled twice
+                    if brightest(connection.L) > 0.0:
+                        if visible(scene, connection.p, connection.q):
+                            L += connection.L
+                    connection = second
+                    count += 1
+            if walk.alive == 0:
+                light[i] = L
+                i += stride
+                fresh = True
 
-    return surface_light
+    return reflect_light

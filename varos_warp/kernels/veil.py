@@ -11,12 +11,10 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS
 from varos_warp.kernels.intersect import SceneData, make_rays
-from varos_warp.kernels.lit_points import LitPoint
 from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.open_water import Tables
-from varos_warp.kernels.residual import draw, make_blocked_light, make_surface_light, walk_from_water
+from varos_warp.kernels.residual import draw, walk_from_water
+from varos_warp.kernels.walk import Walk
 
 wp.set_module_options({"enable_backward": False})
 
@@ -63,61 +61,47 @@ def frame_veil(grid: VeilGrid, x: float, y: float, t: float):
 
 
 @cache
-def make_veil_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Samples of the grid's slabs."""
+def make_start_veil_kernel(instances: bool) -> wp.Kernel:
+    """Starts of walks in the water: a ray near each node, with a place in each of its slabs."""
     first_hit, _ = make_rays(instances)
-    blocked_light = make_blocked_light(instances)
-    surface_light = make_surface_light(instances, textures)
 
-    @wp.kernel(
-        module="unique",
-        module_options={"cpu_compiler_flags": CPU_FLAGS},
-        enable_backward=False,
-        launch_bounds=(BLOCK_DIM, 6),
-    )
-    def sample_veil(
+    @wp.kernel(module="unique", enable_backward=False)
+    def start_veil(
         scene: SceneData,
         camera: Camera,
         first_row: int,
-        tables: Tables,
-        lit_points: wp.array(dtype=LitPoint),
         grid: VeilGrid,
         size: wp.vec2,
-        max_bounces: int,
         key: wp.uint32,
         # out
-        slabs: wp.array4d(dtype=wp.vec4),  # radiance, and whether the place lies in the water; [sample, row, col, slab]
+        starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]; scatterings 0 where the place is behind a surface
     ):
-        """One ray near each node, with a place in each of its slabs."""
         tile_row, col, sample = wp.tid()
         row = first_row + tile_row
-        rows, cols, count = slabs.shape[1], slabs.shape[2], slabs.shape[3]
+        rows, cols, slabs = starts.shape[1], starts.shape[2], starts.shape[3]
         node = row * cols + col
         u = draw(key, node, sample, 0)
         x = size[0] * (float(col) + u[0] - 0.5) / float(cols - 1)
         y = size[1] * (float(row) + u[1] - 0.5) / float(rows - 1)
         ray = camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
         hit = first_hit(scene, ray.o, ray.d)
-        for k in range(count):
-            start = slab_end(grid, k - 1)
-            width = slab_end(grid, k) - start
-            point = sample * count + k
-            v = draw(key, node, point, 1)
-            t = start + width * v[0]
-            slabs[sample, row, col, k] = wp.vec4(0.0)
+        for k in range(slabs):
+            near = slab_end(grid, k - 1)
+            width = slab_end(grid, k) - near
+            t = near + width * draw(key, node, sample * slabs + k, 1)[0]
+            start = Walk()
             if t < hit.t:
-                walk = walk_from_water(scene, ray.o, ray.d, t, 1.0 / width)
-                L = surface_light(scene, tables, lit_points, walk, max_bounces, key, node, point, 2)
-                L -= blocked_light(scene, walk, key, node, point, 6)
-                slabs[sample, row, col, k] = wp.vec4(L[0], L[1], L[2], 1.0)
+                start = walk_from_water(scene, ray.o, ray.d, t, 1.0 / width)
+            starts[sample, row, col, k] = start
 
-    return sample_veil
+    return start_veil
 
 
 @wp.kernel(enable_backward=False)
 def sum_slabs(
     scene: SceneData,
-    slabs: wp.array4d(dtype=wp.vec4),
+    starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]
+    light: wp.array4d(dtype=wp.vec3),
     # out
     grid: VeilGrid,
 ):
@@ -128,17 +112,20 @@ def sum_slabs(
     row, col = wp.tid()
     total = wp.vec3(0.0)
     inside = wp.vec3(0.0)
-    for k in range(slabs.shape[3]):
-        found = wp.vec4(0.0)
-        for sample in range(slabs.shape[0]):
-            found += slabs[sample, row, col, k]
-        if found[3] > 0.0:
-            inside = wp.vec3(found[0], found[1], found[2]) / found[3]
+    for k in range(light.shape[3]):
+        found = int(0)
+        L = wp.vec3(0.0)
+        for sample in range(light.shape[0]):
+            if starts[sample, row, col, k].scatterings > 0:
+                found += 1
+                L += light[sample, row, col, k]
+        if found > 0:
+            inside = L / float(found)
         else:
-            start = slab_end(grid, k - 1)
-            end = slab_end(grid, k)
-            before = wp.max(start - slab_end(grid, k - 2), 1.0e-6)
-            inside = wp.cw_mul(inside, transmittance(scene.medium, 0.5 * (end - start + before)))
-            inside *= (end - start) / before
+            near = slab_end(grid, k - 1)
+            far = slab_end(grid, k)
+            before = wp.max(near - slab_end(grid, k - 2), 1.0e-6)
+            inside = wp.cw_mul(inside, transmittance(scene.medium, 0.5 * (far - near + before)))
+            inside *= (far - near) / before
         total += inside
         grid.radiance[k, row, col] = total

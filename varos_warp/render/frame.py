@@ -1,22 +1,24 @@
 """One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
-from dataclasses import dataclass, field
+import functools
+import warnings
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
 from varos_warp.kernels.ambient import make_ambient_kernel
-from varos_warp.kernels.aov import make_first_hits_kernel
+from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.film import Film, develop
-from varos_warp.kernels.glow import make_glow_kernel
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
+from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.launch import Launcher
+from varos_warp.render.residual import Residual, empty_veil_grid
 from varos_warp.render.tables import OpenWater
-from varos_warp.render.veil import empty_veil_grid, fill_veil_grid, find_lit_points
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
@@ -95,9 +97,10 @@ def resolve_integrator(name: str) -> str:
     return "path" if name == "auto" else name
 
 
-def _check_request(outputs, layers, integrator, **numbers):
-    """Refuse what cannot be rendered: unknown letters, layers and integrators, numbers under their least value."""
-    texts = (("outputs", outputs, "ABCDS"), ("layers", layers, LAYERS), ("integrator", [integrator], INTEGRATORS))
+def _check_request(outputs, layers, integrator, denoise, **numbers):
+    """Refuse what cannot be rendered: unknown letters, layers, integrators and denoisers, too low numbers."""
+    texts = (("outputs", outputs, "ABCDS"), ("layers", layers, LAYERS), ("integrator", [integrator], INTEGRATORS),
+             ("denoise", [method for method in denoise if method is not None] or METHODS, METHODS))
     for key, names, known in texts:
         unknown = [name for name in names if name not in known]
         if unknown or not len(names):
@@ -158,6 +161,8 @@ class FrameRenderer:
         max_bounces: int | None = None,
         layers=LAYERS,
         integrator: str | None = None,
+        denoise: str | None = None,
+        denoise_b: str | None = None,
         seed: int | None = None,
         frame: int = 0,
     ) -> Frame:
@@ -173,12 +178,14 @@ class FrameRenderer:
             max_bounces: most reflections on surfaces; None: no bound.
             layers: which of direct, single, multiple to render.
             integrator: of A: auto, tables, path or reference; absent: the scene's.
+            denoise: oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not.
+            denoise_b: the same for B.
             seed: of the random numbers; absent: the scene's.
             frame: number of the frame, which keys the random numbers too.
         """
         bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces}
         integrator = integrator or self.scene.render.integrator
-        _check_request(outputs, layers, integrator, spp=spp, spp_b=spp_b, **bounds)
+        _check_request(outputs, layers, integrator, (denoise, denoise_b), spp=spp, spp_b=spp_b, **bounds)
         view = self._camera(camera)
         seed = self.scene.seed if seed is None else seed
         T_w_v = np.asarray(T_w_v, np.float64)
@@ -187,10 +194,11 @@ class FrameRenderer:
             spp = spp or self.scene.render.spp or 64
             key = stream_key(seed, frame, view.id, "A")
             bounds = (ALL if bound is None else bound for bound in bounds.values())
-            images["A"] = self._render_water(view, T_w_v, spp, *bounds, layers, resolve_integrator(integrator), key)
+            how = (layers, resolve_integrator(integrator), denoise, key)
+            images["A"] = self._render_water(view, T_w_v, spp, *bounds, *how)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
-            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, key)
+            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, denoise_b, key)
         if set("CDS") & set(outputs):
             first_hits = self._render_first_hits(view, T_w_v)
             images |= {name: image for name, image in first_hits.items() if name in outputs}
@@ -209,56 +217,59 @@ class FrameRenderer:
 
     # ------------------------------------------------------------------------------------------------- the images
 
-    def _render_water(self, view, T_w_v, spp, max_scatterings, max_bounces, layers, integrator, key) -> RadianceImage:
+    def _render_water(
+        self, view, T_w_v, spp, max_scatterings, max_bounces, layers, integrator, denoise, key
+    ) -> RadianceImage:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
-            return RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
+            image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
+            return self._denoised(image, {}, denoise)
         max_scatterings = max_scatterings if medium else 0
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
         surfaces = (self.world.has_instances, self.world.has_textures)
         self.world.pose_lights(T_w_v)
         if integrator == "tables":
-            return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, key)
+            return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, denoise, key)
         film = self._film(view, spp)
         kernel = make_reference_kernel(*wanted, *surfaces)
         if integrator == "path":
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         how = [spp, max_scatterings, max_bounces, wp.uint32(key), film]
         self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], how)
-        return self._develop(film, spp, layers)
+        return self._develop(film, spp, layers, denoise)
 
-    def _render_with_tables(self, view, T_w_v, spp, max_bounces, layers, key) -> RadianceImage:
-        """Tables, lit points and the grid of the veil; then the pixels, and the residual of their glow."""
+    def _render_with_tables(self, view, T_w_v, spp, max_bounces, layers, denoise, key) -> RadianceImage:
+        """The pixels, after the grid of the veil and the residual of the glow if there is anything to make them."""
         wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
         surfaces = (self.world.has_instances, self.world.has_textures)
-        keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
-        scene = [self.world.data, self.world.camera(view, T_w_v)]
-        residual = wanted[2] and self.world.has_surfaces and max_bounces > 0
-        spp_residual = -(-spp // 2) if residual else 0
-        film = self._film(view, spp, spp_residual)
+        keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
+        camera = self.world.camera(view, T_w_v)
         tables, grid = self.open_water.tables(view), empty_veil_grid(self.launcher, view)
-        if residual:
-            lit_points = find_lit_points(self.launcher, self.world, keys[0])
-            how = (tables, lit_points, spp, max_bounces, keys[1])
-            fill_veil_grid(self.launcher, self.world, view, T_w_v, grid, *how)
-            how = [tables, lit_points, spp_residual, max_bounces, wp.uint32(keys[2]), film]
-            strata, *shape = film.residual.shape
-            self.launcher.rows(make_glow_kernel(*surfaces), (*shape, strata), scene, how)
+        spp_residual = 0
+        if wanted[2] and self.world.has_surfaces and max_bounces > 0:
+            spp_residual = -(-spp // 2)
+        film = self._film(view, spp, int(spp_residual > 0))
+        if spp_residual:
+            residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0])
+            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
+            residual.add_glow(film, camera, spp_residual)
         kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
-        self._launch(kernel, film, scene, [tables, grid, spp, max_bounces, wp.uint32(keys[3]), film])
-        return self._develop(film, spp, layers, spp_residual, tables=True)
+        how = [tables, grid, spp, max_bounces, wp.uint32(keys[1]), film]
+        self._launch(kernel, film, [self.world.data, camera], how)
+        guides = self._trace_guides(view, T_w_v) if spp_residual and denoise != "none" else {}
+        return self._develop(film, spp, layers, denoise, spp_residual, guides, tables=True)
 
-    def _render_ambient(self, view, T_w_v, spp, key) -> RadianceImage:
+    def _render_ambient(self, view, T_w_v, spp, denoise, key) -> RadianceImage:
         if not self.world.has_surfaces:
             shape = (*view.resolution[::-1], 3)
-            return RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
+            image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
+            return self._denoised(image, {}, denoise)
         film = self._film(view, spp)
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self._launch(kernel, film, [self.world.data, camera], [spp, ALL, wp.uint32(key), film])
-        image = self._develop(film, spp, ("direct",))
-        return RadianceImage(image.radiance, image.stderr)
+        return self._develop(film, spp, (), denoise)
 
     def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
@@ -279,34 +290,69 @@ class FrameRenderer:
 
     # ---------------------------------------------------------------------------------------------- films, launches
 
-    def _film(self, view, spp: int, spp_residual: int = 0) -> Film:
+    def _film(self, view, spp: int, residual: int = 0) -> Film:
         """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
         width, height = view.resolution
-        fill = GPU_THREADS // (width * height)
-        strata, strata_residual = (
-            min(count, 1) if self.device == "cpu" else min(count, max(1, fill)) for count in (spp, spp_residual)
-        )
-        key = (strata, strata_residual, height, width)
+        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
+        key = (strata, residual, height, width)
         if key not in self._films:
             film = Film()
             for name in ("direct", "single", "glow", "veil", "squares"):
                 setattr(film, name, self._buffer(strata, height, width))
             for name in ("residual", "residual_squares"):
-                setattr(film, name, self._buffer(strata_residual, height, width))
+                setattr(film, name, self._buffer(residual, height, width))
             self._films[key] = film
         return self._films[key]
 
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def _develop(self, film: Film, spp: int, layers, spp_residual: int = 0, tables: bool = False) -> RadianceImage:
+    def _develop(
+        self, film: Film, spp: int, layers, denoise, spp_residual: int = 0, guides=None, tables: bool = False
+    ) -> RadianceImage:
         shape = film.squares.shape[1:]
         names = (*LAYERS, "residual", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film, spp, spp_residual], list(images.values()))
         kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
-        residual = images["residual"].numpy() if tables else None
-        return RadianceImage(images["radiance"].numpy(), images["stderr"].numpy(), kept, residual)
+        # what a denoiser works on, still on the device
+        work = {"radiance": images["radiance"]} | ({"residual": images["residual"], **guides} if tables else {})
+        on_host = {name: image.numpy() for name, image in work.items()}
+        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept)
+        return self._denoised(image, work, denoise)
+
+    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
+        """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
+        if method is None:
+            return image
+        if method != "oidn" or not on_device or self._device_denoiser is None:
+            return replace(image, denoised=denoise_image(image, method))
+        check_finite(image.radiance)
+        return replace(image, denoised=self._device_denoiser.denoise(**on_device).numpy())
+
+    @functools.cached_property
+    def _device_denoiser(self):
+        """Open Image Denoise on the GPU; None where the host has to do."""
+        if self.device == "cpu":
+            return None
+        from varos_warp.render.device_denoise import DeviceDenoiser
+
+        try:
+            return DeviceDenoiser(self.device)
+        except (ImportError, OSError, RuntimeError) as error:
+            warnings.warn(f"images are denoised on the CPU: {error}", stacklevel=2)
+            return None
+
+    def _trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
+        """Albedo and normals, where there are textures: plain reflectances need no guides (render/denoise.py)."""
+        if not self.world.has_textures:
+            return {}
+        shape = view.resolution[::-1]
+        guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
+        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
+        return guides
 
     def _launch(self, kernel, film, before, after):
         """Run a kernel over the pixels and strata of a film."""

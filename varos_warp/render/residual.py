@@ -1,0 +1,109 @@
+"""What surfaces do to the light of open water in one frame: lit points, the grid of the veil, the residual of the glow.
+
+The kernels are those of kernels/lit_points.py, residual.py, veil.py and glow.py.
+"""
+
+import numpy as np
+import warp as wp
+
+from varos_warp.kernels.camera import Camera as CameraData
+from varos_warp.kernels.film import Film
+from varos_warp.kernels.glow import add_residual, make_start_glow_kernel
+from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
+from varos_warp.kernels.open_water import Tables
+from varos_warp.kernels.residual import Order, make_block_kernel, make_reflect_kernel
+from varos_warp.kernels.veil import VeilGrid, make_start_veil_kernel, sum_slabs
+from varos_warp.kernels.walk import Walk
+from varos_warp.render.launch import Launcher
+from varos_warp.scene.description import Camera
+from varos_warp.scene.device import DeviceScene
+
+LIT_POINTS = 1 << 14
+COLUMNS = 40
+"""Cells of the veil's grid across an image, square ones; fewer where they would be smaller than LEAST_CELL_PX."""
+LEAST_CELL_PX = 4
+SLABS, SCALE_M, FARTHEST_M = 16, 1.0, 200.0
+"""Slabs of a ray; they widen in proportion to the distance beyond SCALE_M, and end at FARTHEST_M."""
+LEAST_SAMPLES = 8
+"""Samples of every slab at every node: as many as of a pixel, but not fewer than these."""
+MOST_STARTS = 1 << 20
+"""Walks at a time; each takes about 150 bytes."""
+GPU_THREADS = 1 << 17
+"""Threads that share them on a GPU, each taking one after the other."""
+CPU_TILE = 1 << 10
+
+
+def empty_veil_grid(launcher: Launcher, view: Camera) -> VeilGrid:
+    """The grid that covers a camera's image, as it is without surfaces."""
+    width, height = view.resolution
+    cell = max(width / COLUMNS, LEAST_CELL_PX)
+    nodes = tuple(max(2, int(np.ceil(side / cell)) + 1) for side in (height, width))
+    grid = VeilGrid()
+    grid.scale, grid.log_step = SCALE_M, float(np.log1p(FARTHEST_M / SCALE_M) / SLABS)
+    grid.radiance = wp.zeros((SLABS, *nodes), dtype=wp.vec3, device=launcher.device)
+    return grid
+
+
+class Residual:
+    """Walks from what a camera sees, for one frame.
+
+    Args:
+        launcher: runs the kernels.
+        world: the scene, its lamps at the frame's pose.
+        tables: of the camera.
+        max_bounces: most reflections on surfaces.
+        key: of the random numbers.
+    """
+
+    def __init__(self, launcher: Launcher, world: DeviceScene, tables: Tables, max_bounces: int, key: int):
+        self.launcher, self.world, self.tables, self.max_bounces = launcher, world, tables, max_bounces
+        self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(3)]
+        self.kinds = (world.has_instances, world.has_textures)
+        self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
+        kernel = make_lit_points_kernel(*self.kinds)
+        launcher.run(kernel, self.lit_points.shape, [world.data, wp.uint32(self.keys[0])], [self.lit_points])
+
+    def fill_veil(self, grid: VeilGrid, view: Camera, pinhole: CameraData, spp: int):
+        """Fill the grid for an image of ``spp`` samples per pixel."""
+        slabs, *nodes = grid.radiance.shape
+        shape = (max(LEAST_SAMPLES, spp), *nodes, slabs)
+        key = self.keys[1]
+        starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
+        before = [self.world.data, pinhole]
+        after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts]
+        self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
+        light = self._walk(starts, slabs, int(np.prod(nodes)), 0, key)
+        self.launcher.run(sum_slabs, nodes, [self.world.data, starts, light], [grid])
+
+    def add_glow(self, film: Film, camera: CameraData, spp: int):
+        """Add ``spp`` samples of the glow's residual to a film."""
+        _, height, width = film.residual.shape
+        film.residual.zero_()
+        film.residual_squares.zero_()
+        batch = max(1, min(spp, MOST_STARTS // (height * width)))
+        for first in range(0, spp, batch):
+            shape = (min(batch, spp - first), height, width)
+            starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
+            before, key = [self.world.data, camera], self.keys[2]
+            after = [first, wp.uint32(key), starts]
+            self.launcher.rows(make_start_glow_kernel(*self.kinds), (height, width, shape[0]), before, after)
+            light = self._walk(starts, 1, height * width, first, key)
+            self.launcher.run(add_residual, (height, width), [light], [film])
+
+    def _walk(self, starts: wp.array, inner: int, places: int, first: int, key: int) -> wp.array:
+        """Light of walks from ``starts``, in their shape; see kernels/residual.Order."""
+        order = Order()
+        order.inner, order.places, order.first = inner, places, first
+        light = wp.empty(starts.shape, dtype=wp.vec3, device=self.launcher.device)
+        flat, lights, key = starts.flatten(), light.flatten(), wp.uint32(key)
+        scene, lit = self.world.data, self.lit_points
+        reflected = [flat, order, self.tables, lit, self.max_bounces, key, lights]
+        self._over(make_reflect_kernel(*self.kinds), scene, flat.shape[0], reflected)
+        self._over(make_block_kernel(self.kinds[0]), scene, flat.shape[0], [flat, order, key, lights])
+        return light
+
+    def _over(self, kernel, scene, count: int, arguments):
+        """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
+        threads = count if self.launcher.device == "cpu" else min(count, GPU_THREADS)
+        before, after = [scene], [threads, *arguments]
+        self.launcher.rows(kernel, (threads,), before, after, tile_rows=CPU_TILE)
