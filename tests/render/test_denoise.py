@@ -2,12 +2,13 @@
 
 import sys
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from varos_warp.render import denoise as module
-from varos_warp.render.denoise import denoise
+from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY, denoise, denoise_image
 
 
 def scene(spp=16, seed=0, shape=(96, 128)):
@@ -65,10 +66,11 @@ def test_same_input_gives_same_bytes(method):
     assert denoise(noisy, stderr, method).tobytes() == denoise(noisy, stderr, method).tobytes()
 
 
-def test_bytes_of_open_image_denoise_do_not_depend_on_the_number_of_threads():
+@pytest.mark.parametrize("quality", [QUALITY, RESIDUAL_QUALITY])
+def test_bytes_of_open_image_denoise_do_not_depend_on_the_number_of_threads(quality):
     pyoidn = pytest.importorskip("pyoidn")
     _, noisy, _ = scene(shape=(180, 320))
-    results = [pyoidn.denoise(noisy, hdr=True, quality="high").tobytes()]
+    results = [pyoidn.denoise(noisy, hdr=True, quality=quality).tobytes()]
     for threads in (1, 2):
         device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
         device.set_int("numThreads", threads)
@@ -78,7 +80,7 @@ def test_bytes_of_open_image_denoise_do_not_depend_on_the_number_of_threads():
         filter.set_image("color", noisy, pyoidn.OIDN_FORMAT_FLOAT3)
         filter.set_image("output", result, pyoidn.OIDN_FORMAT_FLOAT3)
         filter.set_bool("hdr", True)
-        filter.set_quality(pyoidn.OIDN_QUALITY_HIGH)
+        filter.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{quality.upper()}"))
         filter.commit()
         filter.execute()
         assert device.get_error() is None
@@ -142,3 +144,232 @@ def test_without_open_image_denoise_nlm_takes_its_place_and_says_so_once(monkeyp
         assert first.tobytes() == denoise(noisy, stderr, "nlm").tobytes()
     finally:
         module.available_method.cache_clear()
+
+
+# -------------------------------------------------------------------------------------------- only what has the noise
+
+
+SPREAD = 3.0
+"""Noise of the residuals below: its standard deviation over the mean of its positive part."""
+
+
+def layered(spp=16, seed=0, shape=(96, 128), guides=False):
+    """Truth and image of a strong, noise-free texture under a noisy residual with both signs.
+
+    Bright on the left, dark on the right, and taken away in the middle. The noise is gamma, as skewed as that of a
+    path tracer.
+    """
+    rng = np.random.default_rng(seed)
+    texture = rng.uniform(0.2, 0.8, (*shape, 3)).astype(np.float32)
+    level = np.full((*shape, 3), 0.1, np.float32)
+    level[:, shape[1] // 2:] = 0.02
+    taken = np.zeros((*shape, 3), np.float32)
+    taken[:, shape[1] // 3:2 * shape[1] // 3] = 0.03
+    k = spp / SPREAD**2
+    residual = (rng.gamma(k, level / k) - rng.gamma(k, np.maximum(taken, 1e-9) / k)).astype(np.float32)
+    stderr = (SPREAD * np.sqrt(level**2 + taken**2) / np.sqrt(spp)).astype(np.float32)
+    albedo = np.full((*shape, 3), 0.4, np.float32) if guides else None
+    normal = np.full((*shape, 3), (0.0, 0.0, 1.0), np.float32) if guides else None
+    image = SimpleNamespace(radiance=texture + residual, stderr=stderr, residual=residual, albedo=albedo, normal=normal)
+    return texture + level - taken, image
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.square(x, dtype=np.float64)))
+
+
+def needs(method):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+
+
+@pytest.mark.parametrize(("method", "guides", "factor"), [("oidn", False, 6), ("oidn", True, 6), ("nlm", False, 3)])
+def test_a_texture_survives_and_the_noise_of_the_residual_goes(method, guides, factor):
+    """The texture changes from pixel to pixel: denoised with the rest it would be lost, as the last line shows."""
+    needs(method)
+    truth, image = layered(guides=guides)
+    noise = rms(image.radiance - truth)
+    assert rms(denoise_image(image, method) - truth) < noise / factor
+    assert rms(denoise(image.radiance, image.stderr, method) - truth) > noise / 2
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_what_is_not_residual_passes_to_the_bit(method):
+    """Whatever lies under a residual, the denoiser adds the same to it; without a residual nothing changes."""
+    needs(method)
+    truth, image = layered()
+    base = np.random.default_rng(3).integers(1, 1 << 12, truth.shape).astype(np.float32) / 2**10
+    coarse = np.round(image.residual * 2**12) / 2**12  # sums with it are exact
+    one = SimpleNamespace(**vars(image) | {"residual": coarse, "radiance": coarse + 4.0})
+    two = SimpleNamespace(**vars(image) | {"residual": coarse, "radiance": coarse + 4.0 + base})
+    np.testing.assert_allclose(denoise_image(two, method) - denoise_image(one, method), base, atol=2e-6, rtol=0)
+    none = SimpleNamespace(**vars(image) | {"residual": 0 * image.residual})
+    assert denoise_image(none, method).tobytes() == none.radiance.tobytes()
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_negative_values_do_not_brighten_the_image(method):
+    """Where the residual takes away as much as it gives, what is denoised is noise around zero.
+
+    Its mean stays within 4 standard errors and 1 % of what is given; clipped at zero it would be too bright by a tenth.
+    """
+    needs(method)
+    rng = np.random.default_rng(7)
+    shape, spp = (120, 160, 3), 4
+    k = spp / SPREAD**2
+    residual = (0.05 * (rng.gamma(k, 1 / k, shape) - rng.gamma(k, 1 / k, shape))).astype(np.float32)
+    image = SimpleNamespace(radiance=np.float32(1.0) + residual, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
+                            residual=residual, albedo=None, normal=None)
+    error = residual.std() / np.sqrt(residual.size)
+    bias = denoise_image(image, method).mean(dtype=np.float64) - image.radiance.mean(dtype=np.float64)
+    assert abs(bias) < 4 * error + 0.01 * 0.05
+    assert np.maximum(residual, 0).mean() - residual.mean() > 0.005
+
+
+@pytest.mark.parametrize("level", [0.2, -0.2])
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_a_constant_residual_stays_constant(method, level):
+    """Away from the border, where the networks see the black beyond it: up to a fifth is lost in the last pixels."""
+    needs(method)
+    residual = np.full((32, 48, 3), level, np.float32)
+    image = SimpleNamespace(radiance=1 + residual, stderr=np.full_like(residual, 0.01), residual=residual, albedo=None,
+                            normal=None)
+    inside = np.s_[8:-8, 8:-8]
+    np.testing.assert_allclose(denoise_image(image, method)[inside] - 1, residual[inside], rtol=0.02)
+    np.testing.assert_allclose(denoise_image(image, method) - 1, residual, rtol=0.3)
+
+
+def test_an_image_without_a_residual_is_denoised_as_a_whole():
+    _, noisy, stderr = scene()
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None)
+    for method in ("oidn", "nlm", "none"):
+        needs(method)
+        assert denoise_image(image, method).tobytes() == denoise(noisy, stderr, method).tobytes()
+
+
+def test_the_result_is_never_negative_and_none_changes_nothing():
+    _, image = layered()
+    image.radiance = image.radiance - 0.5
+    assert denoise_image(image, "nlm").min() == 0.0
+    assert denoise_image(image, "none").tobytes() == image.radiance.tobytes()
+
+
+def test_residuals_that_are_not_finite_and_unknown_methods_are_refused():
+    _, image = layered()
+    with pytest.raises(ValueError, match="must be oidn, nlm or none"):
+        denoise_image(image, "blur")
+    image.residual[3, 4, 1] = np.inf
+    for method in ("oidn", "nlm"):
+        with pytest.raises(ValueError, match="1 values are not finite"):
+            denoise_image(image, method)
+
+
+# ------------------------------------------------------------------------------------------------------ on a device
+
+
+def on(device, **images):
+    import warp as wp
+
+    return {name: wp.array(image, dtype=wp.vec3, device=device) for name, image in images.items() if image is not None}
+
+
+def device_denoised(denoiser, image):
+    images = on(denoiser.device, **{k: getattr(image, k) for k in ("radiance", "residual", "albedo", "normal")})
+    return denoiser.denoise(**images).numpy()
+
+
+def kinds_of_images():
+    """With a residual, with guides, plain, black, and of another size."""
+    for how in ({}, {"guides": True}, {"shape": (45, 77), "seed": 4}):
+        yield layered(**how)[1]
+    yield SimpleNamespace(radiance=scene()[1], stderr=scene()[2], residual=None, albedo=None, normal=None)
+    yield SimpleNamespace(**vars(layered()[1]) | {"residual": np.zeros((96, 128, 3), np.float32)})
+
+
+@pytest.fixture(scope="module")
+def cpu_denoiser():
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.device_denoise import DeviceDenoiser
+
+    return DeviceDenoiser("cpu")
+
+
+def test_arrays_on_a_device_are_denoised_as_on_the_host(cpu_denoiser):
+    """To the last digits: the same network, and the same powers of two before and after it.
+
+    Twice, for the filters are used again.
+    """
+    for _ in range(2):
+        for image in kinds_of_images():
+            expected = denoise_image(image, "oidn")
+            np.testing.assert_allclose(device_denoised(cpu_denoiser, image), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_device_denoiser_keeps_one_filter_for_each_size_and_kind(cpu_denoiser):
+    for image in kinds_of_images():
+        device_denoised(cpu_denoiser, image)
+    before = dict(cpu_denoiser._networks)
+    for image in kinds_of_images():
+        device_denoised(cpu_denoiser, image)
+    assert cpu_denoiser._networks == before
+    assert len(before) == 4
+
+
+def test_the_unit_of_light_does_not_matter_on_a_device(cpu_denoiser):
+    _, image = layered()
+    expected = device_denoised(cpu_denoiser, image)
+    for scale in (np.float32(2.0**-40), np.float32(2.0**40)):
+        image.radiance, image.residual = (scale * layered()[1].radiance, scale * layered()[1].residual)
+        np.testing.assert_allclose(device_denoised(cpu_denoiser, image) / scale, expected, rtol=1e-5)
+
+
+def oidn_through_host(color):
+    """What Open Image Denoise makes of an image on the first CUDA device, copied there and back."""
+    import pyoidn
+
+    height, width, _ = color.shape
+    device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CUDA)
+    device.commit()
+    there, back = (pyoidn.Buffer(device, color.nbytes, pyoidn.OIDN_STORAGE_DEVICE) for _ in range(2))
+    there.write(0, color.nbytes, np.ascontiguousarray(color).reshape(-1).view(np.uint8))
+    filter = pyoidn.Filter(device, "RT")
+    filter.set_image("color", there, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
+    filter.set_image("output", back, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
+    filter.set_bool("hdr", True)
+    filter.set_quality(pyoidn.OIDN_QUALITY_HIGH)
+    filter.commit()
+    filter.execute()
+    assert device.get_error() is None
+    result = np.empty(color.size, np.float32)
+    back.read(0, color.nbytes, result.view(np.uint8))
+    for held in (filter, there, back, device):
+        held.release()
+    return result.reshape(color.shape)
+
+
+@pytest.mark.gpu
+def test_a_gpu_denoises_as_the_package_does_through_the_host():
+    """The same network on the same device, so within the rounding of half floats in which it works, 2^-11."""
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.device_denoise import DeviceDenoiser
+
+    _, noisy, stderr = scene(shape=(180, 320))
+    scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
+    expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None, albedo=None, normal=None)
+    np.testing.assert_allclose(device_denoised(DeviceDenoiser("cuda:0"), image), expected, rtol=2**-11)
+
+
+@pytest.mark.gpu
+def test_a_gpu_denoises_as_the_cpu_does():
+    """Half floats there, floats here: what they differ by is less than a tenth of the error that is left."""
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.device_denoise import DeviceDenoiser
+
+    denoiser = DeviceDenoiser("cuda:0")
+    for guides in (False, True):
+        for seed in range(3):  # the filters are used again
+            truth, image = layered(seed=seed, guides=guides, shape=(180, 320))
+            expected = denoise_image(image, "oidn")
+            off = rms(device_denoised(denoiser, image) - expected)
+            assert off < 0.1 * rms(expected - truth)
