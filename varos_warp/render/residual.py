@@ -19,12 +19,12 @@ from varos_warp.scene.description import Camera
 from varos_warp.scene.device import DeviceScene
 
 LIT_POINTS = 1 << 14
-COLUMNS = 40
+COLUMNS = 16
 """Cells of the veil's grid across an image, square ones; fewer where they would be smaller than LEAST_CELL_PX."""
 LEAST_CELL_PX = 4
-SLABS, SCALE_M, FARTHEST_M = 16, 1.0, 200.0
+SLABS, SCALE_M, FARTHEST_M = 12, 1.0, 200.0
 """Slabs of a ray; they widen in proportion to the distance beyond SCALE_M, and end at FARTHEST_M."""
-LEAST_SAMPLES = 8
+LEAST_SAMPLES = 64
 """Samples of every slab at every node: as many as of a pixel, but not fewer than these."""
 MOST_STARTS = 1 << 20
 """Walks at a time; each takes about 150 bytes."""
