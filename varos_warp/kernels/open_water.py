@@ -2,11 +2,9 @@
 
 Nothing here knows of surfaces. What they take away is subtracted by kernels/tables.py, so that the sum is right.
 
-The field of light around a lamp has the symmetry of its cone. At a point at a distance ``d`` from it, at an angle
-``theta`` to its axis, the radiance that arrives scattered is kept as its moments in real spherical harmonics about the
-direction to the lamp, those of orders 0, 1, 2 and 4 that make up the irradiance of a plane of any normal
-(Ramamoorthi and Hanrahan 2001), and a part that comes straight from the lamp, such that the moment of order 6 is
-right too (the delta-M method of Wiscombe 1977): without it forward-scattered light would be cut off at grazing angles.
+The field of light around a lamp has the symmetry of its cone. What is known of it at a point depends on the distance
+from the lamp, the angle to its axis, and a direction: gamma, its angle to the direction to the lamp, and phi, which
+goes around that from the plane of the axis and has the same field on both sides.
 """
 
 import warp as wp
@@ -21,29 +19,36 @@ from varos_warp.kernels.single_scatter import one_minus_cos_at
 
 wp.set_module_options({"enable_backward": False})
 
-MOMENTS = 12
-"""Numbers kept per point: 11 moments and the part straight from the lamp."""
-vec_moments = wp.types.vector(length=MOMENTS, dtype=float)
-
 SEGMENT_NODES = wp.constant(8)
 """Of the quadrature of single scattering: at most 0.1 % off up to 25 m in the paper's water (measured)."""
 
 
 @wp.struct
-class LampTable:
-    """Scattered light around lamps of one kind, of intensity 1."""
+class NodeGrid:
+    """Places around a lamp, in a half plane through its axis, where tables have their nodes."""
 
-    moments: wp.array3d(dtype=wp.vec3)
-    """[distance, angle, MOMENTS], times ``irradiance_scale``."""
+    distances: int
     nearest: float
     """Distance of the first node [m]; their logarithms are evenly spaced."""
     log_step: float
     half_angle: float
     """Of the cone [rad]; pi for lamps that shine everywhere."""
     inside: int
-    """Steps of the angle inside the cone; they narrow towards its edge from either side."""
+    """Steps of the angle to the axis inside the cone, and outside of it; they narrow towards its edge."""
+    outside: int
     decay: wp.vec3
     """What the light falls off with about, beside the inverse distance [1/m]."""
+
+
+@wp.struct
+class LampTable:
+    """Scattered light around lamps of one kind, of intensity 1. Values are divided by ``scale_at``."""
+
+    grid: NodeGrid
+    irradiance: wp.array4d(dtype=wp.vec3)
+    """Of planes: [distance, angle, gamma of the normal in even steps, phi in even steps]."""
+    source: wp.array4d(dtype=wp.vec3)
+    """What a metre of a ray receives by another scattering: [distance, angle, gamma with an even root, phi]."""
 
 
 @wp.struct
@@ -59,114 +64,122 @@ class Tables:
     """Distances along the camera's rays [m], their logarithms evenly spaced."""
 
 
-# ----------------------------------------------------------------------------------------------- the field of a lamp
+# ---------------------------------------------------------------------------------------------------------- the nodes
 
 
 @wp.func
-def irradiance_basis(x: float, z: float):
-    """What each moment adds to the irradiance of a plane with normal (x, y, z), z towards the lamp.
-
-    y occurs only squared, for the field is symmetric about the plane of the lamp's axis. Moments are kept with the
-    factors pi, 2 pi/3, pi/4 and -pi/24 of a cosine.
-    """
-    x2 = x * x
-    z2 = z * z
-    y2 = wp.max(1.0 - x2 - z2, 0.0)
-    basis = vec_moments()
-    basis[0] = 0.282095
-    basis[1] = 0.488603 * z
-    basis[2] = 0.488603 * x
-    basis[3] = 0.315392 * (3.0 * z2 - 1.0)
-    basis[4] = 1.092548 * x * z
-    basis[5] = 0.546274 * (x2 - y2)
-    basis[6] = 0.105786 * ((35.0 * z2 - 30.0) * z2 + 3.0)
-    basis[7] = 0.669047 * x * z * (7.0 * z2 - 3.0)
-    basis[8] = 0.473087 * (x2 - y2) * (7.0 * z2 - 1.0)
-    basis[9] = 1.770131 * x * z * (x2 - 3.0 * y2)
-    basis[10] = 0.625836 * (x2 * x2 - 6.0 * x2 * y2 + y2 * y2)
-    basis[11] = wp.max(z, 0.0)
-    return basis
-
-
-@wp.func
-def radiance_moments(x: float, z: float):
-    """Moments of radiance that comes from the direction (x, y, z), z towards the lamp; see irradiance_basis."""
-    m = irradiance_basis(x, z)
-    z2 = z * z
-    straight = (((231.0 * z2 - 315.0) * z2 + 105.0) * z2 - 5.0) / 16.0
-    m[0] = wp.pi * (m[0] - 0.282095 * straight)
-    m[1] = wp.tau / 3.0 * (m[1] - 0.488603 * straight)
-    m[2] = wp.tau / 3.0 * m[2]
-    m[3] = wp.pi / 4.0 * (m[3] - 0.630783 * straight)
-    m[4] = wp.pi / 4.0 * m[4]
-    m[5] = wp.pi / 4.0 * m[5]
-    m[6] = -wp.pi / 24.0 * (m[6] - 0.846284 * straight)
-    m[7] = -wp.pi / 24.0 * m[7]
-    m[8] = -wp.pi / 24.0 * m[8]
-    m[9] = -wp.pi / 24.0 * m[9]
-    m[10] = -wp.pi / 24.0 * m[10]
-    m[11] = straight
-    return m
-
-
-@wp.func
-def irradiance_scale(table: LampTable, d: float):
+def scale_at(grid: NodeGrid, d: float):
     """About how the scattered light falls off with the distance, without its constants."""
-    x = d * table.decay
+    x = d * grid.decay
     return wp.vec3(wp.exp(-wp.min(x[0], 60.0)), wp.exp(-wp.min(x[1], 60.0)), wp.exp(-wp.min(x[2], 60.0))) / d
 
 
 @wp.func
-def angle_node(table: LampTable, theta: float):
-    """Place of an angle among the nodes: quadratic on both sides of the cone's edge."""
-    inside = float(table.inside)
-    if theta < table.half_angle:
-        return inside * (1.0 - wp.sqrt(1.0 - theta / table.half_angle))
-    outside = float(table.moments.shape[1] - 1 - table.inside)
-    return inside + outside * wp.sqrt((theta - table.half_angle) / wp.max(wp.pi - table.half_angle, 1.0e-6))
-
-
-@wp.func
-def node_angle(table: LampTable, node: int):
-    """The angle [rad] of a node; inverse of angle_node."""
-    if node <= table.inside:
-        rest = 1.0 - float(node) / float(table.inside)
-        return table.half_angle * (1.0 - rest * rest)
-    share = float(node - table.inside) / float(table.moments.shape[1] - 1 - table.inside)
-    return table.half_angle + (wp.pi - table.half_angle) * share * share
-
-
-@wp.func
-def node_distance(table: LampTable, node: int):
+def node_distance(grid: NodeGrid, node: int):
     """The distance [m] of a node."""
-    return table.nearest * wp.exp(float(node) * table.log_step)
+    return grid.nearest * wp.exp(float(node) * grid.log_step)
+
+
+@wp.func
+def node_angle(grid: NodeGrid, node: int):
+    """The angle to the axis [rad] of a node: quadratic on both sides of the cone's edge."""
+    if node <= grid.inside:
+        rest = 1.0 - float(node) / float(grid.inside)
+        return grid.half_angle * (1.0 - rest * rest)
+    share = float(node - grid.inside) / float(grid.outside)
+    return grid.half_angle + (wp.pi - grid.half_angle) * share * share
+
+
+@wp.func
+def grid_place(grid: NodeGrid, d: float, theta: float):
+    """Row and column, with fractions, of a place among the nodes; inverse of node_distance and node_angle."""
+    row = wp.clamp(wp.log(d / grid.nearest) / grid.log_step, 0.0, float(grid.distances - 1) - 1.0e-3)
+    col = float(grid.inside)
+    if theta < grid.half_angle:
+        col *= 1.0 - wp.sqrt(1.0 - theta / grid.half_angle)
+    else:
+        col += float(grid.outside) * wp.sqrt((theta - grid.half_angle) / wp.max(wp.pi - grid.half_angle, 1.0e-6))
+    return wp.vec2(row, wp.clamp(col, 0.0, float(grid.inside + grid.outside) - 1.0e-3))
+
+
+# ----------------------------------------------------------------------------------------------- the field of a lamp
+
+
+@wp.struct
+class Seen:
+    """A lamp as it is seen from a point: what the tables are looked up by."""
+
+    distance: float
+    theta: float
+    """Angle of the point to the lamp's axis [rad]."""
+    to_light: wp.vec3
+    across: wp.vec3
+    """Of the lamp's axis, the part at right angles to ``to_light``, of length 1."""
+
+
+@wp.func
+def see_lamp(light: Light, p: wp.vec3):
+    """The lamp as it is seen from ``p``."""
+    seen = Seen()
+    offset = light.position - p
+    seen.distance = wp.max(wp.length(offset), NEAR)
+    seen.to_light = offset / seen.distance
+    along = wp.dot(seen.to_light, light.axis)
+    seen.theta = wp.acos(wp.clamp(-along, -1.0, 1.0))
+    seen.across = (light.axis - along * seen.to_light) / wp.sqrt(wp.max(1.0 - along * along, 1.0e-12))
+    return seen
+
+
+@wp.func
+def gamma_phi(seen: Seen, d: wp.vec3):
+    """Angles (gamma, phi) of a direction, as shares of pi; from the chord, for small angles have no digits."""
+    gamma = 2.0 * wp.asin(wp.min(0.5 * wp.length(d - seen.to_light), 1.0))
+    cos_phi = wp.dot(d, seen.across) / wp.max(wp.sin(gamma), 1.0e-6)
+    return wp.vec2(gamma, wp.acos(wp.clamp(cos_phi, -1.0, 1.0))) / wp.pi
+
+
+@wp.func
+def interpolate(values: wp.array4d(dtype=wp.vec3), place: wp.vec2, u: float, v: float):
+    """Values between the nodes, at a place on the grid and shares (u, v) of the steps of the direction."""
+    across = wp.clamp(u, 0.0, 1.0) * (float(values.shape[2] - 1) - 1.0e-3)
+    around = wp.clamp(v, 0.0, 1.0) * (float(values.shape[3] - 1) - 1.0e-3)
+    i = int(place[0])
+    j = int(place[1])
+    k = int(across)
+    m = int(around)
+    b = around - float(m)
+    total = wp.vec3(0.0)
+    for corner in range(4):
+        di = corner >> 1
+        dj = corner & 1
+        weight = wp.where(di == 1, place[0] - float(i), 1.0 - place[0] + float(i))
+        weight *= wp.where(dj == 1, place[1] - float(j), 1.0 - place[1] + float(j))
+        near = wp.lerp(values[i + di, j + dj, k, m], values[i + di, j + dj, k, m + 1], b)
+        far = wp.lerp(values[i + di, j + dj, k + 1, m], values[i + di, j + dj, k + 1, m + 1], b)
+        total += weight * wp.lerp(near, far, across - float(k))
+    return total
 
 
 @wp.func
 def scattered_irradiance(table: LampTable, light: Light, p: wp.vec3, n: wp.vec3):
     """Irradiance [W/m^2] of a plane at ``p`` with normal ``n`` by light of a lamp that was scattered on its way."""
-    offset = light.position - p
-    d = wp.max(wp.length(offset), NEAR)
-    to_light = offset / d
-    along = wp.dot(to_light, light.axis)
-    z = wp.dot(n, to_light)
-    sine = wp.sqrt(wp.max(1.0 - along * along, 1.0e-12))
-    x = (wp.dot(n, light.axis) - along * z) / sine
-    basis = irradiance_basis(wp.clamp(x, -1.0, 1.0), z)
-
-    row = wp.clamp(wp.log(d / table.nearest) / table.log_step, 0.0, float(table.moments.shape[0] - 1) - 1.0e-3)
-    col = angle_node(table, wp.acos(wp.clamp(-along, -1.0, 1.0)))
-    i = int(row)
-    j = wp.clamp(int(col), 0, table.moments.shape[1] - 2)
-    a = row - float(i)
-    b = col - float(j)
-    E = wp.vec3(0.0)
-    for k in range(MOMENTS):
-        near = (1.0 - b) * table.moments[i, j, k] + b * table.moments[i, j + 1, k]
-        far = (1.0 - b) * table.moments[i + 1, j, k] + b * table.moments[i + 1, j + 1, k]
-        E += basis[k] * ((1.0 - a) * near + a * far)
-    E = wp.cw_mul(wp.cw_mul(E, irradiance_scale(table, d)), light.intensity)
+    seen = see_lamp(light, p)
+    normal = gamma_phi(seen, n)
+    E = interpolate(table.irradiance, grid_place(table.grid, seen.distance, seen.theta), normal[0], normal[1])
+    E = wp.cw_mul(wp.cw_mul(E, scale_at(table.grid, seen.distance)), light.intensity)
     return wp.max(E, wp.vec3(0.0))
+
+
+@wp.func
+def scattered_again(table: LampTable, light: Light, p: wp.vec3, d: wp.vec3):
+    """Radiance per metre [W/sr/m^3] that a ray along ``d`` receives at ``p`` by another scattering.
+
+    That is of light of a lamp which was scattered before.
+    """
+    seen = see_lamp(light, p)
+    ray = gamma_phi(seen, d)
+    S = interpolate(table.source, grid_place(table.grid, seen.distance, seen.theta), wp.sqrt(ray[0]), ray[1])
+    return wp.cw_mul(wp.cw_mul(S, scale_at(table.grid, seen.distance)), light.intensity)
 
 
 # ------------------------------------------------------------------------------------------------ along a camera's ray

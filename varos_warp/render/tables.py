@@ -3,129 +3,134 @@
 kernels/open_water.py says what they hold, docs/transport.md how right they are.
 """
 
+from functools import cached_property
+
 import numpy as np
 import warp as wp
-from scipy.interpolate import RegularGridInterpolator
 
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
-from varos_warp.kernels.open_water import MOMENTS, LampTable, Tables
-from varos_warp.kernels.tabulate import fill_first_order, fill_higher_orders, fill_veil
+from varos_warp.kernels.open_water import LampTable, Tables
+from varos_warp.kernels.tabulate import fill_veil
+from varos_warp.render import orders
+from varos_warp.render.cache import cached
 from varos_warp.render.launch import Launcher
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.render.orders import LampField, shines_everywhere
+from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
 
-NEAREST_M, FARTHEST_M = 0.02, 200.0
-"""Distances that are tabulated; what is nearer is in proportion."""
-FINE = (64, 20, 28)
-"""Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
-COARSE = (16, 8, 10)
-"""The same for light scattered twice or more, which is smoother."""
-DIRECTIONS = 64
-"""Steps of the angle to the lamp in the quadrature over directions; half as many around it."""
+TABLES_VERSION = 1
+"""Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (32, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
-SAMPLES = 4096
+VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
+"""First and last of these distances; the veil of what is nearer is in proportion."""
+SHARPEST_G = 0.95
+"""Sharper phase functions have more harmonics than the grids of directions can tell apart."""
+CONES_DEG = (10.0, 179.0)
+"""Cones, full angle, that the grids resolve, and that have one convex nappe."""
+
+
+def unavailable(scene: Scene, view: Camera) -> str | None:
+    """Why there are no tables for a camera of a scene; None if there are."""
+    water, lights = optical_properties(scene), scene.vehicle.lights
+    if not lights:
+        return "there are no lamps"
+    if not water.sigma_s.any():
+        return "the water does not scatter"
+    if abs(water.g) > SHARPEST_G:
+        return f"the water's phase function is sharper than tables resolve: |g| = {abs(water.g):g} > {SHARPEST_G}"
+    if view.mount == "world":
+        return f"camera {view.id} stands in the world, and the lamps move before it"
+    narrow, wide = CONES_DEG
+    if any(not shines_everywhere(light) and not narrow <= light.cone_deg <= wide for light in lights):
+        return f"a lamp's cone is not between {narrow:g} and {wide:g} degrees"
+    return None
 
 
 class OpenWater:
-    """The tables of one scene on one device."""
+    """The tables of one scene on one device.
+
+    Args:
+        scene: with lamps and water for which nothing is `unavailable`.
+        launcher: of the device.
+    """
 
     def __init__(self, scene: Scene, launcher: Launcher):
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
-        self.samples = SAMPLES
-        self._lamps: list[LampTable] | None = None
-        self._cameras: dict = {}
+        self.water = optical_properties(scene)
+        self._cameras: dict[str, wp.array] = {}
 
     def tables(self, view: Camera) -> Tables:
         """Tables for a camera."""
-        tables = Tables()
-        if self._lamps is None:
-            self._lamps = self._lamp_tables()
-            self._lamp_array = wp.array(self._lamps, dtype=LampTable, device=self.device)
-        tables.lamp = self._lamp_array
-        tables.veil = self._veil(view)
-        tables.veil_nearest, tables.veil_log_step = NEAREST_M, _log_step(VEIL[0])
-        return tables
-
-    def _lamp_tables(self):
-        """One per lamp; lamps with the same cone share their moments."""
-        kinds, tables = {}, []
-        for light in self.scene.vehicle.lights:
-            kind = (light.kind, light.cone_deg, light.blend) if light.kind == "spot" else light.kind
-            if kind not in kinds:
-                kinds[kind] = self._lamp_table(light)
-            tables.append(kinds[kind])
-        self._moments = [table.moments for table in tables]
-        return tables
-
-    def _lamp_table(self, light) -> LampTable:
-        alone = light.model_copy(update={"position": (0.0, 0.0, 0.0), "intensity": (1.0, 1.0, 1.0)})
-        if light.kind == "spot":
-            alone = alone.model_copy(update={"direction": (0.0, 0.0, 1.0)})
-        scene, record = self._scene([alone])
-        table = self._table(record, FINE)
-        moments = self._array(_shape(FINE))
-        table.moments = moments
-        self.launcher.run(fill_first_order, _shape(FINE)[:2], [scene, table, DIRECTIONS], [moments])
-        coarse = self._table(record, COARSE)
-        higher = self._array((1, *_shape(COARSE)))
-        coarse.moments = self._array(_shape(COARSE))
-        self.launcher.run(fill_higher_orders, higher.shape[:3], [scene, coarse, 0, self.samples, 7], [higher])
-        table.moments = self._array(moments.numpy() + _refined(higher.numpy().mean(axis=0)))
-        return table
-
-    def _table(self, light: LightData, nodes) -> LampTable:
-        medium = medium_record(optical_properties(self.scene))
-        table = LampTable()
-        table.nearest, table.log_step = NEAREST_M, _log_step(nodes[0])
-        table.half_angle = float(np.arccos(light.cos_half)) if light.cos_half > -1.0 else float(np.pi)
-        table.inside = nodes[1]
-        table.decay = medium.sigma_t - medium.g * medium.sigma_s
-        return table
-
-    def _veil(self, view: Camera) -> wp.array:
-        key = view.model_dump_json(exclude={"id", "f_stop", "focus_m"})
+        # the veil is that of a pinhole
+        camera = view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
+        key = repr(camera)
         if key not in self._cameras:
-            scene, _ = self._scene(self.scene.vehicle.lights)
-            camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
-            parts, squares = self._array((1, *VEIL)), self._array((1, *VEIL[1:]))
-            width, height = map(float, view.resolution)
-            inputs = [scene, camera, width, height, NEAREST_M, _log_step(VEIL[0]), 0, self.samples, 11]
-            self.launcher.run(fill_veil, (1, *VEIL[1:]), inputs, [parts, squares])
-            self._cameras[key] = self._array(np.cumsum(parts.numpy().mean(axis=0, dtype=float), axis=0))
-        return self._cameras[key]
+            lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
+            depends_on = self._depends_on(camera=camera, lights=lights, veil=[VEIL, VEIL_NEAREST_M, VEIL_FARTHEST_M])
+            arrays = cached("veil", depends_on, lambda: {"veil": self._fill_veil(view)})
+            self._cameras[key] = self._array(arrays["veil"])
+        tables = Tables()
+        tables.lamp, tables.veil = self._lamps, self._cameras[key]
+        tables.veil_nearest, tables.veil_log_step = VEIL_NEAREST_M, _log_step()
+        return tables
 
-    def _scene(self, lights):
-        """Lamps in open water, at the pose of a vehicle at rest; and the first of them."""
+    @cached_property
+    def _lamps(self) -> wp.array:
+        """A table per lamp; lamps with the same cone share their arrays."""
+        kinds: dict[tuple, LampTable] = {}
+        for light in self.scene.vehicle.lights:
+            if _kind(light) not in kinds:
+                kinds[_kind(light)] = self._lamp_table(light)
+        self._kept = kinds  # the array below holds no reference to the arrays of its tables
+        tables = [kinds[_kind(light)] for light in self.scene.vehicle.lights]
+        return wp.array(tables, dtype=LampTable, device=self.device)
+
+    def _lamp_table(self, light: Light) -> LampTable:
+        field = LampField(light, self.water, self.launcher)
+        arrays = cached("lamp", self._depends_on(lamp=_kind(light)), field.solve)
+        table = LampTable()
+        table.grid = field.fine
+        table.irradiance, table.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
+        return table
+
+    def _depends_on(self, **what) -> dict:
+        """What the numbers of any table depend on, and what else."""
+        directions = (orders.ONCE, orders.AGAIN, orders.LEAVING, orders.NORMALS)
+        return what | {
+            "version": TABLES_VERSION,
+            "device": self.device.partition(":")[0],  # the kinds round differently
+            "sigma_s": self.water.sigma_s.tolist(),
+            "sigma_a": self.water.sigma_a.tolist(),
+            "g": self.water.g,
+            "nodes": [orders.FINE, orders.COARSE, *([len(grid.s), len(grid.phi)] for grid in directions)],
+            "reach": [orders.NEAREST_M, orders.FARTHEST_M, orders.FARTHEST_DEPTH],
+            "tolerance": orders.TOLERANCE,
+        }
+
+    def _fill_veil(self, view: Camera) -> np.ndarray:
+        """Radiance VEIL of a vehicle at rest."""
         scene = SceneData()
-        scene.medium = medium_record(optical_properties(self.scene))
-        records = [light_record(light, np.eye(4), np.zeros(3)) for light in lights]
-        scene.lights = self._kept = wp.array(records, dtype=LightData, device=self.device)
-        return scene, records[0]
+        scene.medium = medium_record(self.water)
+        records = [light_record(light, np.eye(4), np.zeros(3)) for light in self.scene.vehicle.lights]
+        scene.lights = lights = wp.array(records, dtype=LightData, device=self.device)
+        camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
+        veil = wp.empty(VEIL, dtype=wp.vec3, device=self.device)
+        before = [scene, self._lamps, camera, wp.vec2(*map(float, view.resolution)), VEIL_NEAREST_M, _log_step()]
+        self.launcher.rows(fill_veil, VEIL[1:], before, [veil], tile_rows=1)
+        del lights  # not before the kernel has run
+        return veil.numpy()
 
-    def _array(self, values) -> wp.array:
-        if isinstance(values, tuple):
-            return wp.empty(values, dtype=wp.vec3, device=self.device)
-        return wp.array(np.ascontiguousarray(values, np.float32), dtype=wp.vec3, device=self.device)
-
-
-def _shape(nodes) -> tuple[int, int, int]:
-    return nodes[0], nodes[1] + nodes[2] + 1, MOMENTS
-
-
-def _log_step(distances: int) -> float:
-    return float(np.log(FARTHEST_M / NEAREST_M) / (distances - 1))
+    def _array(self, values: np.ndarray) -> wp.array:
+        return wp.array(values, dtype=wp.vec3, device=self.device)
 
 
-def _angle_places(inside: int, outside: int) -> np.ndarray:
-    """Places of the nodes of the angle: 0 to 1 inside the cone, 1 to 2 outside."""
-    return np.concatenate([np.arange(inside) / inside, 1.0 + np.arange(outside + 1) / outside])
+def _kind(light: Light) -> tuple:
+    """What lamps have in common that share a table."""
+    return ("everywhere",) if shines_everywhere(light) else (light.cone_deg, light.blend)
 
 
-def _refined(moments: np.ndarray) -> np.ndarray:
-    """Moments at the coarse nodes [COARSE..., MOMENTS, 3], between them cubic, at the fine ones."""
-    axes = [(np.linspace(0.0, 1.0, n[0]), _angle_places(*n[1:])) for n in (COARSE, FINE)]
-    between = RegularGridInterpolator(axes[0], moments.astype(float), method="cubic")
-    return between(tuple(np.meshgrid(*axes[1], indexing="ij")))
+def _log_step() -> float:
+    return float(np.log(VEIL_FARTHEST_M / VEIL_NEAREST_M) / (VEIL[0] - 1))

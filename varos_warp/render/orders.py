@@ -1,0 +1,175 @@
+"""Light around one kind of lamp in water without end, of all orders of scattering, without random numbers.
+
+Light scattered once is a quadrature. What is scattered n + 1 times follows from what is scattered n times: at every
+node a matrix turns the light that arrives into what leaves (render/directions.py), and integrals along straight lines
+take that to the nodes again (kernels/tabulate.py). The sum over the orders solves a linear equation, X = B + K X.
+"""
+
+import numpy as np
+import warp as wp
+from scipy.interpolate import make_interp_spline
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from varos_warp.kernels.intersect import SceneData
+from varos_warp.kernels.light import Light as LightData
+from varos_warp.kernels.open_water import LampTable, NodeGrid
+from varos_warp.kernels.tabulate import light_scattered_again, light_scattered_once
+from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.launch import Launcher
+from varos_warp.scene.description import Light, PointLight
+from varos_warp.scene.device import light_record, medium_record
+from varos_warp.scene.water import OpticalProperties
+
+NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
+"""Distances from the lamp that are tabulated, the last as optical depth too; what is nearer is in proportion."""
+FINE = (64, 20, 28)
+"""Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
+COARSE = (24, 10, 14)
+"""The same for light scattered twice or more, which is smoother."""
+ONCE = Directions.quadrature(64, 32, power=3)
+"""Directions of light scattered once, which is sharp around the lamp; see docs/transport.md for the errors."""
+AGAIN = Directions.quadrature(24, 8, power=2)
+"""Directions of light scattered more often."""
+LEAVING = Directions.ends(48, 13, power=2)
+"""Directions in which light leaves a scattering."""
+NORMALS = Directions.ends(41, 13, power=1)
+"""Of the planes whose irradiance is tabulated; one is at 90 degrees, where light from the lamp begins to graze them."""
+TOLERANCE, GROWTH = 3e-6, 0.7
+"""Of the sum over all orders. Errors count exp(-GROWTH x optical depth) times as much as at the lamp: light near by
+hardly knows of what lies far away, and far light follows from it."""
+
+
+def shines_everywhere(light: Light) -> bool:
+    """Whether a lamp has no cone."""
+    return light.kind == "point" or light.cone_deg >= 360.0
+
+
+class LampField:
+    """Scattered light around a lamp of intensity 1.
+
+    Args:
+        light: the lamp; its place, direction and intensity do not matter.
+        water: what scatters.
+        launcher: of the device that does the integrals.
+    """
+
+    def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
+        self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
+        self.fine, self.coarse = self.grid(FINE), self.grid(COARSE)
+        self._scene = self._lamp_alone()
+
+    def grid(self, nodes: tuple[int, int, int]) -> NodeGrid:
+        """Nodes around the lamp; a field that is the same all around needs no angles."""
+        grid = NodeGrid()
+        everywhere = shines_everywhere(self.light)
+        grid.distances, grid.inside, grid.outside = (nodes[0], 1, 0) if everywhere else nodes
+        farthest = min(FARTHEST_M, FARTHEST_DEPTH / max(self.water.sigma_t.min(), 1e-3))
+        grid.nearest, grid.log_step = NEAREST_M, float(np.log(farthest / NEAREST_M) / (nodes[0] - 1))
+        grid.half_angle = np.pi if everywhere else np.radians(self.light.cone_deg) / 2
+        # forward-scattered light goes on as if it were not scattered; after many scatterings light diffuses
+        onward = self.water.sigma_t - self.water.g * self.water.sigma_s
+        grid.decay = wp.vec3(*np.minimum(onward, np.sqrt(3.0 * self.water.sigma_a * onward)))
+        return grid
+
+    def solve(self) -> dict[str, np.ndarray]:
+        """The arrays of a LampTable, ``irradiance`` and ``source``, float32 with the channels last."""
+        self._set_matrices()
+        once = self._launch(light_scattered_once, self.fine, ONCE, [self._scene, self.fine])
+        first = self._source(once, self._once_to)
+        twice = self._scattered_again(first)
+        self._set_amplitude(twice)
+        shape, scale = twice.shape, self._amplitude
+
+        def without_next(x):
+            """X - K X, of X in units of its amplitude."""
+            x = x.reshape(shape).astype(np.float32) * scale
+            return ((x - self._scattered_again(self._refined(self._source(x, self._again_to)))) / scale).ravel()
+
+        operator = LinearOperator((twice.size, twice.size), matvec=without_next, dtype=np.float32)
+        x, _ = gmres(operator, (twice / scale).ravel(), rtol=TOLERANCE, restart=40, maxiter=1)
+        x = x.reshape(shape).astype(np.float32) * scale
+        irradiance = _applied(self._once_to["irradiance"], once)
+        irradiance += self._refined(_applied(self._again_to["irradiance"], x))
+        source = first + self._refined(self._source(x, self._again_to))
+        return {"irradiance": _as_grid(irradiance, NORMALS), "source": _as_grid(source, LEAVING)}
+
+    # ------------------------------------------------------------------------------------------ from node to node
+
+    def _scattered_again(self, source: np.ndarray) -> np.ndarray:
+        """Light [COARSE..., AGAIN, 3] that arrives after it left scatterings as ``source`` [FINE..., LEAVING, 3]."""
+        table = LampTable()
+        table.grid, table.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
+        return self._launch(light_scattered_again, self.coarse, AGAIN, [self._scene, table, self.coarse])
+
+    def _set_matrices(self):
+        """What turns radiance from the directions ONCE and AGAIN into irradiance and sources."""
+        scatter = scattering_matrix(self.water.g, ONCE, LEAVING)
+        irradiance = irradiance_matrix(ONCE, NORMALS)
+        between = AGAIN.interpolation(ONCE)
+        self._once_to = {"irradiance": irradiance, "source": scatter}
+        self._again_to = {"irradiance": irradiance @ between, "source": scatter @ between}
+
+    def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
+        return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
+
+    def _launch(self, kernel, grid: NodeGrid, directions: Directions, inputs) -> np.ndarray:
+        shape = (grid.distances, grid.inside + grid.outside + 1, len(directions.pairs))
+        radiance = wp.empty(shape, dtype=wp.vec3, device=self.device)
+        self.launcher.rows(kernel, shape, [*inputs, self._pairs(directions)], [radiance], tile_rows=1)
+        return radiance.numpy()
+
+    def _pairs(self, directions: Directions) -> wp.array:
+        return wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
+
+    def _lamp_alone(self) -> SceneData:
+        """The lamp at the origin, along z, in the water."""
+        light = PointLight(kind="point", intensity=(1.0, 1.0, 1.0))
+        if not shines_everywhere(self.light):
+            alone = {"position": (0.0, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "intensity": (1.0, 1.0, 1.0)}
+            light = self.light.model_copy(update=alone)
+        scene = SceneData()
+        scene.medium = medium_record(self.water)
+        record = light_record(light, np.eye(4), np.zeros(3))
+        scene.lights = self._lights = wp.array([record], dtype=LightData, device=self.device)
+        return scene
+
+    # ------------------------------------------------------------------------------------- from coarse to fine nodes
+
+    def _set_amplitude(self, twice: np.ndarray):
+        """How large X is about at each distance: splines and errors are of what is left when that is divided out."""
+        d = NEAREST_M * np.exp(self.coarse.log_step * np.arange(self.coarse.distances))
+        growth = GROWTH * np.minimum(np.outer(d, self.water.sigma_t), FARTHEST_DEPTH)[:, None, None]
+        amplitude = np.maximum(twice.max(axis=(1, 2), keepdims=True), 1e-30) * np.exp(growth)
+        pairs = zip(_places(self.coarse), _places(self.fine), strict=True)
+        self._splines = [_spline_matrix(coarse, fine) for coarse, fine in pairs]
+        self._amplitude = amplitude.astype(np.float32)
+        self._fine_amplitude = np.exp(np.tensordot(self._splines[0], np.log(amplitude), 1)).astype(np.float32)
+
+    def _refined(self, values: np.ndarray) -> np.ndarray:
+        """Values [COARSE..., n, 3] at the fine nodes, between the coarse ones by splines."""
+        smooth = np.einsum("ai,bj,ij...->ab...", *self._splines, values / self._amplitude, optimize=True)
+        return smooth * self._fine_amplitude
+
+
+def _as_grid(values: np.ndarray, directions: Directions) -> np.ndarray:
+    """Values [..., n, 3] in n directions as [..., gamma, phi, 3]."""
+    return values.reshape(*values.shape[:-2], len(directions.s), len(directions.phi), 3)
+
+
+def _applied(matrix: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A matrix [m, n] applied to values [..., n, 3]."""
+    *nodes, n, channels = values.shape
+    flat = np.ascontiguousarray(np.moveaxis(values, -1, -2)).reshape(-1, n)
+    product = (flat @ matrix.T.astype(np.float32)).reshape(*nodes, channels, -1)
+    return np.ascontiguousarray(np.moveaxis(product, -1, -2))
+
+
+def _places(grid: NodeGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Places of nodes that grids of any fineness share: distances from 0 to 1, angles to 1 at the edge and on to 2."""
+    outside = 1.0 + np.arange(grid.outside + 1) / max(grid.outside, 1)
+    return np.linspace(0.0, 1.0, grid.distances), np.concatenate([np.arange(grid.inside) / grid.inside, outside])
+
+
+def _spline_matrix(at: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Matrix from values at some places to those of their spline at others."""
+    return make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others).astype(np.float32)
