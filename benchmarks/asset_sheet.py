@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.spatial.transform import Rotation
 
-from varos_warp.render.denoise import denoise
+from varos_warp.render.denoise import denoise_image
 from varos_warp.render.exposure import statistics
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.assets import flange_measures, hex_measures
@@ -114,7 +114,7 @@ def scene_of(objects, scatter):
 
 def picture(image, gain):
     """8-bit sRGB of radiance, denoised, at the size of a tile."""
-    linear = np.clip(gain * denoise(image.radiance, image.stderr, "oidn"), 0.0, 1.0)
+    linear = np.clip(gain * denoise_image(image, "oidn"), 0.0, 1.0)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
     return Image.fromarray(np.round(255.0 * srgb).astype(np.uint8)).resize(TILE, Image.Resampling.LANCZOS)
 

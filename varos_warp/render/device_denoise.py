@@ -4,6 +4,7 @@ import weakref
 
 import warp as wp
 
+from varos_warp.kernels import denoise as kernels
 from varos_warp.kernels.denoise import add_scaled, clip_negative, positive_part, scale_to_unit, subtract
 from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY
 
@@ -23,6 +24,7 @@ class DeviceDenoiser:
 
     def __init__(self, device: str):
         self.device = wp.get_device(device)
+        wp.load_module(kernels, device=self.device)
         self._oidn = _open_device(self.device)
         self._networks: dict[tuple, _Network] = {}
         # before the arrays that the filters point to, and before the interpreter takes the library down
