@@ -84,7 +84,7 @@ def _check_method(method: str) -> None:
 QUALITY, RESIDUAL_QUALITY = "high", "fast"
 """Of Open Image Denoise: of a whole image, and of a residual, for which the fast network does as well at half the time.
 
-Relative RMSE at 320 x 180, tables, against a reference ten times cleaner (the reference scene, all channels) and
+Relative RMSE at 320 x 180, tables, against an independent reference less its noise (the reference scene) and
 against 192 samples per pixel (Munkholmen, where textures are; red, in the 58 % of pixels that these make clean):
 
     spp   reference scene:  whole    fast   guides    high   clipped   Munkholmen:  whole    fast   guides    high
