@@ -1,6 +1,7 @@
-"""The residual of the glow: what surfaces block of the scattered light that the tables send a pixel's surface, and add.
+"""The residual of a pixel: what surfaces block of the scattered light that the tables send to the one it sees, and add.
 
-It has samples of its own, for it needs fewer than the edges and shadows of a pixel do.
+It has samples of its own, for it needs fewer than the edges and shadows of a pixel do. With them goes the halo of
+bright surfaces: light that they send close by a pixel's ray, and that the water bends into it.
 """
 
 from functools import cache
@@ -9,9 +10,14 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.film import Film
+from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.residual import draw, walk_from_surface
-from varos_warp.kernels.texture import footprint_width
+from varos_warp.kernels.light import brightest
+from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
+from varos_warp.kernels.open_water import Tables
+from varos_warp.kernels.phase import hg_sample, hg_share_within
+from varos_warp.kernels.residual import draw, glow, halo_share, walk_from_surface
+from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 from varos_warp.kernels.walk import Walk, surface_vertex
 
 wp.set_module_options({"enable_backward": False})
@@ -19,8 +25,8 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Starts of walks on what the pixels see."""
-    first_hit, _ = make_rays(instances)
+    """Starts of walks on what the pixels see, and their halo."""
+    first_hit, visible = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -29,21 +35,61 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
         camera: Camera,
         first_row: int,
         first_sample: int,
+        tables: Tables,
+        halo: float,
         key: wp.uint32,
         # out
         starts: wp.array3d(dtype=Walk),  # [sample, row, column]
+        light: wp.array3d(dtype=wp.vec3),
     ):
         tile_row, col, k = wp.tid()
         row = first_row + tile_row
-        u = draw(key, row * starts.shape[2] + col, first_sample + k, 0)
+        pixel = row * starts.shape[2] + col
+        u = draw(key, pixel, first_sample + k, 0)
+        v = draw(key, pixel, first_sample + k, 1)
+        w = draw(key, pixel, first_sample + k, 14)
         ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-        hit = first_hit(scene, ray.o, ray.d)
+        o = ray.o
+        d = ray.d
+        angle = camera.pixel_angle
         start = Walk()
-        if hit.face >= 0:
-            n = shading_normal(scene, hit)
-            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
-            start = walk_from_surface(scene, surface_vertex(hit, ray.d, n, surface), hit.t)
+        throughput = wp.vec3(1.0)
+        L = wp.vec3(0.0)
+        # first along the pixel's ray, then along one that is bent a little at a place before its end
+        leg = int(0)
+        while leg < 2:
+            hit = first_hit(scene, o, d)
+            if hit.face >= 0:
+                n = shading_normal(scene, hit)
+                surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
+                vertex = surface_vertex(hit, d, n, surface)
+                if leg == 0:
+                    start = walk_from_surface(scene, vertex, hit.t)
+                else:
+                    L = glow(scene, tables, vertex)
+                    reflected = gather_reflected(scene, hit, vertex, w[2])
+                    if brightest(reflected.L) > 0.0:
+                        if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
+                            L += reflected.L
+                    L = wp.cw_mul(wp.cw_mul(throughput, transmittance(scene.medium, hit.t)), L)
+            if leg == 0:
+                c = wp.min(int(3.0 * w[0]), 2)
+                t = sample_truncated_exponential(scene.medium.sigma_t[c], hit.t, w[1])
+                pdf = float(0.0)
+                for channel in range(3):
+                    pdf += truncated_exponential_pdf(scene.medium.sigma_t[channel], hit.t, t) / 3.0
+                within = hg_share_within(1.0 - wp.cos(wp.min(3.0 * halo, wp.pi)), scene.medium.g)
+                bent = hg_sample(d, scene.medium.g, 1.0 - within * v[0], v[1])
+                share = within * halo_share(wp.length(bent - d), halo)
+                throughput = (share / pdf) * wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
+                o = o + t * d
+                d = bent
+                angle = WALK_ANGLE
+                if share <= 0.0:
+                    leg = 2
+            leg += 1
         starts[k, row, col] = start
+        light[k, row, col] = L
 
     return start_glow
 

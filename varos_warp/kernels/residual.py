@@ -120,6 +120,18 @@ def point_of(order: Order, i: int):
     return (order.first + i / (order.inner * order.places)) * order.inner + i % order.inner
 
 
+@wp.func
+def halo_share(apart: float, width: float):
+    """Share of light scattered by an angle, ``apart`` [rad], that belongs to the halo and not to the veil's grid.
+
+    All of it within ``width``, none beyond three times that.
+    """
+    if apart >= 3.0 * width:
+        return 0.0
+    x = wp.max(apart - width, 0.0) / (2.0 * width)
+    return 1.0 - x * x * (3.0 - 2.0 * x)
+
+
 @cache
 def make_block_kernel(instances: bool) -> wp.Kernel:
     """What surfaces keep from each start of the light that open water would send it."""
@@ -219,12 +231,14 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         tables: Tables,
         lit_points: wp.array(dtype=LitPoint),
         max_bounces: int,
+        halo: float,
         key: wp.uint32,
         # out
-        light: wp.array(dtype=wp.vec3),
+        light: wp.array(dtype=wp.vec3),  # added to
     ):
         i = first + wp.tid()
         fresh = bool(True)
+        at_start = bool(True)
         sees_water = bool(False)
         walk = Walk()
         L = wp.vec3(0.0)
@@ -233,8 +247,9 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
             if fresh:
                 walk = starts[i]
                 sees_water = walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0
+                at_start = walk.vertex.on_surface == 0
                 L = wp.vec3(0.0)
-                group = int(1)
+                group = int(2)
                 fresh = False
             if walk.alive == 1:
                 u = draw(key, place_of(order, i), point_of(order, i), group)
@@ -249,6 +264,9 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     seen = gather_lit_point(scene, lit_points, walk.vertex, u[0], u[1])
                     connection.q = seen.p
                     connection.L = wp.cw_mul(walk.throughput, seen.L)
+                    if at_start:
+                        apart = wp.length(wp.normalize(seen.p - walk.vertex.p) - walk.vertex.d)
+                        connection.L *= 1.0 - halo_share(apart, halo)
                 lamp_share = float(0.0)
                 if wp.static(textures):
                     lamp_share = wp.where(sees_water, 0.5, 0.0)
@@ -269,6 +287,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                         surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
                         end = surface_vertex(hit, d, n, surface)
                         throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
+                        if at_start:
+                            throughput *= 1.0 - halo_share(wp.length(d - before.d), halo)
                         reflected = gather_reflected(scene, hit, end, w[2])
                         second.p = reflected.p
                         second.q = scene.lights[wp.max(reflected.lamp, 0)].position
@@ -277,6 +297,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                             pdf = own_lobe_pdf(scene, before, d)
                             second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
                         L += wp.cw_mul(throughput, glow(scene, tables, end))
+                    at_start = False
                     walk = advance(scene, walk, hit, end, ALL, max_bounces, wp.vec4(w[3], v[2], v[3], 0.0))
                     if walk.vertex.on_surface == 1:
                         sees_water = walk.vertex.surface.metal > 0.0
@@ -288,7 +309,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     connection = second
                     count += 1
             if walk.alive == 0:
-                light[i] = L
+                light[i] += L
                 i += stride
                 fresh = True
 

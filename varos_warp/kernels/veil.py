@@ -2,8 +2,9 @@
 
 It is smooth, for it comes from everywhere around a place in the water. So it is not drawn pixel by pixel but on a grid
 of rays that covers the image, slab by slab of their length, and summed up from the camera (Wronski 2014, "Volumetric
-fog"). A pixel looks it up at the length of its own ray. What scatters once from a lamp is not part of it, so shafts of
-light and shadow stay sharp.
+fog"). A pixel looks it up at the length of its own ray. Two parts are as sharp as the image, and not on the grid: what
+scatters once from a lamp, with its shafts of light and shadow, and the halo of bright surfaces, which is light that
+they send by less than a few cells' angle beside the camera. It is drawn with the pixels (kernels/glow.py).
 """
 
 from functools import cache
@@ -74,7 +75,7 @@ def make_start_veil_kernel(instances: bool) -> wp.Kernel:
         size: wp.vec2,
         key: wp.uint32,
         # out
-        starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]; scatterings 0 where the place is behind a surface
+        starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]; without a scattering behind a surface
     ):
         tile_row, col, sample = wp.tid()
         row = first_row + tile_row
@@ -98,29 +99,56 @@ def make_start_veil_kernel(instances: bool) -> wp.Kernel:
 
 
 @wp.kernel(enable_backward=False)
-def sum_slabs(
-    scene: SceneData,
+def average_slabs(
     starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]
     light: wp.array4d(dtype=wp.vec3),
     # out
+    slabs: wp.array3d(dtype=wp.vec4),  # radiance, and 1 or, without a sample in the water, 0; [slab, row, column]
+):
+    """Mean of the samples in the water."""
+    k, row, col = wp.tid()
+    found = int(0)
+    L = wp.vec3(0.0)
+    for sample in range(light.shape[0]):
+        if starts[sample, row, col, k].scatterings > 0:
+            found += 1
+            L += light[sample, row, col, k]
+    slabs[k, row, col] = wp.vec4(0.0)
+    if found > 0:
+        L /= float(found)
+        slabs[k, row, col] = wp.vec4(L[0], L[1], L[2], 1.0)
+
+
+@wp.func
+def around(slabs: wp.array3d(dtype=wp.vec4), k: int, row: int, col: int):
+    """Sum and number of the neighbours of a node that lie in the water."""
+    total = wp.vec4(0.0)
+    for i in range(wp.max(row - 1, 0), wp.min(row + 2, slabs.shape[1])):
+        for j in range(wp.max(col - 1, 0), wp.min(col + 2, slabs.shape[2])):
+            total += slabs[k, i, j]
+    return total
+
+
+@wp.kernel(enable_backward=False)
+def sum_slabs(
+    scene: SceneData,
+    slabs: wp.array3d(dtype=wp.vec4),
+    # out
     grid: VeilGrid,
 ):
-    """Mean of the samples in the water, summed up along each node's rays.
+    """Sum up the slabs along each node's rays.
 
-    Slabs that no sample found in the water go on as the one before them: rays beside an edge may see into them.
+    Slabs behind what a node sees are for rays that pass beside it: they are as around it, or else as the one before.
     """
     row, col = wp.tid()
     total = wp.vec3(0.0)
     inside = wp.vec3(0.0)
-    for k in range(light.shape[3]):
-        found = int(0)
-        L = wp.vec3(0.0)
-        for sample in range(light.shape[0]):
-            if starts[sample, row, col, k].scatterings > 0:
-                found += 1
-                L += light[sample, row, col, k]
-        if found > 0:
-            inside = L / float(found)
+    for k in range(slabs.shape[0]):
+        found = slabs[k, row, col]
+        if found[3] <= 0.0:
+            found = around(slabs, k, row, col)
+        if found[3] > 0.0:
+            inside = wp.vec3(found[0], found[1], found[2]) / found[3]
         else:
             near = slab_end(grid, k - 1)
             far = slab_end(grid, k)

@@ -12,6 +12,7 @@ from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.film import Film, develop
+from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
@@ -28,6 +29,10 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
+
+
+PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
+"""With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured)."""
 
 
 @dataclass(frozen=True)
@@ -245,15 +250,17 @@ class FrameRenderer:
         surfaces = (self.world.has_instances, self.world.has_textures)
         keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
         camera = self.world.camera(view, T_w_v)
-        tables, grid = self.open_water.tables(view), empty_veil_grid(self.launcher, view)
+        tables = self.open_water.tables(view) if wanted[2] else Tables()
+        grid = empty_veil_grid(self.launcher, view)
         spp_residual = 0
         if wanted[2] and self.world.has_surfaces and max_bounces > 0:
-            spp_residual = -(-spp // 2)
+            filtered = (denoise or self.scene.render.denoise) != "none"
+            spp_residual = -(-spp // (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES))
         film = self._film(view, spp, int(spp_residual > 0))
         if spp_residual:
             residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0])
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
-            residual.add_glow(film, camera, spp_residual)
+            residual.add_glow(film, view, camera, spp_residual)
         kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
         how = [tables, grid, spp, max_bounces, wp.uint32(keys[1]), film]
         self._launch(kernel, film, [self.world.data, camera], how)

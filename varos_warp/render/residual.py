@@ -12,7 +12,7 @@ from varos_warp.kernels.glow import add_residual, make_start_glow_kernel
 from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.residual import Order, make_block_kernel, make_reflect_kernel
-from varos_warp.kernels.veil import VeilGrid, make_start_veil_kernel, sum_slabs
+from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Camera
@@ -20,8 +20,7 @@ from varos_warp.scene.device import DeviceScene
 
 LIT_POINTS = 1 << 14
 COLUMNS = 16
-"""Cells of the veil's grid across an image, square ones; fewer where they would be smaller than LEAST_CELL_PX."""
-LEAST_CELL_PX = 4
+"""Cells of the veil's grid across an image, square ones, not smaller than a pixel."""
 SLABS, SCALE_M, FARTHEST_M = 12, 1.0, 200.0
 """Slabs of a ray; they widen in proportion to the distance beyond SCALE_M, and end at FARTHEST_M."""
 LEAST_SAMPLES = 64
@@ -36,12 +35,17 @@ CPU_TILE = 1 << 10
 def empty_veil_grid(launcher: Launcher, view: Camera) -> VeilGrid:
     """The grid that covers a camera's image, as it is without surfaces."""
     width, height = view.resolution
-    cell = max(width / COLUMNS, LEAST_CELL_PX)
+    cell = max(width / COLUMNS, 1.0)
     nodes = tuple(max(2, int(np.ceil(side / cell)) + 1) for side in (height, width))
     grid = VeilGrid()
     grid.scale, grid.log_step = SCALE_M, float(np.log1p(FARTHEST_M / SCALE_M) / SLABS)
     grid.radiance = wp.zeros((SLABS, *nodes), dtype=wp.vec3, device=launcher.device)
     return grid
+
+
+def halo_width(camera: CameraData, view: Camera) -> float:
+    """Angle [rad] of a cell of the veil's grid, in the middle of the image."""
+    return float(max(view.resolution[0] / COLUMNS, 1.0) * camera.pixel_angle)
 
 
 class Residual:
@@ -72,11 +76,14 @@ class Residual:
         before = [self.world.data, pinhole]
         after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts]
         self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
-        light = self._walk(starts, slabs, int(np.prod(nodes)), 0, key)
-        self.launcher.run(sum_slabs, nodes, [self.world.data, starts, light], [grid])
+        light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
+        self._walk(starts, slabs, int(np.prod(nodes)), 0, key, halo_width(pinhole, view), light)
+        means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
+        self.launcher.run(average_slabs, means.shape, [starts, light], [means])
+        self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
 
-    def add_glow(self, film: Film, camera: CameraData, spp: int):
-        """Add ``spp`` samples of the glow's residual to a film."""
+    def add_glow(self, film: Film, view: Camera, camera: CameraData, spp: int):
+        """Add ``spp`` samples of the glow's residual, and of the halo, to a film."""
         _, height, width = film.residual.shape
         film.residual.zero_()
         film.residual_squares.zero_()
@@ -84,23 +91,22 @@ class Residual:
         for first in range(0, spp, batch):
             shape = (min(batch, spp - first), height, width)
             starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
+            light = wp.empty(shape, dtype=wp.vec3, device=self.launcher.device)
             before, key = [self.world.data, camera], self.keys[2]
-            after = [first, wp.uint32(key), starts]
+            after = [first, self.tables, halo_width(camera, view), wp.uint32(key), starts, light]
             self.launcher.rows(make_start_glow_kernel(*self.kinds), (height, width, shape[0]), before, after)
-            light = self._walk(starts, 1, height * width, first, key)
+            self._walk(starts, 1, height * width, first, key, 0.0, light)
             self.launcher.run(add_residual, (height, width), [light], [film])
 
-    def _walk(self, starts: wp.array, inner: int, places: int, first: int, key: int) -> wp.array:
-        """Light of walks from ``starts``, in their shape; see kernels/residual.Order."""
+    def _walk(self, starts: wp.array, inner: int, places: int, first: int, key: int, halo: float, light: wp.array):
+        """Add the light of walks from ``starts``; see kernels/residual.Order."""
         order = Order()
         order.inner, order.places, order.first = inner, places, first
-        light = wp.empty(starts.shape, dtype=wp.vec3, device=self.launcher.device)
         flat, lights, key = starts.flatten(), light.flatten(), wp.uint32(key)
         scene, lit = self.world.data, self.lit_points
-        reflected = [flat, order, self.tables, lit, self.max_bounces, key, lights]
+        reflected = [flat, order, self.tables, lit, self.max_bounces, halo, key, lights]
         self._over(make_reflect_kernel(*self.kinds), scene, flat.shape[0], reflected)
         self._over(make_block_kernel(self.kinds[0]), scene, flat.shape[0], [flat, order, key, lights])
-        return light
 
     def _over(self, kernel, scene, count: int, arguments):
         """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""

@@ -1,0 +1,173 @@
+"""The tables integrator: right where closed forms exist, and the path integrator's image where surfaces block and send.
+
+Its stated bias is at most 0.3 % of a pixel in the paper's water; everything else must be within standard errors.
+"""
+
+import numpy as np
+import pytest
+import trimesh
+from chance import assert_plausible, two_sided
+from rig import (
+    VAROS_LAMPS,
+    VAROS_WATER,
+    assert_agrees,
+    floor,
+    one_ray_scene,
+    point,
+    radiance,
+    single_scattering,
+    spot,
+    water,
+)
+
+from varos_warp.render.frame import LAYERS, FrameRenderer
+from varos_warp.scene.description import Diffuse, Metal, Scene
+from varos_warp.scene.geometry import Instances, Part
+
+PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
+BIAS = 3e-3
+"""Stated bound on the bias, as a share of the pixel."""
+QUADRATURE = 1e-3
+"""Stated error of single scattering."""
+
+
+# -------------------------------------------------------------------------------------------- without anything blocked
+
+
+@pytest.mark.parametrize(
+    ("T", "truth"),
+    [
+        (2, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
+        (5, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
+        (10, (5.45304161185223e-5, 0.00062519221619206, 0.00151190406588714)),
+        (25, (5.45633155963439e-5, 0.000627173268201532, 0.00151897711245271)),
+    ],
+)
+def test_single_scattering_without_obstacles_has_no_noise_and_the_error_of_its_quadrature(T, truth):
+    scene = one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=2)
+    mean, stderr = radiance(scene, [floor(T, 0.0)], "single", integrator="tables", spp=4)
+    assert np.all(stderr <= 1e-5 * mean)
+    np.testing.assert_allclose(mean, truth, rtol=QUADRATURE)
+
+
+@pytest.mark.parametrize("blend", [0.15, 1.0])
+def test_soft_edges_are_integrated_in_parts(blend):
+    lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
+    scene = one_ray_scene([spot((0.15, 0, -0.1), blend=blend)], PAPER_WATER, pixels=2)
+    mean, _ = radiance(scene, [floor(5, 0.0)], "single", integrator="tables", spp=4)
+    truth = [single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
+             for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))]
+    np.testing.assert_allclose(mean, truth, rtol=QUADRATURE)
+
+
+def test_the_whole_pixel_in_blue_with_a_floor():
+    """A13, floor of reflectance 0.25 at 5 m: 7.2505e-3, its own error 0.1 %."""
+    estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.25)], integrator="tables", spp=256)
+    blue = tuple(np.repeat(part[2], 3) for part in estimate)
+    assert_agrees(blue, 7.2505e-3, 7e-6 + BIAS / 4 * 7.25e-3)
+
+
+def test_open_water_of_the_paper():
+    """A13, green before a black floor at 5 m: all orders 6.3372e-4, its own error 0.1 %."""
+    estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.0)], integrator="tables", spp=64)
+    green = tuple(np.repeat(part[1], 3) for part in estimate)
+    assert_agrees(green, 6.3372e-4, 6.3e-7 + BIAS / 4 * 6.3e-4)
+
+
+# ------------------------------------------------------------------------------------------ where surfaces stand about
+
+
+def part(mesh, material, name="mesh"):
+    return Part(name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), material)
+
+
+def boxed(extents, centre, reflectance, name="box"):
+    mesh = trimesh.creation.box(extents).apply_translation(centre)
+    return part(mesh, Diffuse(reflectance=[reflectance] * 3), name)
+
+
+def shadows():
+    """A wall near the lamps and a post in their light, over a floor."""
+    return [boxed((20, 20, 0.2), (0, 6, -1.1), 0.4), boxed((0.1, 0.1, 2.0), (-0.25, 1.5, 0), 0.6),
+            boxed((1.0, 0.1, 0.8), (0.9, 2.5, -0.6), 0.3), boxed((4, 0.2, 4), (0, 6, 0), 0.5)]
+
+
+def chamber():
+    """The vehicle inside a closed box: all light of open water from beyond its walls is blocked."""
+    return [boxed((3, 4, 2.4), (0.2, 1.2, 0.1), 0.4)]
+
+
+def riches():
+    """A metal ball, copies of a smaller one and a floor."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
+    small = part(ball.copy().apply_scale(0.3), Diffuse(reflectance=(0.2, 0.6, 0.4)))
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, 3] = [(-0.6, 2.0, -0.4), (-0.2, 2.4, -0.7), (0.9, 3.0, 0.2)]
+    copies = Instances("copies", small.vertices, small.faces, poses, small.material)
+    return [boxed((20, 20, 0.2), (0, 6, -1.1), 0.4), copies,
+            part(ball.copy().apply_translation((0.4, 2.0, -0.2)), Metal(kind="metal", roughness=0.4), "ball")]
+
+
+def view(lamps, coefficients, resolution=(24, 16)):
+    camera = {"id": "M0", "resolution": resolution, "sensor_mm": [6.0, 4.0], "focal_mm": 4.0}
+    return Scene(water={"coefficients": coefficients}, vehicle={"lights": lamps, "cameras": [camera]},
+                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+
+
+def assert_same_as_path(scene, parts, device="cpu", spp=(256, 2048), bias=BIAS):
+    """Means over quarters of the image, by layer and channel: standard scores beside the stated bias, Sidak over all.
+
+    The error of the tables' image is found from its repetition: its pixels share lit points and the veil's grid.
+    """
+    renderer = FrameRenderer(scene, device, parts=parts)
+    images = [renderer.render(np.eye(4), outputs="A", integrator="tables", spp=spp[0] // 8, seed=s).A for s in range(8)]
+    path = renderer.render(np.eye(4), outputs="A", integrator="path", spp=spp[1], seed=99).A
+    assert all(np.isfinite(image.radiance).all() for image in images)
+    total = quarters(path.radiance)
+    allowed = bias * total
+    p_values = []
+    for name in LAYERS:
+        ours = np.array([quarters(image.layers[name]) for image in images])
+        theirs = quarters(path.layers[name])
+        stderr = np.hypot(ours.std(axis=0, ddof=1) / np.sqrt(len(ours)), path_error(path, name, renderer, spp[1]))
+        off = np.maximum(np.abs(ours.mean(axis=0) - theirs) - allowed, 0.0)
+        assert np.all(stderr < 0.01 * total), f"{name}: too noisy to tell"
+        p_values.append(two_sided(off / np.maximum(stderr, 1e-30)))
+    assert_plausible(p_values)
+
+
+def path_error(path, name, renderer, spp):
+    """Standard error of the quarters' means of a layer, from the total's: too large for the quiet layers at most."""
+    if name != "multiple":
+        again = renderer.render(np.eye(4), outputs="A", integrator="path", spp=spp // 8, seed=7, layers=(name,)).A
+        return np.sqrt(quarters(again.stderr.astype(float) ** 2) / (path.stderr[..., 0].size / 4) / 8)
+    return np.sqrt(quarters(path.stderr.astype(float) ** 2) / (path.stderr[..., 0].size / 4))
+
+
+def quarters(image):
+    """Means over the quarters of an image [2, 2, 3], float64."""
+    height, width = image.shape[:2]
+    return image.astype(float).reshape(2, height // 2, 2, width // 2, 3).mean(axis=(1, 3))
+
+
+SOFT_LAMPS = [spot((-0.15, 0, -0.1), blend=0.15), spot((0.3, 0.2, 0.0), axis=(-0.1, -0.1, 1), cone_deg=50, blend=0.5)]
+SCENES = {
+    "shadows": (VAROS_LAMPS, PAPER_WATER, shadows),
+    "chamber": (VAROS_LAMPS, PAPER_WATER, chamber),
+    "riches, soft lamps": (SOFT_LAMPS, PAPER_WATER, riches),
+    "a point lamp": ([point((0.3, 0.1, 0.2))], PAPER_WATER, shadows),
+    "turbid": (VAROS_LAMPS, water(0.8, 1.0, 0.8), shadows),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_image_is_that_of_the_path_integrator(name):
+    lamps, coefficients, parts = SCENES[name]
+    assert_same_as_path(view(lamps, coefficients), parts(), bias=1e-2 if name == "turbid" else BIAS)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", SCENES)
+def test_a_gpu_agrees_too(name):
+    lamps, coefficients, parts = SCENES[name]
+    assert_same_as_path(view(lamps, coefficients), parts(), "cuda:0", (4096, 65536), 1e-2 if name == "turbid" else BIAS)
