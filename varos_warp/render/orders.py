@@ -24,11 +24,11 @@ NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the lamp that are tabulated, the last as optical depth too; what is nearer is in proportion."""
 FINE = (64, 20, 28)
 """Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
-COARSE = (24, 10, 14)
+COARSE = (20, 8, 10)
 """The same for light scattered twice or more, which is smoother."""
-ONCE = Directions.quadrature(64, 32, power=3)
+ONCE = Directions.quadrature(80, 32, power=2)
 """Directions of light scattered once, which is sharp around the lamp; see docs/transport.md for the errors."""
-AGAIN = Directions.quadrature(24, 8, power=2)
+AGAIN = Directions.quadrature(20, 8, power=2)
 """Directions of light scattered more often."""
 LEAVING = Directions.ends(48, 13, power=2)
 """Directions in which light leaves a scattering."""

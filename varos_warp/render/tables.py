@@ -12,7 +12,7 @@ from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.open_water import LampTable, Tables
 from varos_warp.kernels.tabulate import fill_veil
-from varos_warp.render import orders
+from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
 from varos_warp.render.launch import Launcher
 from varos_warp.render.orders import LampField, shines_everywhere
@@ -22,11 +22,11 @@ from varos_warp.scene.water import optical_properties
 
 TABLES_VERSION = 1
 """Raise it when the numbers in the tables change: those on disk are then made again."""
-VEIL = (32, 19, 33)
+VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
-SHARPEST_G = 0.95
+SHARPEST_G = 0.93
 """Sharper phase functions have more harmonics than the grids of directions can tell apart."""
 CONES_DEG = (10.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe."""
@@ -98,16 +98,16 @@ class OpenWater:
 
     def _depends_on(self, **what) -> dict:
         """What the numbers of any table depend on, and what else."""
-        directions = (orders.ONCE, orders.AGAIN, orders.LEAVING, orders.NORMALS)
+        grids = (orders.ONCE, orders.AGAIN, orders.LEAVING, orders.NORMALS)
         return what | {
             "version": TABLES_VERSION,
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
             "g": self.water.g,
-            "nodes": [orders.FINE, orders.COARSE, *([len(grid.s), len(grid.phi)] for grid in directions)],
+            "nodes": [orders.FINE, orders.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
             "reach": [orders.NEAREST_M, orders.FARTHEST_M, orders.FARTHEST_DEPTH],
-            "tolerance": orders.TOLERANCE,
+            "tolerance": [orders.TOLERANCE, orders.GROWTH, directions.SMALLEST, directions.MOST],
         }
 
     def _fill_veil(self, view: Camera) -> np.ndarray:

@@ -1,0 +1,304 @@
+"""Tables of open water against exact solutions, order-resolved truths, and the path integrator."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from varos_warp.kernels.light import Light
+from varos_warp.kernels.open_water import LampTable, scattered_again, scattered_irradiance
+from varos_warp.render import orders, tables
+from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.launch import Launcher
+from varos_warp.render.tables import OpenWater, unavailable
+from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.device import light_record
+from varos_warp.scene.geometry import Part
+
+sys.path.append(str(Path(__file__).parents[1] / "physics"))
+from rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
+
+PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
+FOUR_PI = 4.0 * np.pi
+
+
+@pytest.fixture(autouse=True, scope="module")
+def own_cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VAROS_WARP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Fewer nodes: tables in a second, within 1 % of the light scattered towards a plane that faces the lamp."""
+    monkeypatch.setattr(orders, "FINE", (44, 14, 16))
+    monkeypatch.setattr(orders, "COARSE", (16, 7, 8))
+    monkeypatch.setattr(orders, "ONCE", Directions.quadrature(56, 20, power=2))
+    monkeypatch.setattr(orders, "AGAIN", Directions.quadrature(16, 6, power=2))
+    monkeypatch.setattr(tables, "VEIL", (64, 3, 3))
+
+
+def open_water(lights, coefficients, **camera) -> OpenWater:
+    return OpenWater(one_ray_scene(lights, coefficients, pixels=2, **camera), Launcher("cpu"))
+
+
+def veil(made: OpenWater, T) -> np.ndarray:
+    """Light scattered twice or more on the rig's ray up to T [3]."""
+    kept = made.tables(made.scene.vehicle.cameras[0])
+    values = kept.veil.numpy()
+    t = kept.veil_nearest * np.exp(kept.veil_log_step * np.arange(len(values)))
+    middle = values[:, values.shape[1] // 2, values.shape[2] // 2]
+    return np.array([np.interp(np.log(T), np.log(t), middle[:, c]) for c in range(3)])
+
+
+@wp.kernel(enable_backward=False)
+def look_up(
+    lamps: wp.array(dtype=LampTable),
+    lights: wp.array(dtype=Light),
+    p: wp.array(dtype=wp.vec3),
+    d: wp.array(dtype=wp.vec3),
+    E: wp.array(dtype=wp.vec3),
+    S: wp.array(dtype=wp.vec3),
+):
+    i = wp.tid()
+    E[i] = scattered_irradiance(lamps[0], lights[0], p[i], d[i])
+    S[i] = scattered_again(lamps[0], lights[0], p[i], d[i])
+
+
+def looked_up(made: OpenWater, p, d):
+    """Irradiance of planes with normals d, and what rays along d receive, of the first lamp; [n, 3] each."""
+    p, d = (wp.array(np.asarray(x, np.float32).reshape(-1, 3), dtype=wp.vec3, device="cpu") for x in (p, d))
+    E, S = (wp.zeros(len(p), dtype=wp.vec3, device="cpu") for _ in range(2))
+    record = light_record(made.scene.vehicle.lights[0], np.eye(4), np.zeros(3))
+    lights = wp.array([record], dtype=Light, device="cpu")
+    lamps = made.tables(made.scene.vehicle.cameras[0]).lamp
+    wp.launch(look_up, len(p), inputs=[lamps, lights, p, d, E, S], device="cpu")
+    return E.numpy().astype(float), S.numpy().astype(float)
+
+
+# -------------------------------------------------------------------------------------------------- exact solutions
+
+
+@pytest.mark.parametrize(
+    ("albedo", "fluence"),
+    [
+        (0.5, {0.1: 8.0321037501, 0.5: 0.29476312213, 1: 0.058695137513, 2: 0.0079276237357, 5: 1.291324139e-4}),
+        (0.9, {0.1: 8.9189769392, 0.5: 0.48283269187, 1: 0.14328386153, 2: 0.037126399324, 5: 0.0029151250698}),
+    ],
+)
+def test_fluence_around_a_point_source_is_that_of_case_and_zweifel(albedo, fluence):
+    """Isotropic scattering turns fluence into a source of albedo/(4 pi); within 0.5 % (1.1 % at 5 and albedo 0.5)."""
+    made = open_water([point((0, 0, 0))], water(albedo, 1.0, 0.0))
+    r = np.array(list(fluence))
+    p = np.outer(r, [0.6, 0.0, 0.8])
+    source = looked_up(made, p, np.tile([0.0, 1.0, 0.0], (len(r), 1)))[1][:, 0]
+    scattered = np.array(list(fluence.values())) * FOUR_PI - np.exp(-r) / r**2
+    error = source / (albedo / FOUR_PI * scattered) - 1.0
+    assert np.abs(error[r < 5]).max() < 0.005
+    assert np.abs(error).max() < 0.015
+
+
+@pytest.mark.parametrize(
+    ("albedo", "T", "first", "total"),
+    [
+        (0.5, 2.0, 6.756067373011e-4, 1.432446393789e-3),
+        (0.5, 150.0, 6.94657213878e-4, 1.483289011131e-3),
+        (0.9, 2.0, 1.216092127142e-3, 6.91971457098e-3),
+        (0.9, 150.0, 1.25038298498e-3, 7.294186485738e-3),
+    ],
+)
+def test_veil_of_an_isotropic_medium(albedo, T, first, total):
+    """A6: a ray 1 m from a point source of 1 W; within 0.2 % of the light in the water."""
+    made = open_water([point((1, 0, 1), 1 / FOUR_PI)], water(albedo, 1.0, 0.0))
+    assert veil(made, T) == pytest.approx([total - first] * 3, abs=2e-3 * total)
+
+
+def test_veil_of_the_papers_rig(small):
+    """A12, A13: both lamps in green and blue; within 0.1 % of the light in the water."""
+    made = open_water(VAROS_LAMPS, PAPER_WATER)
+    single = {"R": 5.42226576952195e-5, "G": 6.17358347687215e-4, "B": 1.51897711245271e-3}
+    assert veil(made, 5.0)[0] == pytest.approx(2 * 5.8974e-8, abs=1e-3 * single["R"])
+    assert veil(made, 5.0)[1] == pytest.approx(2 * 7.8923e-6 + 5.577e-7 + 3.995e-8, rel=4e-3, abs=0)
+    assert veil(made, 25.0)[2] == pytest.approx(1.6521e-3 - single["B"], abs=1e-3 * 1.6521e-3 + 1.7e-6)
+    # the lamps are alike, so their table is one
+    assert len(made._kept) == 1
+
+
+def test_veil_of_turbid_water(small):
+    """A13, sigma_t = 1: half of the light is scattered twice or more; 0.2 % of it all."""
+    made = open_water(VAROS_LAMPS, water(0.8, 1.0, 0.8))
+    assert veil(made, 2.0) == pytest.approx([2.179e-2 - 0.0109644027294663] * 3, abs=2e-3 * 2.179e-2)
+
+
+# ----------------------------------------------------------------------------------------- irradiance, by other means
+
+
+def plate(p, n, size=5e-4):
+    a = np.cross(n, [0.3, 0.5, 0.8])
+    a /= np.linalg.norm(a)
+    b = np.cross(n, a)
+    corners = np.array([p + size * (i * a + j * b) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    return Part("plate", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[1.0] * 3))
+
+
+def traced_irradiance(light, coefficients, p, n, spp):
+    """Scattered irradiance of a white plate of a square millimetre, seen from 2 mm: mean and standard error [3]."""
+    view = {"position": list(p + 2e-3 * n), "look_at": list(p), "resolution": [16, 16], "sensor_mm": [1e-4, 1e-4]}
+    scene = Scene(
+        water={"coefficients": coefficients},
+        vehicle={"lights": [light], "cameras": [{"focal_mm": 1e3, **view}]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
+    how = {"spp": spp, "max_bounces": 1, "layers": ("multiple",), "integrator": "path", "seed": 5}
+    image = FrameRenderer(scene, "cpu", parts=[plate(p, n)]).render(np.eye(4), outputs="A", **how).A
+    pixels = np.pi * image.radiance.reshape(-1, 3).astype(float)
+    return pixels.mean(axis=0), pixels.std(axis=0) / np.sqrt(len(pixels))
+
+
+def facing(d, angle_deg, turn):
+    """A point at an angle from the axis +y, and a normal: towards the lamp, turned, sideways or away."""
+    a = np.radians(angle_deg)
+    p = d * np.array([np.sin(a), np.cos(a), 0.0])
+    z, x, y = -p / d, np.array([np.cos(a), -np.sin(a), 0.0]), np.array([0.0, 0.0, 1.0])
+    return p, {"to": z, "turned": 0.8 * z + 0.6 * x, "sideways": y, "away": -z}[turn]
+
+
+@pytest.mark.parametrize(
+    ("light", "coefficients", "d", "angle", "turn"),
+    [
+        (spot((0, 0, 0)), PAPER_WATER, 5.0, 20, "to"),
+        (spot((0, 0, 0)), PAPER_WATER, 5.0, 20, "turned"),
+        (spot((0, 0, 0)), PAPER_WATER, 2.0, 10, "sideways"),
+        (spot((0, 0, 0)), PAPER_WATER, 5.0, 20, "away"),
+        (spot((0, 0, 0)), PAPER_WATER, 3.0, 45, "to"),
+        (spot((0, 0, 0), cone_deg=20.0), water(0.2, 0.3, 0.8), 3.0, 5, "to"),
+        (spot((0, 0, 0), cone_deg=120.0, blend=1.0), water(0.2, 0.3, 0.5), 3.0, 40, "turned"),
+        (spot((0, 0, 0)), water(0.3, 0.4, 0.9), 3.0, 25, "to"),
+        (spot((0, 0, 0)), water(0.3, 0.4, -0.3), 2.0, 10, "turned"),
+        (point((0, 0, 0)), water(0.3, 0.4, 0.0), 2.0, 10, "sideways"),
+    ],
+)
+def test_irradiance_is_that_of_a_traced_plate(small, light, coefficients, d, angle, turn):
+    """Within 4 standard errors and 1 % of what a plate that faces the lamp receives."""
+    p, n = facing(d, angle, turn)
+    got = looked_up(open_water([light], coefficients), [p, p], [n, -p / d])[0]
+    mean, stderr = traced_irradiance(light, coefficients, p, n, spp=256)
+    assert np.all(stderr < 0.07 * got[1])
+    assert np.all(np.abs(got[0] - mean) < 4.0 * stderr + 0.01 * got[1]), f"{got[0] / mean} {stderr / mean}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coefficients", [PAPER_WATER, water(0.219, 0.398, 0.8), water(0.8, 1.0, 0.8)])
+def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
+    """Inside the cone to an optical depth of 8: 0.5 % in the paper's water, 1 % in turbid."""
+    rng = np.random.default_rng(3)
+    sigma_t = coefficients["sigma_s"][0] + coefficients["sigma_a"][0]
+    farthest = 10.0 if coefficients is PAPER_WATER else 8.0 / sigma_t
+    a, d = np.radians(rng.uniform(0.0, 32.4, 2000)), np.exp(rng.uniform(np.log(0.2), np.log(farthest), 2000))
+    p = np.stack([d * np.sin(a), d * np.cos(a), 0.0 * d], 1)
+    one = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
+    monkeypatch.setattr(orders, "FINE", (100, 30, 30))
+    monkeypatch.setattr(orders, "COARSE", (32, 13, 18))
+    two = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
+    assert np.abs(one / two - 1).max() < (0.005 if coefficients is PAPER_WATER else 0.01)
+
+
+# ------------------------------------------------------------------------------------------- scattering as a matrix
+
+
+@pytest.mark.parametrize("g", [0.0, 0.5, 0.8, 0.9, 0.95, -0.3, -0.9])
+def test_scattering_keeps_the_power_and_turns_lobes_into_wider_ones(g):
+    """A lobe of Henyey and Greenstein of mean cosine b becomes one of g b; the first harmonic shrinks by g."""
+    arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(31, 7, power=2)
+    scatter = scattering_matrix(g, arriving, leaving)
+
+    def lobe(b, cosine):
+        return (1 - b * b) / (1 + b * b - 2 * b * cosine) ** 1.5
+
+    got = scatter @ lobe(0.7, np.cos(arriving.pairs[:, 0]))
+    truth = lobe(0.7 * g, np.cos(leaving.pairs[:, 0]))
+    assert got == pytest.approx(truth, abs=2e-3 * truth.max())
+    # quantities in the plane of the axis too
+    assert scatter @ arriving.vectors[:, 0] == pytest.approx(g * leaving.vectors[:, 0], abs=5e-3)
+
+
+def test_irradiance_of_even_light_is_pi_and_of_a_far_lamp_the_cosine():
+    arriving, normals = Directions.quadrature(80, 32, power=2), Directions.ends(41, 13, power=1)
+    matrix = irradiance_matrix(arriving, normals)
+    assert matrix.sum(axis=1) == pytest.approx(np.pi, rel=2e-3)
+    lamp = np.exp(-((arriving.pairs[:, 0] / 0.01) ** 2))
+    E = matrix @ lamp
+    assert E / E.max() == pytest.approx(np.maximum(normals.vectors[:, 2], 0.0), abs=5e-3)
+
+
+# ------------------------------------------------------------------------------------------- building and keeping
+
+
+def test_tables_come_from_disk_the_second_time(small, monkeypatch, tmp_path):
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
+    lights, coefficients = [point((0.3, 0, 0))], water(0.2, 0.3, 0.6)
+    first = veil(open_water(lights, coefficients), 3.0)
+    assert {path.name[:5] for path in tmp_path.iterdir()} == {"lamp-", "veil-"}
+
+    def never(*_):
+        raise AssertionError("built again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(orders.LampField, "solve", never)
+        patch.setattr(OpenWater, "_fill_veil", never)
+        assert np.array_equal(veil(open_water(lights, coefficients), 3.0), first)
+        # lamps of the same kind share a table wherever they are and however bright
+        open_water([point((0.1, 0, 0), 9.0)], coefficients)._lamps  # noqa: B018
+        for other in (water(0.2, 0.3, 0.61), water(0.2, 0.31, 0.6), water(0.21, 0.3, 0.6)):
+            with pytest.raises(AssertionError, match="built again"):
+                veil(open_water(lights, other), 3.0)
+        rigs = ([point((0.2, 0, 0))], {}), ([point((0.3, 0, 0), 2.0)], {}), (lights, {"focal_mm": 2.0})
+        for moved, camera in rigs:
+            with pytest.raises(AssertionError, match="built again"):
+                veil(open_water(moved, coefficients, **camera), 3.0)
+
+
+def test_an_unwritable_cache_costs_only_the_time(small, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    lights, coefficients = [point((0.3, 0, 0))], water(0.2, 0.3, 0.6)
+    kept = veil(open_water(lights, coefficients), 3.0)
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "file" / "below"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert np.array_equal(veil(open_water(lights, coefficients), 3.0), kept)
+    assert caught
+
+
+def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
+    scene = one_ray_scene([spot((0.1, 0, 0), cone_deg=40)], water(0.2, 0.3, 0.6), pixels=2)
+    made = []
+    for threads in (1, 3):
+        monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / str(threads)))
+        made.append(veil(OpenWater(scene, Launcher("cpu", threads)), 3.0))
+    assert np.array_equal(*made)
+
+
+@pytest.mark.parametrize(
+    ("lights", "coefficients", "camera", "why"),
+    [
+        ([], PAPER_WATER, {}, "no lamps"),
+        (VAROS_LAMPS, None, {}, "does not scatter"),
+        (VAROS_LAMPS, water(0.0, 0.1, 0.8), {}, "does not scatter"),
+        (VAROS_LAMPS, water(0.1, 0.1, 0.96), {}, "phase function"),
+        (VAROS_LAMPS, water(0.1, 0.1, -0.96), {}, "phase function"),
+        (VAROS_LAMPS, PAPER_WATER, {"mount": "world"}, "world"),
+        ([*VAROS_LAMPS, spot((0, 0, 0), cone_deg=180.0)], PAPER_WATER, {}, "cone"),
+        ([spot((0, 0, 0), cone_deg=5.0)], PAPER_WATER, {}, "cone"),
+        (VAROS_LAMPS, PAPER_WATER, {}, None),
+        ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, -0.9), {}, None),
+    ],
+)
+def test_where_tables_do_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
+    scene = one_ray_scene(lights, coefficients, **camera)
+    got = unavailable(scene, scene.vehicle.cameras[0])
+    assert got is None if why is None else why in got
