@@ -24,3 +24,11 @@ def pytest_collection_modifyitems(items):
 def seeded():
     """A test that draws from the global generator does so alike in every order and selection of tests."""
     np.random.seed(1)  # noqa: NPY002
+
+
+@pytest.fixture(autouse=True, scope="session")
+def cache_of_its_own(tmp_path_factory):
+    """Tables are made for this run, not found where a user or an earlier version of the code left them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VAROS_WARP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield

@@ -76,7 +76,7 @@ def one_ray_scene(lights, coefficients, direction=(0, 0, 1), pixels=16, **camera
 
 def radiance(scene, parts=(), layer=None, device="cpu", **how):
     """Mean over the pixels and its standard error, float64 [3] each; of one layer or of the total."""
-    how = {"spp": 64, "seed": 7} | how
+    how = {"spp": 64, "seed": 7, "integrator": "path"} | how
     if layer:
         how["layers"] = (layer,)
     image = FrameRenderer(scene, device, parts=list(parts)).render(np.eye(4), outputs="A", **how).A

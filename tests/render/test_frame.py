@@ -162,7 +162,7 @@ def test_the_standard_error_of_all_orders_is_honest_for_the_whole_image(renderer
     """The mean over the image of 40 renders: unit variance of their standard scores."""
     seeds, means, errors = 40, [], []
     for seed in range(seeds):
-        image = renderer.render(POSE, outputs="A", spp=32, seed=seed).A
+        image = renderer.render(POSE, outputs="A", spp=32, seed=seed, integrator="path").A
         means.append(image.radiance.mean(axis=(0, 1), dtype=float))
         errors.append(np.sqrt((image.stderr.astype(float) ** 2).sum(axis=(0, 1))) / image.stderr[..., 0].size)
     scores = (np.array(means) - np.mean(means, axis=0)) / np.sqrt(np.mean(np.square(errors), axis=0))

@@ -31,7 +31,7 @@ def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
     view = {"resolution": [64, 36], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
     return Scene(water="none" if water is None else {"coefficients": water},
                  vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
-                 render={"denoise": "none", "tolerance": 0.05} | render)
+                 render={"denoise": "none", "tolerance": 0.05, "integrator": "path"} | render)
 
 
 def make_renderer(scene, **how):
@@ -307,3 +307,22 @@ def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs
     assert cost["seconds_per_frame"] == pytest.approx(1280 * 720 * microseconds * 1e-6, rel=0.005)
     assert cost["seconds_in_all"] == pytest.approx(50 * cost["seconds_per_frame"], rel=0.005)
     assert cost["frames"] == 50
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+def test_with_tables_no_scattering_is_left_out_and_fewer_samples_are_needed():
+    """The same floor: the plan says so, and its samples reach the tolerance by the spread of renderings."""
+    plans = {name: plan_render(scene, make_renderer(scene), [POSE]) for name in ("path", "tables", "auto")
+             for scene in [make_scene(integrator=name)]}
+    assert plans["tables"] == plans["auto"]
+    assert plans["tables"].max_scatterings is None
+    assert "tables hold all orders" in plans["tables"].reasons[0]
+    assert plans["tables"].models["A"].startswith("tables of open water")
+    assert plans["tables"].spp < plans["path"].spp
+
+
+def test_tables_give_way_to_paths_where_scatterings_are_bounded():
+    scene = make_scene(integrator="auto", max_scatterings=1)
+    assert plan_render(scene, make_renderer(scene), [POSE]).models["A"].startswith("path tracer")

@@ -1,5 +1,7 @@
 """Where light transport breaks elsewhere: coordinates of maps, lamps in the view, extremes of water, tiny and huge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +18,7 @@ from physics.rig import (
     water,
 )
 
+from varos_warp.errors import InputError
 from varos_warp.render.frame import LAYERS, FrameRenderer
 from varos_warp.scene.description import Diffuse, Rust, Scene, SlopeBlend
 from varos_warp.scene.frames import look_at_matrix, transform
@@ -43,7 +46,8 @@ def scene_of(lights, coefficients, position=(0.0, 0.0, 0.0), resolution=(24, 16)
     """A vehicle at ``position``; lamps in its axes."""
     view = {"id": "M0", "resolution": resolution, "sensor_mm": [6.0, 4.0], "focal_mm": 4.0} | view
     return Scene(water="none" if coefficients is None else {"coefficients": coefficients},
-                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": position}]})
+                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": position}]},
+                 render={"integrator": "path"})
 
 
 def image_of(scene, parts=(), pose=None, **how):
@@ -321,3 +325,35 @@ def test_a_spot_of_360_degrees_is_a_point_light():
     bare = image_of(scene_of([point((0.15, 0, -0.1))], PAPER_WATER), parts)
     whole = image_of(scene_of([spot((0.15, 0, -0.1), (0.3, -1, 0.2), 360.0, 1.0)], PAPER_WATER), parts)
     assert np.array_equal(bare.radiance, whole.radiance)
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+@pytest.mark.parametrize("parts", [[], [ground(20.0, -1.0)], [ground(20.0, -1.0), box((0.1, 0.1, 2.0), (0.1, 0.6, 0.0))]])
+@pytest.mark.parametrize(("spp", "resolution"), [(1, (1, 1)), (2, (1, 1)), (3, (1, 40)), (4, (24, 16))])
+def test_images_with_tables_are_numbers(parts, spp, resolution):
+    """Whatever their size, with nothing in the water or a post before the lamps; at a place of a map, too."""
+    for offset in ((0.0, 0.0, 0.0), MAPS[1]):
+        scene = scene_of(VAROS_LAMPS, PAPER_WATER, offset, resolution)
+        moved = [replace(part, vertices=part.vertices + offset) for part in parts]
+        image = image_of(scene, moved, spp=spp, integrator="tables")
+        assert np.isfinite(image.radiance).all()
+        assert np.isinf(image.stderr).all() if spp == 1 else np.isfinite(image.stderr).all()
+        assert image.radiance.mean() > 0.0
+
+
+def test_the_image_with_tables_does_not_depend_on_where_on_the_map_it_is():
+    parts = [ground(20.0, -1.0), box((0.1, 0.1, 2.0), (0.1, 1.6, 0.0))]
+    here, there = (image_of(scene_of(VAROS_LAMPS, PAPER_WATER, offset), [replace(p, vertices=p.vertices + offset)
+                            for p in parts], integrator="tables").radiance.astype(float)
+                   for offset in ((0.0, 0.0, 0.0), MAPS[1]))
+    assert np.mean(np.abs(there - here) > 1e-3 * here) < 0.05
+
+
+def test_tables_refuse_what_they_do_not_hold():
+    scene = scene_of([spot((0, 0, 0), cone_deg=4.0)], PAPER_WATER)
+    with pytest.raises(InputError, match="cone"):
+        image_of(scene, integrator="tables")
+    with pytest.raises(InputError, match="max_scatterings"):
+        image_of(scene_of(VAROS_LAMPS, PAPER_WATER), integrator="tables", max_scatterings=2)

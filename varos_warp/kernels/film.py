@@ -121,6 +121,9 @@ def develop(
     for c in range(3):
         variance = variance_of_mean(sums.squares[c], total[c], spp)
         if film.residual.shape[0] > 0:
-            variance += variance_of_mean(added_squares[c], added[c], spp_residual)
+            if spp_residual == 1:  # its second moment is all that is known, and no less than the variance
+                variance += added_squares[c]
+            else:
+                variance += variance_of_mean(added_squares[c], added[c], spp_residual)
         error[c] = float(wp.sqrt(variance))
     stderr[row, col] = error

@@ -19,7 +19,7 @@ from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.launch import Launcher
 from varos_warp.render.residual import Residual, empty_veil_grid
-from varos_warp.render.tables import OpenWater
+from varos_warp.render.tables import OpenWater, unavailable
 from varos_warp.scene.description import Camera, Scene
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
@@ -93,13 +93,23 @@ class Frame:
     S: SegmentImage | None = None
 
 
-def resolve_integrator(name: str) -> str:
-    """The integrator that ``render.integrator`` stands for.
+def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None) -> str:
+    """The integrator that ``name`` stands for: ``auto`` is tables where they serve, else path.
 
     Raises:
-        InputError: If there is none of that name.
+        InputError: If tables are asked for and cannot be had.
     """
-    return "path" if name == "auto" else name
+    if name not in ("auto", "tables"):
+        return name
+    why = unavailable(scene, view)
+    if max_scatterings is not None:
+        why = f"they hold all orders of scattering, and max_scatterings is {max_scatterings}"
+    if name == "tables":
+        if why:
+            remedy = "Use integrator path, or auto."
+            raise InputError(f"tables cannot be used: {why}", key="render.integrator", value=name, remedy=remedy)
+        return name
+    return "path" if why else "tables"
 
 
 def _check_request(outputs, layers, integrator, denoise, **numbers):
@@ -198,8 +208,9 @@ class FrameRenderer:
         if "A" in outputs:
             spp = spp or self.scene.render.spp or 64
             key = stream_key(seed, frame, view.id, "A")
+            integrator = resolve_integrator(self.scene, view, integrator, max_scatterings)
             bounds = (ALL if bound is None else bound for bound in bounds.values())
-            how = (layers, resolve_integrator(integrator), denoise, key)
+            how = (layers, integrator, denoise, key)
             images["A"] = self._render_water(view, T_w_v, spp, *bounds, *how)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
