@@ -145,7 +145,7 @@ def test_bounds_leave_out_what_they_say(renderer, bounds, empty):
 def test_the_standard_error_is_that_of_repeated_renders(renderer, output, layers):
     """Variance over 32 seeds against the mean of what each says of itself: chi-square, its spread by the kurtosis."""
     seeds = 32
-    how = {"spp": 64, "spp_b": 64} | ({"layers": layers} if layers else {})
+    how = {"spp": 64, "spp_b": 64, "integrator": "path"} | ({"layers": layers} if layers else {})
     images = [getattr(renderer.render(POSE, outputs=output, seed=s, **how), output) for s in range(seeds)]
     values = np.array([image.radiance[..., 1] for image in images], float)
     stated = np.mean([image.stderr[..., 1].astype(float) ** 2 for image in images], axis=0)

@@ -25,7 +25,7 @@ class Film:
     """Squares of the total radiance."""
     residual: wp.array3d(dtype=wp.vec3d)
     residual_squares: wp.array3d(dtype=wp.vec3d)
-    """What is added to ``glow`` with samples of its own, and its squares; empty without such samples."""
+    """What is added to ``glow`` with samples of its own (see kernels/glow.py), and its squares; empty without them."""
 
 
 @wp.struct

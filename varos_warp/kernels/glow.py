@@ -1,7 +1,7 @@
 """The residual of a pixel: what surfaces block of the scattered light that the tables send to the one it sees, and add.
 
 It has samples of its own, for it needs fewer than the edges and shadows of a pixel do. With them goes the halo of
-bright surfaces: light that they send close by a pixel's ray, and that the water bends into it.
+bright surfaces: lamp light that they send close by a pixel's ray, and that the water bends into it.
 """
 
 from functools import cache
@@ -14,9 +14,8 @@ from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
-from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.phase import hg_sample, hg_share_within
-from varos_warp.kernels.residual import draw, glow, halo_share, walk_from_surface
+from varos_warp.kernels.residual import draw, halo_share, walk_from_surface
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 from varos_warp.kernels.walk import Walk, surface_vertex
 
@@ -35,7 +34,6 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
         camera: Camera,
         first_row: int,
         first_sample: int,
-        tables: Tables,
         halo: float,
         key: wp.uint32,
         # out
@@ -47,7 +45,7 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
         pixel = row * starts.shape[2] + col
         u = draw(key, pixel, first_sample + k, 0)
         v = draw(key, pixel, first_sample + k, 1)
-        w = draw(key, pixel, first_sample + k, 14)
+        w = draw(key + wp.uint32(1), pixel, first_sample + k, 0)
         ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
         o = ray.o
         d = ray.d
@@ -66,19 +64,17 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 if leg == 0:
                     start = walk_from_surface(scene, vertex, hit.t)
                 else:
-                    L = glow(scene, tables, vertex)
                     reflected = gather_reflected(scene, hit, vertex, w[2])
                     if brightest(reflected.L) > 0.0:
                         if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                            L += reflected.L
-                    L = wp.cw_mul(wp.cw_mul(throughput, transmittance(scene.medium, hit.t)), L)
+                            L = wp.cw_mul(wp.cw_mul(throughput, transmittance(scene.medium, hit.t)), reflected.L)
             if leg == 0:
                 c = wp.min(int(3.0 * w[0]), 2)
                 t = sample_truncated_exponential(scene.medium.sigma_t[c], hit.t, w[1])
                 pdf = float(0.0)
                 for channel in range(3):
                     pdf += truncated_exponential_pdf(scene.medium.sigma_t[channel], hit.t, t) / 3.0
-                within = hg_share_within(1.0 - wp.cos(wp.min(3.0 * halo, wp.pi)), scene.medium.g)
+                within = hg_share_within(wp.min(4.5 * halo * halo, 2.0), scene.medium.g)
                 bent = hg_sample(d, scene.medium.g, 1.0 - within * v[0], v[1])
                 share = within * halo_share(wp.length(bent - d), halo)
                 throughput = (share / pdf) * wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))

@@ -10,13 +10,13 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import Light, brightest
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.sampling import Pick, from_polar, reservoir
 from varos_warp.kernels.single_scatter import lamp_beam
 from varos_warp.kernels.sobol import sobol4
-from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
+from varos_warp.kernels.texture import METAL, WALK_ANGLE, footprint_width
 from varos_warp.kernels.walk import Vertex, own_lobe_pdf, vertex_eval
 
 wp.set_module_options({"enable_backward": False})
@@ -34,9 +34,16 @@ class LitPoint:
     n: wp.vec3
     """Geometric normal on the lit side."""
     L: wp.vec3
-    """Radiance of the lamp's light off the surface; 0 where the ray met nothing, or a metal."""
+    """Radiance of the lamp's light off the surface; 0 where the ray met nothing, or a material that may be metal."""
     density: float
     """Of such points per area [1/m^2]."""
+
+
+@wp.func
+def may_have_lobe(scene: SceneData, hit: Hit):
+    """Whether a surface's material can be metal: by the material, so that rays of any width agree on it."""
+    material = scene.materials[hit.part]
+    return material.kind == METAL or material.metallic == 1
 
 
 @wp.func
@@ -95,7 +102,7 @@ def make_lit_points_kernel(instances: bool, textures: bool) -> wp.Kernel:
             surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
             point.p = hit.start
             point.n = hit.n
-            if surface.metal <= 0.0:
+            if not may_have_lobe(scene, hit):
                 E = wp.max(-wp.dot(n, d), 0.0) * lamp_beam(scene, light, hit.p)
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = lit_density(scene, pick.index, hit.p, hit.n)
@@ -147,5 +154,5 @@ def gather_lit_point(scene: SceneData, points: wp.array(dtype=LitPoint), vertex:
 @wp.func
 def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, lamp: int, p: wp.vec3, n: wp.vec3):
     """Weight of a lamp's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_lit_point."""
-    found = lobe_pdf * wp.abs(wp.dot(d, n)) / (t * t)
-    return found / (found + lit_density(scene, lamp, p, n))
+    found = lobe_pdf * wp.abs(wp.dot(d, n))
+    return found / wp.max(found + t * t * lit_density(scene, lamp, p, n), 1.0e-30)

@@ -243,9 +243,8 @@ def scattered_between(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, li
     There the distance law is a constant, and what is left is smooth.
     """
     L = wp.vec3(0.0)
-    if yb <= ya:
-        return L
-    for k in range(SEGMENT_NODES):
+    k = int(0)
+    while k < SEGMENT_NODES:  # not a range, which would be unrolled
         node = legendre_node(k)
         y = sample_equiangular(lit.h, ya, yb, node[0])
         distance = wp.sqrt(lit.h * lit.h + y * y)
@@ -253,26 +252,39 @@ def scattered_between(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, li
         weight = node[1] * hg_eval(one_minus_cos_at(y, lit.h, distance), scene.medium.g)
         weight *= falloff(light, wp.dot(o + t * d - light.position, light.axis) / distance)
         L += weight * transmittance(scene.medium, t + distance)
+        k += 1
     L *= equiangular_angle(lit.h, ya, yb)
     return wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), L)
+
+
+@wp.func
+def next_break(y: float, candidate: float, so_far: float):
+    """The nearer one of two places where an interval may be divided, beyond ``y``."""
+    return wp.where(candidate > y and candidate < so_far, candidate, so_far)
 
 
 @wp.func
 def single_scattering(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     """Radiance that a lamp's light adds to a ray up to ``t_max`` by scattering once, without obstacles.
 
-    A soft edge has kinks where it begins, so the part of the ray within it is taken apart.
+    The lit interval is divided at the lamp's foot, before which the phase function peaks, and where a soft edge begins,
+    which is a kink.
     """
+    L = wp.vec3(0.0)
     lit = lit_interval(light, o, d, t_max)
     if lit.angle <= 0.0:
-        return wp.vec3(0.0)
+        return L
     inner = LitInterval()
     if light.blend > 0.0 and light.cos_half > -1.0:
         core = light
         core.cos_half = light.cos_half + light.blend * (1.0 - light.cos_half)
         inner = lit_interval(core, o, d, t_max)
-    if inner.angle <= 0.0:
-        return scattered_between(scene, light, o, d, lit, lit.ya, lit.yb)
-    L = scattered_between(scene, light, o, d, lit, lit.ya, inner.ya)
-    L += scattered_between(scene, light, o, d, lit, inner.ya, inner.yb)
-    return L + scattered_between(scene, light, o, d, lit, inner.yb, lit.yb)
+    y = lit.ya
+    while y < lit.yb:
+        end = next_break(y, 0.0, lit.yb)
+        if inner.angle > 0.0:
+            end = next_break(y, inner.ya, end)
+            end = next_break(y, inner.yb, end)
+        L += scattered_between(scene, light, o, d, lit, y, end)
+        y = end
+    return L

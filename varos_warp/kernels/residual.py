@@ -21,10 +21,10 @@ from varos_warp.kernels.conventions import ALL, BLOCK_DIM, CPU_FLAGS, FAR
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
-from varos_warp.kernels.lit_points import LitPoint, found_weight, gather_lit_point
+from varos_warp.kernels.lit_points import LitPoint, found_weight, gather_lit_point, may_have_lobe
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.open_water import Tables, scattered_irradiance
-from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.sampling import Pick, reservoir, uniforms
 from varos_warp.kernels.sobol import sobol4
 from varos_warp.kernels.surface import surface_albedo
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
@@ -44,6 +44,10 @@ wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS = wp.constant(14)
 """So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
+
+
+HANDED_SHARE = wp.constant(0.25)
+"""Share of the walks that hand a surface on: what is blocked of its glow is little."""
 
 
 @wp.func
@@ -165,6 +169,7 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
                 walk = starts[i]
                 if walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0:
                     walk.alive = 0
+                walk.expected_at_start = expected_light(scene, walk)
                 before = walk.vertex.p
                 clear = True
                 L = wp.vec3(0.0)
@@ -175,7 +180,9 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
                 v = draw(key, place_of(order, i), point_of(order, i), group + 1)
                 w = draw(key, place_of(order, i), point_of(order, i), group + 2)
                 group += 3
+                # the tables know of one normal only: light between it and the surface is blocked like any other
                 facing = walk.vertex.n_geometric
+                walk.vertex.n_geometric = walk.vertex.n
                 walk = turn(scene, walk, 0.5, u, v)
                 if walk.alive == 1:
                     p = walk.vertex.p
@@ -226,7 +233,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         scene: SceneData,
         first: int,
         stride: int,
-        starts: wp.array(dtype=Walk),
+        starts: wp.array(dtype=Walk),  # in the end those of what is blocked of the glow that walks met
         order: Order,
         tables: Tables,
         lit_points: wp.array(dtype=LitPoint),
@@ -242,6 +249,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         sees_water = bool(False)
         walk = Walk()
         L = wp.vec3(0.0)
+        weights = float(0.0)
+        pick = Pick()
         group = int(0)
         while i < starts.shape[0]:
             if fresh:
@@ -249,6 +258,9 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 sees_water = walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0
                 at_start = walk.vertex.on_surface == 0
                 L = wp.vec3(0.0)
+                weights = float(0.0)
+                pick.u = draw(key + wp.uint32(1), place_of(order, i), point_of(order, i), 1)[0]
+                pick.index = 0
                 group = int(2)
                 fresh = False
             if walk.alive == 1:
@@ -287,20 +299,33 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                         surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
                         end = surface_vertex(hit, d, n, surface)
                         throughput = wp.cw_mul(walk.throughput, transmittance(scene.medium, hit.t))
-                        if at_start:
-                            throughput *= 1.0 - halo_share(wp.length(d - before.d), halo)
                         reflected = gather_reflected(scene, hit, end, w[2])
                         second.p = reflected.p
                         second.q = scene.lights[wp.max(reflected.lamp, 0)].position
                         second.L = wp.cw_mul(throughput, reflected.L)
-                        if not sees_water and surface.metal <= 0.0 and brightest(second.L) > 0.0:
+                        if at_start:
+                            second.L *= 1.0 - halo_share(wp.length(d - before.d), halo)
+                        if not sees_water and not may_have_lobe(scene, hit) and brightest(second.L) > 0.0:
                             pdf = own_lobe_pdf(scene, before, d)
                             second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)
-                        L += wp.cw_mul(throughput, glow(scene, tables, end))
+                        L_glow = wp.cw_mul(throughput, glow(scene, tables, end))
+                        L += L_glow
+                        # one such surface is handed on, to find what is blocked of its glow
+                        weight = brightest(L_glow)
+                        weights += weight
+                        pick = reservoir(pick, 1, weight, weights)
+                        if pick.index == 1:
+                            pick.index = 0
+                            met = walk
+                            met.vertex = end
+                            met.throughput = throughput / weight
+                            starts[i] = met
                     at_start = False
                     walk = advance(scene, walk, hit, end, ALL, max_bounces, wp.vec4(w[3], v[2], v[3], 0.0))
                     if walk.vertex.on_surface == 1:
                         sees_water = walk.vertex.surface.metal > 0.0
+                    if walk.bounces >= max_bounces and not sees_water:
+                        walk.alive = 0
                 count = int(0)
                 while count < 2:  # not a range, which would be unrolled and compiled twice
                     if brightest(connection.L) > 0.0:
@@ -310,6 +335,12 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     count += 1
             if walk.alive == 0:
                 light[i] += L
+                starts[i].alive = 0
+                if weights > 0.0 and pick.u < HANDED_SHARE:
+                    handed = starts[i]
+                    handed.alive = 1
+                    handed.throughput *= weights / HANDED_SHARE
+                    starts[i] = handed
                 i += stride
                 fresh = True
 

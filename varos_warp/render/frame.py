@@ -264,14 +264,16 @@ class FrameRenderer:
         tables = self.open_water.tables(view) if wanted[2] else Tables()
         grid = empty_veil_grid(self.launcher, view)
         spp_residual = 0
-        if wanted[2] and self.world.has_surfaces and max_bounces > 0:
+        if wanted[2] and self.world.has_surfaces:
             filtered = (denoise or self.scene.render.denoise) != "none"
             spp_residual = -(-spp // (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES))
-        film = self._film(view, spp, int(spp_residual > 0))
+        reflects = spp_residual > 0 and max_bounces > 0
+        film = self._film(view, spp, int(reflects))
         if spp_residual:
             residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0])
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
-            residual.add_glow(film, view, camera, spp_residual)
+            if reflects:
+                residual.add_glow(film, view, camera, spp_residual)
         kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
         how = [tables, grid, spp, max_bounces, wp.uint32(keys[1]), film]
         self._launch(kernel, film, [self.world.data, camera], how)

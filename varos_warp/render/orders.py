@@ -10,6 +10,7 @@ import warp as wp
 from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from varos_warp.errors import InputError
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.open_water import LampTable, NodeGrid
@@ -86,7 +87,10 @@ class LampField:
             return ((x - self._scattered_again(self._refined(self._source(x, self._again_to)))) / scale).ravel()
 
         operator = LinearOperator((twice.size, twice.size), matvec=without_next, dtype=np.float32)
-        x, _ = gmres(operator, (twice / scale).ravel(), rtol=TOLERANCE, restart=40, maxiter=1)
+        x, left = gmres(operator, (twice / scale).ravel(), rtol=TOLERANCE, restart=40, maxiter=5)
+        if left != 0:
+            remedy = "Render with integrator path."
+            raise InputError("the light in open water did not converge", key="water", value=self.water, remedy=remedy)
         x = x.reshape(shape).astype(np.float32) * scale
         irradiance = _applied(self._once_to["irradiance"], once)
         irradiance += self._refined(_applied(self._again_to["irradiance"], x))

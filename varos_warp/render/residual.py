@@ -19,15 +19,15 @@ from varos_warp.scene.description import Camera
 from varos_warp.scene.device import DeviceScene
 
 LIT_POINTS = 1 << 14
-COLUMNS = 16
-"""Cells of the veil's grid across an image, square ones, not smaller than a pixel."""
+CELLS = 16
+"""Cells of the veil's grid along the longer side of an image, square ones, not smaller than a pixel."""
 SLABS, SCALE_M, FARTHEST_M = 12, 1.0, 200.0
 """Slabs of a ray; they widen in proportion to the distance beyond SCALE_M, and end at FARTHEST_M."""
-LEAST_SAMPLES = 64
-"""Samples of every slab at every node: as many as of a pixel, but not fewer than these."""
+LEAST_SAMPLES, MOST_SAMPLES = 64, 512
+"""Samples of every slab at every node: as many as of a pixel, within these bounds."""
 MOST_STARTS = 1 << 20
 """Walks at a time; each takes about 150 bytes."""
-GPU_THREADS = 1 << 17
+WALK_THREADS = 1 << 17
 """Threads that share them on a GPU, each taking one after the other."""
 CPU_TILE = 1 << 10
 
@@ -35,7 +35,7 @@ CPU_TILE = 1 << 10
 def empty_veil_grid(launcher: Launcher, view: Camera) -> VeilGrid:
     """The grid that covers a camera's image, as it is without surfaces."""
     width, height = view.resolution
-    cell = max(width / COLUMNS, 1.0)
+    cell = cell_size(view)
     nodes = tuple(max(2, int(np.ceil(side / cell)) + 1) for side in (height, width))
     grid = VeilGrid()
     grid.scale, grid.log_step = SCALE_M, float(np.log1p(FARTHEST_M / SCALE_M) / SLABS)
@@ -43,9 +43,14 @@ def empty_veil_grid(launcher: Launcher, view: Camera) -> VeilGrid:
     return grid
 
 
+def cell_size(view: Camera) -> float:
+    """Side of a cell of the veil's grid [pixels]."""
+    return max(max(view.resolution) / CELLS, 1.0)
+
+
 def halo_width(camera: CameraData, view: Camera) -> float:
     """Angle [rad] of a cell of the veil's grid, in the middle of the image."""
-    return float(max(view.resolution[0] / COLUMNS, 1.0) * camera.pixel_angle)
+    return cell_size(view) * float(camera.pixel_angle)
 
 
 class Residual:
@@ -61,7 +66,7 @@ class Residual:
 
     def __init__(self, launcher: Launcher, world: DeviceScene, tables: Tables, max_bounces: int, key: int):
         self.launcher, self.world, self.tables, self.max_bounces = launcher, world, tables, max_bounces
-        self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(3)]
+        self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
         self.kinds = (world.has_instances, world.has_textures)
         self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
         kernel = make_lit_points_kernel(*self.kinds)
@@ -70,7 +75,7 @@ class Residual:
     def fill_veil(self, grid: VeilGrid, view: Camera, pinhole: CameraData, spp: int):
         """Fill the grid for an image of ``spp`` samples per pixel."""
         slabs, *nodes = grid.radiance.shape
-        shape = (max(LEAST_SAMPLES, spp), *nodes, slabs)
+        shape = (min(max(LEAST_SAMPLES, spp), MOST_SAMPLES), *nodes, slabs)
         key = self.keys[1]
         starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
         before = [self.world.data, pinhole]
@@ -93,7 +98,7 @@ class Residual:
             starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
             light = wp.empty(shape, dtype=wp.vec3, device=self.launcher.device)
             before, key = [self.world.data, camera], self.keys[2]
-            after = [first, self.tables, halo_width(camera, view), wp.uint32(key), starts, light]
+            after = [first, halo_width(camera, view), wp.uint32(key), starts, light]
             self.launcher.rows(make_start_glow_kernel(*self.kinds), (height, width, shape[0]), before, after)
             self._walk(starts, 1, height * width, first, key, 0.0, light)
             self.launcher.run(add_residual, (height, width), [light], [film])
@@ -105,11 +110,14 @@ class Residual:
         flat, lights, key = starts.flatten(), light.flatten(), wp.uint32(key)
         scene, lit = self.world.data, self.lit_points
         reflected = [flat, order, self.tables, lit, self.max_bounces, halo, key, lights]
-        self._over(make_reflect_kernel(*self.kinds), scene, flat.shape[0], reflected)
-        self._over(make_block_kernel(self.kinds[0]), scene, flat.shape[0], [flat, order, key, lights])
+        block, count = make_block_kernel(self.kinds[0]), flat.shape[0]
+        self._over(block, scene, count, [flat, order, key, lights])
+        self._over(make_reflect_kernel(*self.kinds), scene, count, reflected)
+        # the starts now are surfaces that walks met
+        self._over(block, scene, count, [flat, order, wp.uint32(self.keys[3]), lights])
 
     def _over(self, kernel, scene, count: int, arguments):
         """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
-        threads = count if self.launcher.device == "cpu" else min(count, GPU_THREADS)
+        threads = count if self.launcher.device == "cpu" else min(count, WALK_THREADS)
         before, after = [scene], [threads, *arguments]
         self.launcher.rows(kernel, (threads,), before, after, tile_rows=CPU_TILE)

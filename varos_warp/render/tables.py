@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import warp as wp
+from threadpoolctl import threadpool_limits
 
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
@@ -20,7 +21,7 @@ from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 1
+TABLES_VERSION = 2
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
@@ -28,6 +29,8 @@ VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
 SHARPEST_G = 0.93
 """Sharper phase functions have more harmonics than the grids of directions can tell apart."""
+SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
+"""The same for lamps that shine everywhere or in a wider cone: rays through their light see its forward peak."""
 CONES_DEG = (10.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe."""
 
@@ -41,6 +44,9 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "the water does not scatter"
     if abs(water.g) > SHARPEST_G:
         return f"the water's phase function is sharper than tables resolve: |g| = {abs(water.g):g} > {SHARPEST_G}"
+    if abs(water.g) > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
+                                                    for light in lights):
+        return f"|g| = {abs(water.g):g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
     if view.mount == "world":
         return f"camera {view.id} stands in the world, and the lamps move before it"
     narrow, wide = CONES_DEG
@@ -90,7 +96,7 @@ class OpenWater:
 
     def _lamp_table(self, light: Light) -> LampTable:
         field = LampField(light, self.water, self.launcher)
-        arrays = cached("lamp", self._depends_on(lamp=_kind(light)), field.solve)
+        arrays = cached("lamp", self._depends_on(lamp=_kind(light)), lambda: _solved(field))
         table = LampTable()
         table.grid = field.fine
         table.irradiance, table.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
@@ -125,6 +131,12 @@ class OpenWater:
 
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(values, dtype=wp.vec3, device=self.device)
+
+
+def _solved(field: LampField) -> dict[str, np.ndarray]:
+    """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more."""
+    with threadpool_limits(1):
+        return field.solve()
 
 
 def _kind(light: Light) -> tuple:
