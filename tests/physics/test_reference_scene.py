@@ -51,6 +51,7 @@ def reference(name):
 
 def render(renderer, **how):
     """Image A from the scene's pose: radiance and standard error, float64 [H, W, 3]."""
+    how = {"integrator": "path"} | how
     image = renderer.render(pose_matrix(renderer.scene.trajectory.poses[0]), outputs="A", **how).A
     return image.radiance.astype(float), image.stderr.astype(float)
 
@@ -98,6 +99,29 @@ def test_all_orders_are_the_reference(renderer):
 @pytest.mark.slow
 def test_all_orders_are_the_reference_at_full_size(renderer):
     assert_same_image(render(renderer, spp=64, seed=3), reference("full"), 1e-3)
+
+
+def assert_tables_within_their_bias(renderer, spp, seeds):
+    """Block means, their error by the spread of renderings; 0.3 % of a block is the stated bias of tables."""
+    images = np.array([block_means(render(renderer, spp=spp, seed=seed, integrator="tables", denoise="none")[0])
+                       for seed in range(seeds)])
+    mean, stderr = reference("full")
+    truth, noise = block_means(mean), np.sqrt(block_means(stderr**2) / BLOCK**2)
+    spread = np.hypot(images.std(axis=0, ddof=1) / np.sqrt(seeds), noise)
+    off = np.maximum(np.abs(images.mean(axis=0) - truth) - 3e-3 * truth, 0.0)
+    assert np.median(spread / truth) < 0.01
+    assert_plausible(2.0 * stats.t.sf(off / spread, seeds - 1))
+    total = np.abs(images.mean(axis=0) - truth).mean(axis=(0, 1)) / truth.mean(axis=(0, 1))
+    assert np.all(total < 0.02)
+
+
+def test_tables_are_the_reference_within_their_bias(renderer):
+    assert_tables_within_their_bias(renderer, 8, 5)
+
+
+@pytest.mark.gpu
+def test_tables_on_a_gpu_are_the_reference_within_their_bias(scene, parts):
+    assert_tables_within_their_bias(FrameRenderer(scene, "cuda:0", parts=parts), 256, 5)
 
 
 @pytest.mark.gpu

@@ -325,8 +325,8 @@ def test_a_gpu_and_the_cpu_agree_within_standard_errors(renderer, gpu):
     def blocks(x):
         return x.astype(float).reshape(5, 4, 8, 4, 3).mean(axis=(1, 3))
 
-    for how in ({"outputs": "A", "spp": 512}, {"outputs": "A", "spp": 512, "layers": ("direct", "single")},
-                {"outputs": "B", "spp_b": 512}):
+    paths = {"outputs": "A", "spp": 512, "integrator": "path"}
+    for how in (paths, paths | {"layers": ("direct", "single")}, {"outputs": "B", "spp_b": 512}):
         frames = renderer.render(POSE, seed=1, **how), gpu.render(POSE, seed=2, **how)
         one, two = (getattr(frame, how["outputs"]) for frame in frames)
         variance = blocks(one.stderr.astype(float) ** 2 + two.stderr.astype(float) ** 2) / 16
