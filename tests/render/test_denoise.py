@@ -425,7 +425,10 @@ def test_only_the_tables_have_a_residual_and_it_is_part_of_the_layer_multiple(re
 
 @pytest.mark.gpu
 def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
-    """Half floats in the network, on one part of the image: within 1 % of its residual's largest denoised value."""
+    """Half floats there: 2^-11 in each of the network's some sixteen layers adds up to 0.2 % (rms) of the largest value.
+
+    That is of the part of the image that goes through the network.
+    """
     pytest.importorskip("pyoidn")
     for kind in ({"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}, {"kind": "rust", "amount": 0.4}):
         scene_ = rough_scene(kind)
@@ -435,7 +438,7 @@ def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
             expected = denoise_image(image, "oidn")
             noisy = image.radiance if image.residual is None else image.radiance - image.residual
             size = np.abs(expected - noisy).max() if image.residual is not None else expected.max()
-            np.testing.assert_allclose(image.denoised, expected, atol=0.01 * size, rtol=0)
+            assert rms(image.denoised - expected) < 2e-3 * size
 
 
 @pytest.mark.gpu

@@ -295,7 +295,9 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
         ([*VAROS_LAMPS, spot((0, 0, 0), cone_deg=180.0)], PAPER_WATER, {}, "cone"),
         ([spot((0, 0, 0), cone_deg=5.0)], PAPER_WATER, {}, "cone"),
         (VAROS_LAMPS, PAPER_WATER, {}, None),
-        ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, -0.9), {}, None),
+        ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, -0.85), {}, None),
+        ([point((0, 0, 0))], water(0.1, 0.1, 0.9), {}, "too sharp"),
+        ([spot((0, 0, 0), cone_deg=150.0)], water(0.1, 0.1, 0.9), {}, "too sharp"),
     ],
 )
 def test_where_tables_do_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
