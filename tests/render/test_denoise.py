@@ -425,7 +425,7 @@ def test_only_the_tables_have_a_residual_and_it_is_part_of_the_layer_multiple(re
 
 @pytest.mark.gpu
 def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
-    """Half floats there: 2^-11 in each of the network's some sixteen layers adds up to 0.2 % (rms) of the largest value.
+    """Half floats there: 2^-11 in each of some sixteen layers of the network adds up to 0.2 % (rms) of the largest value.
 
     That is of the part of the image that goes through the network.
     """

@@ -1,7 +1,7 @@
 """The residual of a pixel: what surfaces block of the scattered light that the tables send to the one it sees, and add.
 
 It has samples of its own, for it needs fewer than the edges and shadows of a pixel do. With them goes the halo of
-bright surfaces: lamp light that they send close by a pixel's ray, and that the water bends into it.
+bright surfaces: lamp light of those that the camera sees close by, which the water bends into the pixel's ray.
 """
 
 from functools import cache
@@ -14,7 +14,7 @@ from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
-from varos_warp.kernels.phase import hg_sample, hg_share_within
+from varos_warp.kernels.phase import hg_sample
 from varos_warp.kernels.residual import draw, halo_share, walk_from_surface
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 from varos_warp.kernels.walk import Walk, surface_vertex
@@ -53,7 +53,7 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
         start = Walk()
         throughput = wp.vec3(1.0)
         L = wp.vec3(0.0)
-        # first along the pixel's ray, then along one that is bent a little at a place before its end
+        # first along the pixel's ray, then along one that is bent at a place before its end
         leg = int(0)
         while leg < 2:
             hit = first_hit(scene, o, d)
@@ -63,26 +63,23 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 vertex = surface_vertex(hit, d, n, surface)
                 if leg == 0:
                     start = walk_from_surface(scene, vertex, hit.t)
-                else:
+                share = halo_share(ray.o, ray.d, hit.p, halo)
+                if leg == 1 and share > 0.0:
                     reflected = gather_reflected(scene, hit, vertex, w[2])
                     if brightest(reflected.L) > 0.0:
                         if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                            L = wp.cw_mul(wp.cw_mul(throughput, transmittance(scene.medium, hit.t)), reflected.L)
+                            throughput = wp.cw_mul(throughput, transmittance(scene.medium, hit.t))
+                            L = share * wp.cw_mul(throughput, reflected.L)
             if leg == 0:
                 c = wp.min(int(3.0 * w[0]), 2)
                 t = sample_truncated_exponential(scene.medium.sigma_t[c], hit.t, w[1])
                 pdf = float(0.0)
                 for channel in range(3):
                     pdf += truncated_exponential_pdf(scene.medium.sigma_t[channel], hit.t, t) / 3.0
-                within = hg_share_within(wp.min(4.5 * halo * halo, 2.0), scene.medium.g)
-                bent = hg_sample(d, scene.medium.g, 1.0 - within * v[0], v[1])
-                share = within * halo_share(wp.length(bent - d), halo)
-                throughput = (share / pdf) * wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
+                throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
                 o = o + t * d
-                d = bent
+                d = hg_sample(d, scene.medium.g, v[0], v[1])
                 angle = WALK_ANGLE
-                if share <= 0.0:
-                    leg = 2
             leg += 1
         starts[k, row, col] = start
         light[k, row, col] = L

@@ -26,12 +26,3 @@ def hg_sample(d: wp.vec3, g: float, u: float, v: float):
     """Direction after scattering of a ray that travels along ``d``."""
     x = wp.clamp(hg_sample_one_minus_cos(g, u), 0.0, 2.0)
     return from_polar(d, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
-
-
-@wp.func
-def hg_share_within(one_minus_cos: float, g: float):
-    """Share of the light that is scattered by less than an angle."""
-    if wp.abs(g) < 1.0e-3:
-        return 0.5 * one_minus_cos
-    root = wp.sqrt((1.0 - g) * (1.0 - g) + 2.0 * g * one_minus_cos)
-    return (1.0 + g) * (root - (1.0 - g)) / (2.0 * g * root)

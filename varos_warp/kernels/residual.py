@@ -125,11 +125,13 @@ def point_of(order: Order, i: int):
 
 
 @wp.func
-def halo_share(apart: float, width: float):
-    """Share of light scattered by an angle, ``apart`` [rad], that belongs to the halo and not to the veil's grid.
+def halo_share(eye: wp.vec3, d: wp.vec3, p: wp.vec3, width: float):
+    """Share of the light of a surface at ``p`` that belongs to the halo of a ray from ``eye``, and not to the grid.
 
-    All of it within ``width``, none beyond three times that.
+    All of it within an angle ``width`` [rad] of the ray as the camera sees it, none beyond three times that. What is
+    farther off in the image changes little from one node of the grid to the next.
     """
+    apart = wp.length(wp.normalize(p - eye) - d)
     if apart >= 3.0 * width:
         return 0.0
     x = wp.max(apart - width, 0.0) / (2.0 * width)
@@ -238,6 +240,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         tables: Tables,
         lit_points: wp.array(dtype=LitPoint),
         max_bounces: int,
+        eye: wp.vec3,
         halo: float,
         key: wp.uint32,
         # out
@@ -277,8 +280,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     connection.q = seen.p
                     connection.L = wp.cw_mul(walk.throughput, seen.L)
                     if at_start:
-                        apart = wp.length(wp.normalize(seen.p - walk.vertex.p) - walk.vertex.d)
-                        connection.L *= 1.0 - halo_share(apart, halo)
+                        connection.L *= 1.0 - halo_share(eye, walk.vertex.d, seen.p, halo)
                 lamp_share = float(0.0)
                 if wp.static(textures):
                     lamp_share = wp.where(sees_water, 0.5, 0.0)
@@ -304,7 +306,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                         second.q = scene.lights[wp.max(reflected.lamp, 0)].position
                         second.L = wp.cw_mul(throughput, reflected.L)
                         if at_start:
-                            second.L *= 1.0 - halo_share(wp.length(d - before.d), halo)
+                            second.L *= 1.0 - halo_share(eye, before.d, hit.p, halo)
                         if not sees_water and not may_have_lobe(scene, hit) and brightest(second.L) > 0.0:
                             pdf = own_lobe_pdf(scene, before, d)
                             second.L *= found_weight(scene, pdf, d, hit.t, reflected.lamp, hit.p, hit.n)

@@ -4,7 +4,7 @@ It is smooth, for it comes from everywhere around a place in the water. So it is
 of rays that covers the image, slab by slab of their length, and summed up from the camera (Wronski 2014, "Volumetric
 fog"). A pixel looks it up at the length of its own ray. Two parts are as sharp as the image, and not on the grid: what
 scatters once from a lamp, with its shafts of light and shadow, and the halo of bright surfaces, which is lamp light
-that they send by less than a few cells' angle beside the camera. It is drawn with the pixels (kernels/glow.py).
+off those that the camera sees less than a few cells beside the ray. It is drawn with the pixels (kernels/glow.py).
 """
 
 from functools import cache

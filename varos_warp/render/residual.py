@@ -82,7 +82,7 @@ class Residual:
         after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts]
         self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
         light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
-        self._walk(starts, slabs, int(np.prod(nodes)), 0, key, halo_width(pinhole, view), light)
+        self._walk(starts, slabs, int(np.prod(nodes)), 0, key, light, pinhole.position, halo_width(pinhole, view))
         means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
         self.launcher.run(average_slabs, means.shape, [starts, light], [means])
         self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
@@ -100,16 +100,16 @@ class Residual:
             before, key = [self.world.data, camera], self.keys[2]
             after = [first, halo_width(camera, view), wp.uint32(key), starts, light]
             self.launcher.rows(make_start_glow_kernel(*self.kinds), (height, width, shape[0]), before, after)
-            self._walk(starts, 1, height * width, first, key, 0.0, light)
+            self._walk(starts, 1, height * width, first, key, light)
             self.launcher.run(add_residual, (height, width), [light], [film])
 
-    def _walk(self, starts: wp.array, inner: int, places: int, first: int, key: int, halo: float, light: wp.array):
-        """Add the light of walks from ``starts``; see kernels/residual.Order."""
+    def _walk(self, starts, inner: int, places: int, first: int, key: int, light, eye=(0.0, 0.0, 0.0), halo=0.0):
+        """Add the light of walks from ``starts``, but for the halo; see kernels/residual.Order and halo_share."""
         order = Order()
         order.inner, order.places, order.first = inner, places, first
         flat, lights, key = starts.flatten(), light.flatten(), wp.uint32(key)
         scene, lit = self.world.data, self.lit_points
-        reflected = [flat, order, self.tables, lit, self.max_bounces, halo, key, lights]
+        reflected = [flat, order, self.tables, lit, self.max_bounces, wp.vec3(*eye), halo, key, lights]
         block, count = make_block_kernel(self.kinds[0]), flat.shape[0]
         self._over(block, scene, count, [flat, order, key, lights])
         self._over(make_reflect_kernel(*self.kinds), scene, count, reflected)
