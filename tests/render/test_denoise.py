@@ -425,9 +425,9 @@ def test_only_the_tables_have_a_residual_and_it_is_part_of_the_layer_multiple(re
 
 @pytest.mark.gpu
 def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
-    """Half floats there: 2^-11 in each of some sixteen layers of the network adds up to 0.2 % (rms) of the largest value.
+    """Half floats there: 2^-11 in each of some sixteen layers of the network adds up to 0.2 % (rms).
 
-    That is of the part of the image that goes through the network.
+    Of the largest value in the part of the image that goes through the network.
     """
     pytest.importorskip("pyoidn")
     for kind in ({"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}, {"kind": "rust", "amount": 0.4}):
