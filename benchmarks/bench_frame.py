@@ -24,11 +24,7 @@ from varos_warp.sim.trajectory import simulate
 
 
 def time_method(renderer, T_w_v, spp: int, repeat: int, integrator: str):
-    """Image, its variance and the median seconds of ``repeat`` renderings, two at least.
-
-    The variance is that between the renderings: what samples within one say of it is too much where they are a
-    low-discrepancy sequence, and nothing where pixels share them.
-    """
+    """Radiance float64 [repeat, H, W, 3] of ``repeat`` renderings, and their median seconds."""
     renderer.render(T_w_v, outputs="A", spp=1, integrator=integrator)
     seconds, images = [], []
     for frame in range(repeat):
@@ -36,7 +32,7 @@ def time_method(renderer, T_w_v, spp: int, repeat: int, integrator: str):
         image = renderer.render(T_w_v, outputs="A", spp=spp, frame=frame, integrator=integrator).A
         seconds.append(time.perf_counter() - start)
         images.append(image.radiance.astype(float))
-    return image.radiance, np.var(images, axis=0, ddof=1), float(np.median(seconds))
+    return np.array(images), float(np.median(seconds))
 
 
 def rays_per_path(renderer, T_w_v, integrator: str) -> float:
@@ -85,7 +81,10 @@ def measure(
         "setup_s": round(setup, 2),
     }
     for name in integrators:
-        radiance, variance, seconds = time_method(renderer, T_w_v, spp, repeat, name)
+        images, seconds = time_method(renderer, T_w_v, spp, repeat, name)
+        # between renderings: samples within one claim too much where they are a low-discrepancy sequence, and nothing
+        # where pixels share them
+        radiance, variance = images[-1], np.var(images, axis=0, ddof=1)
         relative = np.sqrt(variance) / np.maximum(radiance, 1e-30)
         row[name] = {
             "ms_per_frame": seconds * 1e3,

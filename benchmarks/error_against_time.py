@@ -41,8 +41,8 @@ def measure(scene_file: str, reference_file: str, device: str, most: int, integr
     for name in integrators:
         spp = 2
         while spp <= most:
-            radiance, _, seconds = time_method(renderer, T_w_v, spp, 3 if spp < 64 else 1, name)
-            points.append({"integrator": name, "spp": spp, "seconds": seconds, **errors(radiance, reference)})
+            images, seconds = time_method(renderer, T_w_v, spp, 3 if spp < 64 else 1, name)
+            points.append({"integrator": name, "spp": spp, "seconds": seconds, **errors(images[-1], reference)})
             print(points[-1], flush=True)
             spp *= 4
     return {"scene": scene.name, "device": renderer.device_name, "commit": commit(), "points": points}

@@ -26,13 +26,6 @@ PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 FOUR_PI = 4.0 * np.pi
 
 
-@pytest.fixture(autouse=True, scope="module")
-def own_cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("VAROS_WARP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
-
-
 @pytest.fixture
 def small(monkeypatch):
     """Fewer nodes: tables in a second, within 1 % of the light scattered towards a plane that faces the lamp."""

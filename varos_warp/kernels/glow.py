@@ -15,9 +15,9 @@ from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays,
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
 from varos_warp.kernels.phase import hg_sample
-from varos_warp.kernels.residual import draw, halo_share, walk_from_surface
+from varos_warp.kernels.residual import draw, halo_share
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
-from varos_warp.kernels.walk import Walk, surface_vertex
+from varos_warp.kernels.walk import Walk, surface_vertex, walk_from_surface
 
 wp.set_module_options({"enable_backward": False})
 

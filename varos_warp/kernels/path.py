@@ -13,7 +13,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
-from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS
+from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
@@ -26,12 +26,13 @@ from varos_warp.kernels.walk import (
     Vertex,
     Walk,
     advance,
-    expected_light,
     first_scattering_pdf,
     lamp_distance,
     sample_first_scattering,
     surface_vertex,
     turn,
+    walk_from_surface,
+    walk_from_water,
     water_vertex,
 )
 
@@ -80,25 +81,19 @@ def start_walk(
     Where both can be, either is taken half of the time.
     """
     walk = Walk()
-    walk.dimension = 4
     from_water = max_scatterings > 0
     from_surface = hit.face >= 0 and max_bounces > 0 and brightest(surface_albedo(end.surface)) > 0.0
     both = from_water and from_surface
     if from_water and (u[2] < 0.5 or not both):
         near = lamp_distance(scene, o)
         t = sample_first_scattering(scene.medium, near, hit.t, u[0], u[1])
-        walk.vertex = water_vertex(o + t * d, d)
-        walk.scatterings = 1
-        walk.throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t))
-        walk.throughput /= first_scattering_pdf(scene.medium, near, hit.t, t)
+        walk = walk_from_water(scene, o, d, t, first_scattering_pdf(scene.medium, near, hit.t, t))
     elif from_surface:
-        walk.vertex = end
-        walk.bounces = 1
-        walk.throughput = transmittance(scene.medium, hit.t)
+        walk = walk_from_surface(scene, end, hit.t)
+    walk.dimension = 4
     if both:
         walk.throughput *= 2.0
-    walk.alive = wp.where(brightest(walk.throughput) > 0.0, 1, 0)
-    walk.expected_at_start = expected_light(scene, walk)
+        walk.expected_at_start *= 2.0
     return walk
 
 
@@ -107,18 +102,12 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """Path tracing of a range of rows, specialised to ``spec``.
 
     One loop serves camera segments and walks, segment by segment, so that threads of a GPU's warp trace rays together
-    whatever their paths are doing (path regeneration, Novak et al. 2010). The launch bounds trade registers for threads
-    that hide the latency of rays: nearly twice as many paths a second on an H200.
+    whatever their paths are doing (path regeneration, Novak et al. 2010).
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
 
-    @wp.kernel(
-        module="unique",
-        module_options={"cpu_compiler_flags": CPU_FLAGS},
-        enable_backward=False,
-        launch_bounds=(BLOCK_DIM, 6),
-    )
+    @wp.kernel(**LONG_KERNEL)
     def trace_paths(
         scene: SceneData,
         camera: Camera,

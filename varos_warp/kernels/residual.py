@@ -17,7 +17,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import ALL, BLOCK_DIM, CPU_FLAGS, FAR
+from varos_warp.kernels.conventions import ALL, FAR, LONG_KERNEL
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -26,7 +26,6 @@ from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.open_water import Tables, scattered_irradiance
 from varos_warp.kernels.sampling import Pick, reservoir, uniforms
 from varos_warp.kernels.sobol import sobol4
-from varos_warp.kernels.surface import surface_albedo
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
 from varos_warp.kernels.walk import (
     Vertex,
@@ -37,15 +36,12 @@ from varos_warp.kernels.walk import (
     own_lobe_pdf,
     surface_vertex,
     turn,
-    water_vertex,
 )
 
 wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS = wp.constant(14)
 """So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
-
-
 HANDED_SHARE = wp.constant(0.25)
 """Share of the walks that hand a surface on: what is blocked of its glow is little."""
 
@@ -67,30 +63,6 @@ def glow(scene: SceneData, tables: Tables, vertex: Vertex):
     for i in range(scene.lights.shape[0]):
         E += scattered_irradiance(tables.lamp[i], scene.lights[i], vertex.p, vertex.n)
     return wp.cw_mul(vertex.surface.reflectance, E) / wp.pi
-
-
-@wp.func
-def walk_from_surface(scene: SceneData, vertex: Vertex, t: float):
-    """Walk that starts with a reflection at the end of the camera's ray of length ``t``."""
-    walk = Walk()
-    walk.vertex = vertex
-    walk.bounces = 1
-    walk.throughput = transmittance(scene.medium, t)
-    walk.alive = wp.where(brightest(surface_albedo(vertex.surface)) > 0.0, 1, 0)
-    walk.expected_at_start = expected_light(scene, walk)
-    return walk
-
-
-@wp.func
-def walk_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: float):
-    """Walk that starts with a scattering at ``t`` on the camera's ray."""
-    walk = Walk()
-    walk.vertex = water_vertex(o + t * d, d)
-    walk.scatterings = 1
-    walk.throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
-    walk.alive = wp.where(brightest(walk.throughput) > 0.0, 1, 0)
-    walk.expected_at_start = expected_light(scene, walk)
-    return walk
 
 
 @wp.struct
@@ -143,12 +115,7 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
     """What surfaces keep from each start of the light that open water would send it."""
     _, visible = make_rays(instances)
 
-    @wp.kernel(
-        module="unique",
-        module_options={"cpu_compiler_flags": CPU_FLAGS},
-        enable_backward=False,
-        launch_bounds=(BLOCK_DIM, 6),
-    )
+    @wp.kernel(**LONG_KERNEL)
     def block_light(
         scene: SceneData,
         first: int,
@@ -225,12 +192,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
     first_hit, visible = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
-    @wp.kernel(
-        module="unique",
-        module_options={"cpu_compiler_flags": CPU_FLAGS},
-        enable_backward=False,
-        launch_bounds=(BLOCK_DIM, 6),
-    )
+    @wp.kernel(**LONG_KERNEL)
     def reflect_light(
         scene: SceneData,
         first: int,

@@ -11,52 +11,33 @@ each camera sample remain
             open water, and the frame's grid for the rest (veil.py).
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.conventions import BLOCK_DIM, CPU_FLAGS
+from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.open_water import Tables, single_scattering, veil_radiance
-from varos_warp.kernels.residual import Connection, draw, glow
+from varos_warp.kernels.residual import draw, glow
 from varos_warp.kernels.texture import footprint_width
 from varos_warp.kernels.veil import VeilGrid, frame_veil
 from varos_warp.kernels.walk import surface_vertex
 
 wp.set_module_options({"enable_backward": False})
 
-@dataclass(frozen=True)
-class TablesSpec:
-    """What the kernel is compiled for; what is absent costs nothing."""
-
-    direct: bool = True
-    single: bool = True
-    multiple: bool = True
-    """Which layers are wanted."""
-    instances: bool = False
-    """Something stands in many places."""
-    textures: bool = True
-    """Some material is more than one constant reflectance."""
-
 
 @cache
-def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
-    """Rendering of a range of rows with tables, specialised to ``spec``."""
-    first_hit, visible = make_rays(spec.instances)
-    hit_surface = make_hit_surface(spec.textures)
+def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
+    """Rendering of a range of rows with tables; arguments as of reference.make_reference_kernel."""
+    first_hit, visible = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
 
-    @wp.kernel(
-        module="unique",
-        module_options={"cpu_compiler_flags": CPU_FLAGS},
-        enable_backward=False,
-        launch_bounds=(BLOCK_DIM, 6),
-    )
+    @wp.kernel(**LONG_KERNEL)
     def render_with_tables(
         scene: SceneData,
         camera: Camera,
@@ -89,34 +70,25 @@ def make_tables_kernel(spec: TablesSpec) -> wp.Kernel:
             L_glow = wp.vec3(0.0)
             L_veil = wp.vec3(0.0)
 
-            # lamp light at both ends of what the ray sees, and what is blocked of it
-            reflected = Connection()
-            blocked = Connection()
             if hit.face >= 0 and max_bounces > 0:
                 n = shading_normal(scene, hit)
                 surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, d, hit.n))
                 vertex = surface_vertex(hit, d, n, surface)
-                if wp.static(spec.direct):
-                    light = gather_reflected(scene, hit, vertex, v[0])
-                    reflected.p = light.p
-                    reflected.q = scene.lights[wp.max(light.lamp, 0)].position
-                    reflected.L = wp.cw_mul(T, light.L)
-                if wp.static(spec.multiple):
+                if wp.static(direct):
+                    reflected = gather_reflected(scene, hit, vertex, v[0])
+                    if brightest(reflected.L) > 0.0:
+                        if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
+                            L_direct = wp.cw_mul(T, reflected.L)
+                if wp.static(multiple):
                     L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
-            if wp.static(spec.single):
+            if wp.static(single):
                 for i in range(scene.lights.shape[0]):
                     L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
-                light = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
-                blocked.p = light.p
-                blocked.q = scene.lights[wp.max(light.lamp, 0)].position
-                blocked.L = light.L
-            if brightest(reflected.L) > 0.0:
-                if visible(scene, reflected.p, reflected.q):
-                    L_direct = reflected.L
-            if brightest(blocked.L) > 0.0:
-                if not visible(scene, blocked.p, blocked.q):
-                    L_single -= blocked.L
-            if wp.static(spec.multiple):
+                scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
+                if brightest(scattered.L) > 0.0:
+                    if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
+                        L_single -= scattered.L
+            if wp.static(multiple):
                 L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)
             sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)

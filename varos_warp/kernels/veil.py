@@ -14,8 +14,8 @@ import warp as wp
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.intersect import SceneData, make_rays
 from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.residual import draw, walk_from_water
-from varos_warp.kernels.walk import Walk
+from varos_warp.kernels.residual import draw
+from varos_warp.kernels.walk import Walk, walk_from_water
 
 wp.set_module_options({"enable_backward": False})
 

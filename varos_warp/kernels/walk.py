@@ -287,6 +287,31 @@ def expected_light(scene: SceneData, walk: Walk):
 
 
 @wp.func
+def walk_from_surface(scene: SceneData, vertex: Vertex, t: float):
+    """Walk that starts with a reflection at the end of the camera's ray of length ``t``."""
+    walk = Walk()
+    walk.vertex = vertex
+    walk.bounces = 1
+    walk.throughput = transmittance(scene.medium, t)
+    reflected = wp.cw_mul(walk.throughput, surface_albedo(vertex.surface))
+    walk.alive = wp.where(brightest(reflected) > 0.0, 1, 0)
+    walk.expected_at_start = expected_light(scene, walk)
+    return walk
+
+
+@wp.func
+def walk_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: float):
+    """Walk that starts with a scattering at ``t`` on the camera's ray."""
+    walk = Walk()
+    walk.vertex = water_vertex(o + t * d, d)
+    walk.scatterings = 1
+    walk.throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
+    walk.alive = wp.where(brightest(walk.throughput) > 0.0, 1, 0)
+    walk.expected_at_start = expected_light(scene, walk)
+    return walk
+
+
+@wp.func
 def turn(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4, v: wp.vec4):
     """Give a walk its next direction, in ``vertex.d``: from the vertex's own lobe or from those around the lamps.
 

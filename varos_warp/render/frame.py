@@ -15,7 +15,7 @@ from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
-from varos_warp.kernels.tables import TablesSpec, make_tables_kernel
+from varos_warp.kernels.tables import make_tables_kernel
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.launch import Launcher
 from varos_warp.render.residual import Residual, empty_veil_grid
@@ -29,8 +29,6 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
-
-
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
 """With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured)."""
 
@@ -248,8 +246,9 @@ class FrameRenderer:
         if integrator == "tables":
             return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, denoise, key)
         film = self._film(view, spp)
-        kernel = make_reference_kernel(*wanted, *surfaces)
-        if integrator == "path":
+        if integrator == "reference":
+            kernel = make_reference_kernel(*wanted, *surfaces)
+        else:
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         how = [spp, max_scatterings, max_bounces, wp.uint32(key), film]
         self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], how)
@@ -274,7 +273,7 @@ class FrameRenderer:
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
             if reflects:
                 residual.add_glow(film, view, camera, spp_residual)
-        kernel = make_tables_kernel(TablesSpec(*wanted, *surfaces))
+        kernel = make_tables_kernel(*wanted, *surfaces)
         how = [tables, grid, spp, max_bounces, wp.uint32(keys[1]), film]
         self._launch(kernel, film, [self.world.data, camera], how)
         guides = self._trace_guides(view, T_w_v) if spp_residual and denoise != "none" else {}
