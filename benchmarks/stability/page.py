@@ -1,0 +1,123 @@
+"""The page and the figures of the stability map, from what was measured."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+from benchmarks.stability.entry import Sweep
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+COLUMNS = 3
+SMALLEST = 1e-12
+"""Errors below this are drawn there: a logarithmic axis has no zero."""
+
+HEAD = """# Where the methods fail
+
+Made by `python -m benchmarks.stability`: each method was swept over a parameter until it failed, or until the values
+had left what a scene file can say. An entry states the error that was measured, where that ends, what fails beyond, and
+what the program does there; a test guards every boundary on either side. In the figures a vertical line is the
+boundary, a horizontal one the error that is promised within it, and a cross at the top a value that is refused or came
+to nothing.
+"""
+TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
+
+
+def write_page(results: dict, groups: dict[str, str], page: Path):
+    """Write ``page`` and its figures into ``images`` beside it.
+
+    Args:
+        results: key of a sweep -> its record, with ``group``, ``commit``, ``machine`` and ``seconds``.
+        groups: key of a group -> its title, in the order of the page.
+        page: path of the Markdown file.
+    """
+    text = [HEAD]
+    for group, title in groups.items():
+        records = [record for record in results.values() if record["group"] == group]
+        if not records:
+            continue
+        sweeps = [Sweep.from_record(record) for record in records]
+        figure = f"images/stability_{group}.png"
+        draw(sweeps, page.parent / figure)
+        text += [f"## {title}\n", _table(sweeps), f"\n![{title}]({figure})\n", _measures(sweeps), _made(records)]
+    page.write_text("\n".join(text))
+
+
+def _table(sweeps: list[Sweep]) -> str:
+    rows = [TITLES, ("---",) * len(TITLES)]
+    for sweep in sweeps:
+        rows.append((sweep.method, sweep.parameter, sweep.limit, sweep.fails, sweep.program, _link(sweep.test)))
+    return "\n".join(f"| {' | '.join(_cell(text) for text in row)} |" for row in rows)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _link(node: str) -> str:
+    """A node of pytest as a link to its file."""
+    file, name = node.split("::", 1)
+    return f"[{name}](../{file})"
+
+
+def _measures(sweeps: list[Sweep]) -> str:
+    """What the errors are, and the worst one within the boundary."""
+    lines = ["What the panels show:\n"]
+    for sweep in sweeps:
+        worst = _worst(sweep)
+        told = f" Worst within: {worst:.2g}." if worst is not None else ""
+        lines.append(f"* **{sweep.title}.** {sweep.measure}{told}")
+    return "\n".join(lines) + "\n"
+
+
+def _worst(sweep: Sweep) -> float | None:
+    """Largest error at values where the method holds; None if it came to nothing at all of them."""
+    low, high = sweep.holds
+    within = [(low is None or low <= value) and (high is None or value <= high) for value in sweep.values]
+    errors = np.array(list(sweep.errors.values()), float)[:, within]
+    return float(np.nanmax(errors)) if np.isfinite(errors).any() else None
+
+
+def _made(records: list[dict]) -> str:
+    made = sorted({f"commit {record['commit']}, {record['machine']}" for record in records})
+    return f"Measured in {sum(record['seconds'] for record in records):.0f} CPU-seconds at {'; '.join(made)}.\n"
+
+
+def draw(sweeps: list[Sweep], path: Path):
+    """A panel for each sweep."""
+    rows, columns = -(-len(sweeps) // COLUMNS), min(COLUMNS, len(sweeps))
+    figure, axes = plt.subplots(rows, columns, figsize=(4.6 * columns, 3.2 * rows), squeeze=False,
+                                layout="constrained")
+    for axis, sweep in zip(axes.flat, sweeps, strict=False):
+        _panel(axis, sweep)
+    for axis in axes.flat[len(sweeps):]:
+        axis.axis("off")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def _panel(axis, sweep: Sweep):
+    for name, errors in sweep.errors.items():
+        errors = np.array(errors, float)
+        line, = axis.plot(sweep.values, np.maximum(errors, SMALLEST), ".-", label=name, linewidth=1)
+        nothing = np.isnan(errors)
+        axis.plot(np.array(sweep.values)[nothing], np.full(nothing.sum(), 0.97), "x", color=line.get_color(),
+                  transform=axis.get_xaxis_transform())
+    scale = {"linthresh": min(abs(v) for v in sweep.values if v)} if sweep.scale == "symlog" else {}
+    axis.set_xscale(sweep.scale, **scale)
+    axis.set_yscale("log")
+    for end in sweep.holds:
+        if end is not None:
+            axis.axvline(end, color="black", linewidth=1, linestyle="--")
+    if sweep.bound is not None:
+        axis.axhline(sweep.bound, color="black", linewidth=0.7, linestyle=":")
+    axis.set_title(sweep.title, fontsize=9)
+    axis.set_xlabel(sweep.parameter, fontsize=8)
+    axis.set_ylabel("error", fontsize=8)
+    axis.tick_params(labelsize=7)
+    axis.grid(True, alpha=0.3)
+    if len(sweep.errors) > 1:
+        axis.legend(fontsize=7)

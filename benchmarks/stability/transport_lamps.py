@@ -1,0 +1,5 @@
+"""Sweeps of light transport."""
+
+from benchmarks.stability.entry import Sweeps
+
+SWEEPS: Sweeps = ()
