@@ -1,6 +1,6 @@
 """A contact sheet of every asset and material, evenly lit (B) and under water (A).
 
-    python benchmarks/asset_sheet.py [-o docs/images/assets.png] [--device auto] [--spp 32] [--only valve,rust]
+    python -m benchmarks.asset_sheet [-o docs/images/assets.png] [--device auto] [--spp 32] [--only valve,rust]
 
 Minutes on two CPU cores. Every tile is a scene of its own, rendered larger than the sheet shows it.
 """

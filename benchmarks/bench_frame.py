@@ -1,6 +1,6 @@
 """Speed and error of one frame of image A, by each integrator in the same run.
 
-    python benchmarks/bench_frame.py SCENE [--device cpu] [--spp 16] [--integrators path reference] [-o results.json]
+    python -m benchmarks.bench_frame SCENE [--device cpu] [--spp 16] [--integrators path reference] [-o results.json]
 
 Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time
 is reported apart. A path is one camera sample with the walk that follows it.
@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from ray_ceiling import ceilings
 
+from benchmarks.ray_ceiling import ceilings
 from varos_warp.render.frame import INTEGRATORS, FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate

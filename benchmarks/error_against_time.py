@@ -1,6 +1,6 @@
 """Error of image A against seconds, from 1 to many samples per pixel, by each integrator; writes a chart.
 
-    python benchmarks/error_against_time.py SCENE REFERENCE.npz [--device cuda:0] [-o chart]
+    python -m benchmarks.error_against_time SCENE REFERENCE.npz [--device cuda:0] [-o chart]
 
 REFERENCE holds ``mean`` and ``stderr`` [height, width, 3]. Writes chart.json and chart.png. The error is the relative
 RMSE over the image less the noise of the reference, and the median relative error of a pixel (which is not cleared
@@ -13,8 +13,8 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from bench_frame import commit, time_method
 
+from benchmarks.bench_frame import commit, time_method
 from varos_warp.render.frame import INTEGRATORS, FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate

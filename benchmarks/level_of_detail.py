@@ -1,6 +1,6 @@
 """Level of detail against the error it makes in depth and normals, and the time it saves; writes a chart.
 
-    python benchmarks/level_of_detail.py [SCENE] [--device cpu] -o benchmarks/results/level_of_detail
+    python -m benchmarks.level_of_detail [SCENE] [--device cpu] -o benchmarks/results/level_of_detail
 
 SCENE is examples/munkholmen by default. Every level is one tolerance in pixels, without the limit in steps of D; the
 star is the coarse one of 4 pixels with it (half a pixel is the same with and without). Errors are those of C and D at
@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 
 import matplotlib
-from bench_frame import commit
 
+from benchmarks.bench_frame import commit
 from varos_warp.render.detail import choose_detail, compare_images
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.plan import pilot_camera

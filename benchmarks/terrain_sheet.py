@@ -1,6 +1,6 @@
 """The Munkholmen sea floor before and after: as surveyed, wrapped, decimated; and the example's plot with its relief.
 
-    python benchmarks/terrain_sheet.py [--device cpu] [--width 640] [-o docs/images/terrain.png]
+    python -m benchmarks.terrain_sheet [--device cpu] [--width 640] [-o docs/images/terrain.png]
 
 Normals from image C, seen from the air and shaded by a low sun; each label says what the mesh costs and what it is off.
 """
