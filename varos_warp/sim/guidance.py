@@ -29,6 +29,8 @@ CLOSE_M, CLOSE_DEG = 0.1, 2.0
 """Two waypoints closer than this are the paper's way to ask for a strict one."""
 STRICT_M, STRICT_DEG = 0.005, 0.5
 """How near the vehicle itself must come to a strict waypoint."""
+BLOCK_TICKS = 512
+"""The reference is made in blocks of so many ticks, however long a leg is."""
 
 
 def weight(s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,6 +116,12 @@ class Course:
     def duration(self) -> float:
         """Time of the reference when no gate has to wait [s]."""
         return sum(leg.duration - gate.overlap for leg, gate in zip(self.legs, self.gates, strict=True))
+
+    @property
+    def longest(self) -> int:
+        """The scene's index of the waypoint that takes longest to get to, with the rest there."""
+        return self.target + int(np.argmax([leg.duration - min(gate.overlap, 0.0)
+                                            for leg, gate in zip(self.legs, self.gates, strict=True)]))
 
 
 def plan(trajectory: description.Trajectory) -> Course:
@@ -202,14 +210,19 @@ def at_rest(position: np.ndarray, attitude: Rotation) -> Window:
     return Window(np.array([position], float), nothing, nothing, Rotation.concatenate([attitude]), nothing, nothing)
 
 
-def add_leg(before: Window, leg: Leg, h: float = TICK_S) -> Window:
-    """The reference from the first tick of ``leg`` to its end, on top of what earlier legs still contribute.
+def add_leg(before: Window, leg: Leg, ticks: np.ndarray, h: float = TICK_S) -> Window:
+    """The reference with a leg, on top of what earlier ones contribute.
 
     Rates: with E = exp(w phi), omega <- E'omega + dw phi and alpha <- E'alpha + ddw phi + (E'omega) x (dw phi).
+
+    Args:
+        before: The earlier ones at these ticks; after its last row it stays at rest.
+        leg: The leg.
+        ticks: Since the leg started [n].
+        h: Length of a tick [s].
     """
-    count = int(np.ceil(leg.duration / h)) + 1
-    rows = np.minimum(np.arange(count), len(before.position) - 1)
-    s = np.arange(count) * h / leg.duration
+    rows = np.minimum(np.arange(len(ticks)), len(before.position) - 1)
+    s = ticks * h / leg.duration
     w, rate, acceleration = (value[:, None] for value in weight(s))
     rate, acceleration = rate / leg.duration, acceleration / leg.duration**2
     E = Rotation.from_rotvec(w * leg.turn)
@@ -239,7 +252,9 @@ class Guidance:
         self._targets = [tuple(p) for p in course.positions.tolist()]
         self._attitudes = [tuple(a.as_quat(scalar_first=True).tolist()) for a in course.attitudes]
         self.start = self._attitudes[0]
-        self._window, self._rows, self._first = at_rest(course.positions[0], course.attitudes[0]), [], 0
+        self._behind = at_rest(course.positions[0], course.attitudes[0])  # the legs that have ended
+        self._active: list[tuple[int, Leg]] = []  # first tick, leg; in order
+        self._first, self._rows = 0, []  # the block of references
         self._start_leg(0)
 
     @property
@@ -254,16 +269,25 @@ class Guidance:
                 self._start_leg(tick)
             else:
                 self.finished = True
-        return self._rows[min(tick - self._first, len(self._rows) - 1)]
+        if tick - self._first >= len(self._rows):
+            self._first, self._rows = tick, self._block(np.arange(tick, tick + BLOCK_TICKS)).rows()
+        return self._rows[tick - self._first]
+
+    def _block(self, ticks: np.ndarray) -> Window:
+        """The reference at some ticks [n]."""
+        window = self._behind
+        for start, leg in self._active:
+            window = add_leg(window, leg, ticks - start, self._h)
+        return window
 
     def _start_leg(self, tick: int) -> None:
         self.leg += 1
         leg, gate = self._course.legs[self.leg], self._course.gates[self.leg]
-        rest = slice(min(tick - self._first, len(self._window.position) - 1), None)
-        parts = (self._window.position, self._window.velocity, self._window.acceleration, self._window.attitude,
-                 self._window.omega, self._window.alpha)
-        self._window = add_leg(Window(*(part[rest] for part in parts)), leg, self._h)
-        self._rows, self._first = self._window.rows(), tick
+        while self._active and (tick - self._active[0][0]) * self._h >= self._active[0][1].duration:
+            start, ended = self._active.pop(0)
+            self._behind = add_leg(self._behind, ended, np.array([tick - start]), self._h)
+        self._active.append((tick, leg))
+        self._rows = []
         self._opens = tick + int(np.ceil(round((leg.duration - gate.overlap) / self._h, 6)))
 
     def _passes(self, tick: int, position: Vector, attitude: Quaternion) -> bool:

@@ -14,7 +14,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import transform
 from varos_warp.sim import advice
-from varos_warp.sim.clock import TICK_S, frame_count, ticks_per_sample, times_ns
+from varos_warp.sim.clock import LONGEST_S, MAX_TICKS, TICK_S, check_length, frame_count, ticks_per_sample, times_ns
 from varos_warp.sim.control import Regulator
 from varos_warp.sim.current import Current
 from varos_warp.sim.dynamics import Dynamics, State
@@ -123,8 +123,10 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
         progress: Called now and then with the share of the work done, 0 to 1.
 
     Raises:
-        InputError: A rate does not divide 200 Hz, poses are out of order, or parameters cannot be simulated.
+        InputError: A rate does not divide 200 Hz, poses are out of order, parameters cannot be simulated, or the
+            sequence would last longer than a day.
     """
+    check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
     step = ticks_per_sample(scene.render.frame_rate_hz, "render.frame_rate_hz")
     run = _follow_poses(scene, step) if scene.trajectory.waypoints is None else _follow_waypoints(scene, step, progress)
     vehicle, trajectory = scene.vehicle, run.trajectory
@@ -169,6 +171,8 @@ def _follow_poses(scene: Scene, step: int) -> Run:
     poses, duration = scene.trajectory.poses, scene.trajectory.duration_s
     times = pose_times(poses)
     last = times[-1] if len(poses) > 1 else 0.0
+    if not duration:
+        check_length(last * TICK_S, f"trajectory.poses.{len(poses) - 1}.time_s", "the poses last")
     frames = frame_count(duration, step) if duration else floor(last / step) + 1
     rows = _rows(scene, frames, step)
     trajectory = _trajectory(through_poses(poses, rows))
@@ -178,6 +182,8 @@ def _follow_poses(scene: Scene, step: int) -> Run:
 
 def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
     course, duration = plan(scene.trajectory), scene.trajectory.duration_s
+    if not duration:
+        check_length(course.duration, f"trajectory.waypoints.{course.longest}", "the course takes")
     body, current = sphere(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
     regulator = Regulator(body, scene.vehicle.controller)
     # relative to the first waypoint: far from the world's origin the same course is driven to the same digits
@@ -230,6 +236,11 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
         if tick % REPORT_TICKS == 0:
             tell(tick)
             _check_finite(state)
+            if tick >= MAX_TICKS and rows is None:
+                raise InputError(f"the vehicle still waits to reach it after {LONGEST_S} s, the longest sequence",
+                                 key=f"trajectory.waypoints.{guidance.target}",
+                                 remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
+                                        "vehicle the thrust to get there")
     _check_finite(state)
     return np.frombuffer(log).reshape(tick, -1)[:rows], end  # the course may end well after the last frame
 
