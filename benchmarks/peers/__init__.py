@@ -1,0 +1,102 @@
+"""Other renderers on the same scenes: Mitsuba 3 and Blender's Cycles, photometrically equal (README.md says how).
+
+Importing this imports neither; each rendering runs in a process of its own, so that times are clean.
+"""
+
+import importlib.util
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError
+
+MODULES = {"mitsuba": "mitsuba", "cycles": "bpy"}
+INSTALL = {"mitsuba": "pip install mitsuba", "cycles": "pip install --no-deps bpy==5.0.1 (Python 3.11)"}
+
+
+@dataclass(frozen=True)
+class PeerImage:
+    """What another renderer made of a scene."""
+
+    radiance: np.ndarray
+    """Linear radiance [W/sr/m^2], float32 [H, W, 3]."""
+    seconds: float
+    """Of the rendering alone."""
+    cpu_seconds: float
+    """The same, summed over all threads."""
+    setup_seconds: float
+    """Of loading, exporting, compiling and building trees before it."""
+    version: str
+    note: str = ""
+    """What else there is to say, such as a slower variant."""
+
+
+def available() -> list[str]:
+    """Names of the peers that are installed here."""
+    return [name for name, module in MODULES.items() if importlib.util.find_spec(module) is not None]
+
+
+def render(name: str, scene, parts, camera, T_w_v, *, spp: int, max_scatterings: int | None = None,
+           max_bounces: int | None = None, max_events: int | None = None, threads: int | None = None,
+           denoise: bool = False, seed: int = 0, variant: str | None = None) -> PeerImage:
+    """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer.
+
+    Args:
+        name: ``mitsuba`` or ``cycles``.
+        scene: the scene.
+        parts: its geometry, from ``build_parts``.
+        camera: a camera, of the scene or not.
+        T_w_v: pose of the vehicle in the world.
+        spp: samples per pixel.
+        max_scatterings: most scatterings on a path; bounded only where ``max_bounces`` is 0, or 0.
+        max_bounces: most reflections on a path; bounded only where ``max_scatterings`` is 0, or 0.
+        max_events: most of both together; 1 is direct light and single scattering.
+        threads: CPU threads; absent: all.
+        denoise: Open Image Denoise on colour alone (Cycles).
+        seed: of the random numbers.
+        variant: of Mitsuba; absent: ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no LLVM.
+
+    Raises:
+        InputError: the peer is not installed, or cannot render this scene.
+        RuntimeError: it broke down.
+    """
+    if name not in available():
+        known = name in MODULES
+        raise InputError("is not installed" if known else "there is no such peer", key="peer", value=name,
+                         remedy=f"Run `{INSTALL[name]}`." if known else f"There are: {', '.join(MODULES)}.")
+    from benchmarks.peers.plain import plain_scene
+
+    bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces, "max_events": max_events}
+    plain = plain_scene(scene, parts, camera, T_w_v, **bounds)
+    how = {"spp": spp, "seed": seed, "threads": threads, "denoise": denoise, "variant": variant}
+    with tempfile.TemporaryDirectory(prefix="peer-") as folder:
+        return _work(Path(folder), name, plain, how)
+
+
+def _work(folder, name, plain, how) -> PeerImage:
+    (folder / "request.pickle").write_bytes(pickle.dumps((name, plain, how)))
+    run = run_worker(folder)
+    if run.returncode < 0 and name == "mitsuba" and how["variant"] is None:  # some versions of LLVM abort
+        return _work(folder, name, plain, how | {"variant": "scalar_rgb"})
+    if (folder / "refused.pickle").exists():
+        raise InputError(pickle.loads((folder / "refused.pickle").read_bytes()))
+    if run.returncode or not (folder / "result.npz").exists():
+        raise RuntimeError(f"{name} ended with status {run.returncode}:\n{run.stderr[-2000:]}")
+    with np.load(folder / "result.npz") as result:
+        texts = {key: str(result[key]) for key in ("version", "note")}
+        times = {key: float(result[key]) for key in ("seconds", "cpu_seconds", "setup_seconds")}
+        return PeerImage(result["radiance"], **times, **texts)
+
+
+def run_worker(folder: Path) -> subprocess.CompletedProcess:
+    """Run the worker on a folder with a request, with this interpreter."""
+    root = str(Path(__file__).parents[2])
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-m", "benchmarks.peers.worker", str(folder)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path})

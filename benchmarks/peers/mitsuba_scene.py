@@ -1,0 +1,146 @@
+"""A plain scene as Mitsuba 3 reads it: a dictionary of plugins, its meshes and lamp masks as files beside it.
+
+What makes the two equal: radiometric units throughout; ``intensity`` is W/sr; a spot whose beam is as wide as its
+cutoff has a hard edge; a box filter of one pixel; a depth of d counts d - 1 events. The water is the medium that the
+camera is in, and fills the world.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from benchmarks.peers.plain import PlainLight, PlainMesh, PlainScene
+from varos_warp.errors import InputError
+
+MASK_ERROR = 1e-4
+"""Largest error of a baked soft edge, as a share of the intensity; sets the size of the mask."""
+MASK_PIXELS = (64, 4096)
+MASK_HALF_ANGLE = np.radians(80.0)
+"""Widest cone with a soft edge: the mask is flat, and stretches without end towards 90 degrees."""
+
+
+def write_mitsuba(plain: PlainScene, folder: Path, spp: int = 64) -> dict:
+    """Dictionary for ``mitsuba.load_dict``; meshes (PLY) and lamp masks (EXR) are written into ``folder``.
+
+    Raises:
+        InputError: pixels that are not square, or a soft edge that no mask of 4096 pixels holds.
+    """
+    scene = {"type": "scene", "integrator": _integrator(plain), "sensor": _sensor(plain, spp)}
+    for i, mesh in enumerate(plain.meshes):
+        scene[f"mesh_{i}"] = _mesh(mesh, folder / f"mesh_{i}.ply")
+    for i, light in enumerate(plain.lights):
+        scene[f"light_{i}"] = _light(light, folder / f"light_{i}.exr")
+    return scene
+
+
+def _rgb(values):
+    return {"type": "rgb", "value": [float(v) for v in values]}
+
+
+def _transform(T):
+    import mitsuba
+
+    return mitsuba.ScalarTransform4f(np.asarray(T, float).tolist())
+
+
+def _integrator(plain):
+    """``volpath`` is NaN in channels without extinction; ``volpathmis`` also weights the channels' free paths."""
+    depth = -1 if plain.max_events is None else plain.max_events + 1
+    return {"type": "volpathmis" if plain.sigma_t.any() else "path", "max_depth": depth}
+
+
+def _sensor(plain, spp):
+    fx, fy = plain.focal
+    if abs(fx / fy - 1.0) > 1e-6:
+        raise InputError("Mitsuba's pixels are square", key="cameras.sensor_mm",
+                         remedy="Give sensor_mm the proportions of the resolution.")
+    width, height = plain.resolution
+    sensor = {
+        "type": "thinlens" if plain.aperture > 0.0 else "perspective",
+        "fov_axis": "x",
+        "fov": float(2.0 * np.degrees(np.arctan(0.5 * width / fx))),
+        "to_world": _transform(plain.T_w_c @ np.diag([-1.0, -1.0, 1.0, 1.0])),  # x left, y up, z forward
+        "near_clip": 1e-3,
+        "far_clip": 1e5,
+        "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
+                 "pixel_format": "rgb", "component_format": "float32"},
+        "sampler": {"type": "independent", "sample_count": spp},
+    }
+    if plain.aperture > 0.0:
+        sensor |= {"aperture_radius": float(plain.aperture), "focus_distance": float(plain.focus)}
+    if plain.sigma_t.any():
+        sensor["medium"] = _medium(plain)
+    return sensor
+
+
+def _medium(plain):
+    albedo = np.divide(plain.sigma_s, plain.sigma_t, out=np.zeros(3), where=plain.sigma_t > 0.0)
+    return {"type": "homogeneous", "sigma_t": _rgb(plain.sigma_t), "albedo": _rgb(albedo),
+            "phase": {"type": "hg", "g": float(plain.g)} if plain.g else {"type": "isotropic"}}
+
+
+def _mesh(mesh: PlainMesh, path: Path):
+    """A PLY file; without normals in it Mitsuba would smooth over every edge, hence ``face_normals``."""
+    flat = mesh.normals is None
+    mesh = mesh if flat else mesh.corners()
+    normals = None if flat else mesh.normals.reshape(-1, 3)
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)
+    shape.export(path, vertex_normal=not flat)
+    bsdf = {"type": "twosided", "material": {"type": "diffuse", "reflectance": _rgb(mesh.reflectance)}}
+    return {"type": "ply", "filename": str(path), "face_normals": flat, "bsdf": bsdf}
+
+
+def _light(light: PlainLight, mask: Path):
+    if light.half_angle >= np.pi:
+        return {"type": "point", "position": light.position.tolist(), "intensity": _rgb(light.intensity)}
+    half = float(np.degrees(light.half_angle))
+    spot = {"type": "spot", "to_world": _transform(_towards(light)), "cutoff_angle": half, "beam_width": half,
+            "intensity": _rgb(light.intensity)}
+    if light.blend > 0.0:
+        _write_mask(light, mask)
+        spot["texture"] = {"type": "bitmap", "filename": str(mask), "raw": True, "wrap_mode": "clamp"}
+    return spot
+
+
+def _towards(light):
+    """Pose [4, 4] whose z is the axis of the lamp."""
+    z = light.axis
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), light.position
+    return T
+
+
+def soft_edge(cos_angle, half_angle: float, blend: float):
+    """Share of the intensity at an angle to the axis (Blender's spot, as measured on Cycles)."""
+    size = np.cos(half_angle)
+    x = np.clip((cos_angle - size) / (blend * (1.0 - size)), 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+def mask_pixels(half_angle: float, blend: float) -> int:
+    """Side of the mask [pixels] at which its bilinear interpolation is right to ``MASK_ERROR``.
+
+    The interpolation errs by h^2 f''/8, the smoothstep's f'' is at most 6/w^2 across its width w, and the mask is
+    2 tan(half_angle) wide for a tangent of the angle.
+    """
+    inner = np.arccos(np.clip(1.0 - (1.0 - blend) * (1.0 - np.cos(half_angle)), -1.0, 1.0))
+    width = 1.0 - np.tan(inner) / np.tan(half_angle)
+    steps = np.sqrt(6.0 / 8.0 / MASK_ERROR) / width
+    return int(np.clip(2 ** np.ceil(np.log2(2.0 * steps)), *MASK_PIXELS)) if 2.0 * steps <= MASK_PIXELS[1] else 0
+
+
+def _write_mask(light, path):
+    """The soft edge as a picture that the lamp throws, for Mitsuba's own edge is linear in the angle."""
+    import mitsuba
+
+    pixels = mask_pixels(light.half_angle, light.blend) if light.half_angle <= MASK_HALF_ANGLE else 0
+    if not pixels:
+        raise InputError("Mitsuba cannot be given so wide a cone, or so narrow a soft edge", key="lights.blend",
+                         value=light.blend, remedy="Use blend 0, cones up to 160 degrees and blends above 0.03.")
+    at = (2.0 * np.arange(pixels) + 1.0) / pixels - 1.0
+    tangent = np.tan(light.half_angle) * np.hypot(*np.meshgrid(at, at))
+    share = soft_edge(1.0 / np.sqrt(1.0 + tangent**2), light.half_angle, light.blend)
+    mitsuba.Bitmap(share[..., None].astype(np.float32)).write(str(path))

@@ -1,0 +1,166 @@
+"""One view of a scene in plain arrays, local to the camera: what the exporters to other renderers write out.
+
+Here is the one place that says what the peers cannot render and how a bound on paths translates; the exporters only
+translate names.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Camera, Diffuse, Scene
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.normals import corner_normals
+from varos_warp.scene.water import optical_properties
+
+
+@dataclass(frozen=True)
+class PlainMesh:
+    """Triangles of one reflectance per channel."""
+
+    name: str
+    vertices: np.ndarray
+    """float64 [V, 3] [m]."""
+    faces: np.ndarray
+    """int32 [F, 3], counter-clockwise seen from outside."""
+    reflectance: tuple[float, float, float]
+    normals: np.ndarray | None = None
+    """Float64 [F, 3, 3] of the corners; None: flat."""
+
+    def corners(self) -> "PlainMesh":
+        """The same with three vertices of its own for each face, for formats with one normal per vertex."""
+        faces = np.arange(self.faces.size, dtype=np.int32).reshape(-1, 3)
+        return PlainMesh(self.name, self.vertices[self.faces].reshape(-1, 3), faces, self.reflectance, self.normals)
+
+
+@dataclass(frozen=True)
+class PlainLight:
+    """A point lamp with a cone; ``half_angle`` [rad] is pi for one that shines everywhere."""
+
+    position: np.ndarray
+    axis: np.ndarray
+    half_angle: float
+    blend: float
+    """Share of the cone's 1 - cos(half_angle) over which it fades (smoothstep in the cosine); 0 is a hard edge."""
+    intensity: np.ndarray
+    """Radiant intensity on the axis [W/sr], [3]."""
+
+
+@dataclass(frozen=True)
+class PlainScene:
+    """What one camera sees from one pose. Lengths in metres, world axes, relative to ``origin``."""
+
+    origin: np.ndarray
+    """Float64 [3]: whole metres near the camera, subtracted from everything."""
+    meshes: list[PlainMesh]
+    lights: list[PlainLight]
+    sigma_s: np.ndarray
+    sigma_a: np.ndarray
+    g: float
+    T_w_c: np.ndarray
+    """Pose of the camera, OpenCV axes (x right, y down, z forward)."""
+    resolution: tuple[int, int]
+    """Width, height."""
+    focal: tuple[float, float]
+    """fx, fy [pixels]; the principal point is the middle of the image."""
+    focal_m: float
+    """Focal length [m]."""
+    aperture: float
+    """Radius of the lens [m]; 0 is a pinhole."""
+    focus: float
+    """Distance of the plane in focus [m]."""
+    max_events: int | None
+    """Most scatterings and reflections together on a path; None: no bound."""
+
+    @property
+    def sigma_t(self) -> np.ndarray:
+        """Extinction [1/m]."""
+        return self.sigma_s + self.sigma_a
+
+
+def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w_v: np.ndarray, *,
+                max_scatterings: int | None = None, max_bounces: int | None = None,
+                max_events: int | None = None) -> PlainScene:
+    """A scene as a camera sees it from the vehicle's pose ``T_w_v`` [4, 4].
+
+    Args:
+        scene: gives the water and the lamps.
+        parts: its geometry; copies are expanded.
+        camera: a camera, of the scene or not.
+        T_w_v: pose of the vehicle in the world.
+        max_scatterings: most scatterings on a path; None: no bound.
+        max_bounces: most reflections on a path; None: no bound.
+        max_events: most scatterings and reflections together; 1 is direct light and single scattering.
+
+    Raises:
+        InputError: the peers cannot render a material of the scene, or count paths in that way.
+    """
+    T_w_c = camera_pose(camera, np.asarray(T_w_v, float))
+    origin = np.round(T_w_c[:3, 3])
+    T_w_c[:3, 3] -= origin
+    water = optical_properties(scene)
+    events, scatters, reflects = _bound(max_scatterings, max_bounces, max_events)
+    single = [part for group in parts for part in (group.parts() if isinstance(group, Instances) else [group])]
+    K = intrinsics(camera)
+    return PlainScene(
+        origin=origin,
+        meshes=[_mesh(part, origin, reflects) for part in single],
+        lights=[_light(light, T_w_v, origin) for light in scene.vehicle.lights],
+        sigma_s=water.sigma_s if scatters else np.zeros(3),
+        sigma_a=water.sigma_a if scatters else water.sigma_t,
+        g=water.g,
+        T_w_c=T_w_c,
+        resolution=camera.resolution,
+        focal=(K[0, 0], K[1, 1]),
+        focal_m=1e-3 * camera.focal_mm,
+        aperture=0.5e-3 * camera.focal_mm / camera.f_stop if camera.f_stop > 0.0 else 0.0,
+        focus=camera.focus_m,
+        max_events=events,
+    )
+
+
+def _bound(scatterings, bounces, events):
+    """One bound on all events of a path, and whether water scatters and surfaces reflect.
+
+    The peers bound the events together; bounds on one kind are exact where the other kind is unbounded, or is none at
+    all: water that only absorbs, or surfaces that are black.
+    """
+    kinds = (scatterings != 0, bounces != 0)
+    bounds = [n for n in (scatterings, bounces) if n is not None and n != 0]
+    if events is not None:
+        bounds.append(events)
+    countable = not bounds or (scatterings is None and bounces is None) or sum(kinds) == 1
+    if not countable or not any(kinds) or events == 0:
+        raise InputError(
+            "another renderer counts scatterings and reflections together",
+            key="max_scatterings, max_bounces, max_events",
+            value=(scatterings, bounces, events),
+            remedy="Leave both unbounded, set one of them to 0 and bound the other, or bound max_events.",
+        )
+    return min(bounds, default=None), *kinds
+
+
+def _mesh(part, origin, reflects):
+    """A part with a plain material; others have no counterpart that is known to be equal."""
+    if part.skin is not None or not isinstance(part.material, Diffuse):
+        kind = "the colours of the mesh file" if part.skin is not None else part.material.kind
+        raise InputError(
+            f"another renderer cannot be given {kind}",
+            key=f"{part.name}.material",
+            remedy="Only materials of kind diffuse compare; name one.",
+        )
+    normals = corner_normals(part.vertices, part.faces, part.smooth_angle) if part.smooth_shading else None
+    reflectance = part.material.reflectance if reflects else (0.0, 0.0, 0.0)
+    return PlainMesh(part.name, part.vertices - origin, part.faces, tuple(reflectance), normals)
+
+
+def _light(light, T_w_v, origin):
+    """A lamp of the vehicle, in the local world."""
+    position = T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin
+    axis, half, blend = np.array([0.0, 0.0, 1.0]), np.pi, 0.0
+    if light.kind == "spot" and light.cone_deg < 360.0:
+        axis = T_w_v[:3, :3] @ np.asarray(light.direction, float)
+        axis, half, blend = axis / np.linalg.norm(axis), np.radians(light.cone_deg) / 2, light.blend
+    return PlainLight(position, axis, float(half), blend, np.array(light.intensity))
