@@ -5,6 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+pytest_plugins = ["truths", "pytester"]
+
 
 @cache
 def has_cuda() -> bool:

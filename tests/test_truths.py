@@ -1,0 +1,85 @@
+"""The recorder of truths: a wrong value fails and is written down as failed, and no truth is missing from the page."""
+
+import numpy as np
+import pytest
+from truths import compare
+
+
+@pytest.fixture
+def run(pytester):
+    """Run tests with the recorder: outcome and the page, or None where none was written."""
+    pytester.makeini("[pytest]\ntestpaths = .")
+
+    def run(tests, *arguments):
+        pytester.makepyfile(test_it="import pytest\npytestmark = pytest.mark.subject('dynamics')\n" + tests)
+        result = pytester.runpytest_inprocess("-p", "truths", "--validation", "page.md", *arguments)
+        path = pytester.path / "page.md"
+        return result, path.read_text(encoding="utf-8") if path.exists() else None
+    return run
+
+
+RIGHT = """
+def test_one_is_one(truth):
+    truth("x", source="arithmetic", expected=1.0, got=1.0 + 1e-9, tolerance=1e-8, reason="rounding")
+"""
+WRONG = """
+def test_two_is_one(truth):
+    truth("y", source="error", expected=[3.0, 1.0], got=[3.0, 2.0], stderr=0.1)
+"""
+
+
+def test_a_right_value_passes_and_is_on_the_page(run):
+    result, page = run(RIGHT)
+    result.assert_outcomes(passed=1)
+    assert "**One is one.** arithmetic" in page
+    assert "| x | 1 | 1 | 1e-08 (rounding) | 10 % | yes |" in page
+    assert "1 of 1 pass" in page
+
+
+def test_a_wrong_value_fails_and_is_on_the_page_as_failed(run):
+    result, page = run(RIGHT + WRONG)
+    result.assert_outcomes(passed=1, failed=1)
+    assert "| y (worst of 2) | 1 | 2 | 4 × 0.1 (standard error) | 250 % | **NO** |" in page
+    assert "1 of 2 pass" in page
+
+
+def test_the_page_is_the_same_bytes_every_time(run):
+    assert run(RIGHT + WRONG)[1] == run(RIGHT + WRONG)[1]
+
+
+def test_only_tests_that_know_a_truth_run_and_a_parameter_of_that_name_is_none(run):
+    others = "def test_other(): pass\n@pytest.mark.parametrize('truth', [1])\ndef test_parameter(truth): pass\n"
+    result, _ = run(RIGHT + others)
+    result.assert_outcomes(passed=1, deselected=2)
+
+
+@pytest.mark.parametrize("missing", [
+    "def test_it_breaks_before(truth): raise RuntimeError\n", "def test_it_says_nothing(truth): pass\n",
+    "@pytest.mark.skip\ndef test_it_is_skipped(truth): pass\n"])
+def test_a_page_that_misses_a_truth_is_not_written(run, missing):
+    result, page = run(RIGHT + missing)
+    assert page is None
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines("*not written*test_it_*")
+
+
+@pytest.mark.parametrize("narrower", [["-k", "one"], ["-m", "subject"], ["test_it.py"]])
+def test_a_page_of_some_truths_is_refused(run, narrower):
+    result, page = run(RIGHT, *narrower)
+    assert page is None
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1.3, 0.7, -1.0])
+def test_only_what_is_within_the_errors_is_right(wrong):
+    allowed = {"stderr": 0.05, "tolerance": 0.05, "reason": "a test"}
+    assert compare(expected=1.0, got=wrong, **allowed)["share"] > 1.0
+    assert compare(expected=1.0, got=1.2, **allowed)["share"] == pytest.approx(0.8)
+    assert compare(expected=1.0, got=[1.0, wrong, 1.0], **allowed)["share"] > 1.0
+
+
+@pytest.mark.parametrize("allowed", [{}, {"tolerance": 0.1}, {"stderr": 0.3}, {"stderr": np.nan},
+                                     {"tolerance": 2.0, "reason": "laziness"}])
+def test_a_truth_that_could_not_fail_is_refused(allowed):
+    with pytest.raises(ValueError, match=r"needs a standard error|too noisy"):
+        compare(expected=1.0, got=1.0, **allowed)

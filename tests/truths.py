@@ -1,0 +1,209 @@
+"""Truths: numbers that are known otherwise, which tests assert and `pytest --validation PATH` writes down.
+
+A test asks for the fixture ``truth`` and calls it once for each number or array. What it compares, with what and within
+which error is recorded before it is asserted, so the page tells of failures too. Its subject is that of the marker
+``subject`` of the test or its module. With ``--validation`` only tests that ask for ``truth`` run, all of them: a page
+of some of the truths would look like a page of all.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SUBJECTS = ("phase functions", "single scattering", "multiple scattering", "surfaces and lights", "camera", "dynamics",
+            "IMU and depth gauge")
+"""The page's chapters, in this order."""
+
+SIGMAS = 4.0
+"""Standard errors that a right estimate stays within: one false alarm in 16 000."""
+
+RECORDED = pytest.StashKey[dict]()
+SILENT = pytest.StashKey[set]()
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One comparison; of an array, its element that is off by the largest share of what is allowed."""
+
+    subject: str
+    name: str
+    source: str
+    quantity: str
+    count: int
+    expected: float
+    got: float
+    within: str
+    share: float
+    """|got - expected| over what is allowed; more than 1 fails."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether all elements are within what is allowed."""
+        return self.share <= 1.0
+
+    def row(self) -> str:
+        """Line of the page's table."""
+        quantity = self.quantity + (f" (worst of {self.count})" if self.count > 1 else "")
+        cells = (quantity, number(self.expected), number(self.got), self.within, f"{100 * self.share:.0f} %",
+                 "yes" if self.passed else "**NO**")
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def number(value: float, digits: int = 7) -> str:
+    """A value as the page shows it."""
+    return f"{value:.{digits}g}"
+
+
+def compare(*, expected, got, stderr=None, sigmas: float = SIGMAS, tolerance=None, reason: str = "") -> dict:
+    """Compare element by element; ``expected`` and errors broadcast to the shape of ``got``.
+
+    Args:
+        expected: The truth.
+        got: What was computed.
+        stderr: Standard error of ``got`` (and of ``expected``, where it has one).
+        sigmas: How many standard errors are allowed.
+        tolerance: Absolute, allowed besides; ``reason`` says where it comes from.
+
+    Returns:
+        Fields of a `Truth`: count, expected, got, within, share.
+
+    Raises:
+        ValueError: Nothing is allowed, or so much that no value could fail, or a tolerance has no reason.
+    """
+    if (stderr is None and tolerance is None) or (tolerance is not None and not reason):
+        raise ValueError("a truth needs a standard error or a tolerance, and the tolerance a reason")
+    got = np.asarray(got, float)
+    expected, sigma, margin = (np.broadcast_to(np.asarray(x, float), got.shape).ravel()
+                               for x in (expected, 0.0 if stderr is None else stderr, tolerance or 0.0))
+    got = got.ravel()
+    allowed = sigmas * sigma + margin
+    scale = np.abs(expected).max()
+    if not np.all(np.isfinite(allowed)) or (scale > 0.0 and np.median(allowed) >= scale):
+        raise ValueError(f"too noisy to tell: {allowed.max():.3g} allowed of {scale:.3g}")
+    off = np.abs(got - expected)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(off == 0.0, 0.0, off / allowed)
+    share = np.where(np.isfinite(share), share, np.inf)  # also of NaN
+    i = int(share.argmax())
+    within = [] if stderr is None else [f"{number(sigmas, 3)} × {number(sigma[i], 2)} (standard error)"]
+    within += [f"{number(margin[i], 2)} ({reason})"] if tolerance is not None else []
+    return {"count": got.size, "expected": float(expected[i]), "got": float(got[i]), "within": " + ".join(within),
+            "share": float(share[i])}
+
+
+class Recorder:
+    """What a test calls: asserts a truth and keeps it for the page."""
+
+    def __init__(self, subject: str, name: str, kept: list[Truth]):
+        self._subject, self._name, self._kept = subject, name, kept
+
+    def __call__(self, quantity: str, *, source: str, name: str | None = None, subject: str | None = None, **compared):
+        """Record and assert.
+
+        Args:
+            quantity: What is compared, with its parameters.
+            source: Where the truth comes from: a formula, a publication.
+            name: The claim; as the test is called, unless given.
+            subject: One of SUBJECTS; that of the test's marker, unless given.
+            **compared: See `compare`.
+        """
+        subject = subject or self._subject
+        assert subject in SUBJECTS, f"unknown subject {subject!r}"
+        made = Truth(subject, name or self._name, source, quantity, **compare(**compared))
+        self._kept.append(made)
+        assert made.passed, (f"{made.quantity}: {made.got!r} instead of {made.expected!r}, "
+                             f"{made.share:.3g} times what is allowed: {made.within}")
+
+
+@pytest.fixture
+def truth(request) -> Recorder:
+    """Assert that a number is the known one, and record it for docs/validation.md."""
+    node = request.node
+    marker = node.get_closest_marker("subject")
+    name = node.originalname.removeprefix("test_").replace("_", " ")
+    kept = node.config.stash[RECORDED].setdefault(node.nodeid, [])
+    yield Recorder(marker.args[0] if marker else "", name[0].upper() + name[1:], kept)
+    if not kept:
+        node.config.stash[SILENT].add(node.nodeid)
+
+
+# ------------------------------------------------------------------------------------------------------------ the page
+
+
+HEADER = """# Validation: what is known otherwise
+
+Each number that the tests compare with a closed form, a published value or an independent calculation: what was
+expected, what this package computed, and the error allowed, which is {sigmas:.0f} standard errors (one false alarm in
+16 000), or a tolerance with its reason. "Used" is how much of it the result took; more than 100 % fails the test. Of
+arrays, the element that used most is shown. Seeds are fixed, so that a difference in this page is a difference in the
+program (or in a compiler's rounding).
+
+Written by the tests (two minutes on two cores), not by hand: `make validation`, that is
+
+    python -m pytest --validation docs/validation.md
+
+Whole scenes are compared with other programs in [transport](transport.md). Not here, because the package has no such
+thing: refraction at flat ports and domes (the truths of Snell and Fresnel).
+
+{passed} of {total} pass.
+"""
+
+
+def page(truths: list[Truth]) -> str:
+    """The page, in Markdown."""
+    lines = [HEADER.format(sigmas=SIGMAS, passed=sum(t.passed for t in truths), total=len(truths))]
+    for subject in SUBJECTS:
+        chapter = [t for t in truths if t.subject == subject]
+        if chapter:
+            lines.append(f"## {subject[0].upper()}{subject[1:]}\n")
+        for name, source in dict.fromkeys((t.name, t.source) for t in chapter):
+            rows = [t.row() for t in chapter if (t.name, t.source) == (name, source)]
+            lines += [f"**{name}.** {source}\n", "| quantity | expected | got | allowed | used | pass |",
+                      "|---|---|---|---|---|---|", *rows, ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+# --------------------------------------------------------------------------------------------------------- the plugin
+
+
+def pytest_addoption(parser):
+    parser.addoption("--validation", metavar="PATH", help="run all tests that know a truth, and write them to a page")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "subject(name): chapter of docs/validation.md that a test's truths belong to")
+    config.stash[RECORDED], config.stash[SILENT] = {}, set()
+    whole = config.args_source is config.ArgsSource.TESTPATHS and not (config.option.keyword or config.option.markexpr)
+    if config.getoption("validation") and not whole:
+        raise pytest.UsageError("--validation is a page of all truths: no paths, no -k and no -m beside it")
+
+
+def knows_a_truth(item) -> bool:
+    """Whether a test asks for the fixture, and not for a parameter of that name."""
+    parameters = item.callspec.params if hasattr(item, "callspec") else {}
+    return "truth" in getattr(item, "fixturenames", ()) and "truth" not in parameters
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("validation"):
+        config.hook.pytest_deselected(items=[item for item in items if not knows_a_truth(item)])
+        items[:] = [item for item in items if knows_a_truth(item)]
+
+
+def pytest_sessionfinish(session):
+    """Write the page, unless a truth is missing on it."""
+    config, path = session.config, session.config.getoption("validation")
+    if not path or config.option.collectonly:
+        return
+    recorded = config.stash[RECORDED]
+    missing = [item.nodeid for item in session.items if not recorded.get(item.nodeid)]
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if missing or session.testscollected == 0 or session.shouldstop or session.shouldfail:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        reporter.write_line(f"\n{path} not written: no truth from {missing or 'an interrupted run'}")
+        return
+    truths = [made for item in session.items for made in recorded[item.nodeid]]
+    Path(path).write_text(page(truths), encoding="utf-8")
+    reporter.write_line(f"\n{path}: {len(truths)} truths")
