@@ -157,7 +157,7 @@ def hop(scene: SceneData, flights: int, lamp_share: float, key: wp.uint32, p: wp
 @wp.kernel(enable_backward=False)
 def fly(scene: SceneData, t_max: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
         passed: wp.array(dtype=wp.vec3), near: wp.array(dtype=wp.vec3)):
-    """A flight up to t_max: its weight if it ends in the water, or at t_max; and if one in endless water ends before."""
+    """A flight up to t_max: its weight if it ends in the water, or at t_max; and of one in endless water, if before."""
     i = wp.tid()
     u = uniforms(key, i, 0, 0)
     flight = sample_flight(scene.medium, wp.vec3(1.0, 0.5, 0.7), t_max, u[0], u[1])
@@ -191,8 +191,11 @@ def launched(kernel, n, inputs, *outputs):
     return [array.numpy().astype(float) for array in made]
 
 
-def crossed(albedo, tau, g, *, cos_in=1.0, lamp_share=0.0, lamp=(0.3, 0.0, 0.4), n=1 << 19):
-    """Of walks through a slab 1 m thick: weights reflected, transmitted [n, 3], cosine out [n], radiance along -z."""
+def crossed(albedo, tau, g, *, cos_in=1.0, lamp_share=0.0, lamp=(0.0, 0.0, -10.0), n=1 << 19):
+    """Of walks through a slab 1 m thick: weights reflected, transmitted [n, 3], cosine out [n], radiance along -z.
+
+    Roulette ends walks that leave the light of the lamp; this one is far, so that all parts of a layer are alike to it.
+    """
     albedo, tau = np.broadcast_to(albedo, 3), np.broadcast_to(tau, 3)
     scene = scene_of(albedo * tau, tau, g, lamp)
     left, cos_out, head_on = launched(cross, n, [scene, 1.0, cos_in, lamp_share, wp.uint32(1)],
@@ -229,7 +232,7 @@ SLABS = {
 }
 
 
-@pytest.mark.parametrize("lamp_share", [0.0, 0.3])
+@pytest.mark.parametrize("lamp_share", [0.0, 0.1])
 @pytest.mark.parametrize("name", SLABS)
 def test_slabs_of_any_water_reflect_and_transmit_what_doubling_says(truth, name, lamp_share):
     """Also when some directions are drawn around a lamp: only their weights know."""
@@ -240,9 +243,9 @@ def test_slabs_of_any_water_reflect_and_transmit_what_doubling_says(truth, name,
         for c in range(3):
             exact = slab_fluxes(albedo[c], g, tau[c])
             what = f"albedo {albedo[c]}, g = {g}, tau = {tau[c]}, {'diffuse' if beam else 'straight on'}{drawn}"
-            truth(f"reflects, {what}", source=DOUBLING, expected=exact["R" + beam], **estimate(back[:, c], 0.04))
+            truth(f"reflects, {what}", source=DOUBLING, expected=exact["R" + beam], **estimate(back[:, c]))
             truth(f"transmits, {what}", source=DOUBLING, expected=exact["T" + beam],
-                  **estimate(through[:, c], 0.04))
+                  **estimate(through[:, c]))
 
 
 def test_roulette_loses_no_light_in_a_slab_that_absorbs_nothing(truth):
@@ -256,7 +259,7 @@ def test_roulette_loses_no_light_in_a_slab_that_absorbs_nothing(truth):
 # ---------------------------------------------------------------------------------------------------------- half space
 
 
-DEEP, ABOVE = 30.0, (0.0, 0.0, -0.1)
+DEEP, ABOVE = 30.0, (0.0, 0.0, -1.0)
 """A slab from whose far side next to nothing returns: exp(-2 * 30/nu_0) = 1e-14 at c = 0.9; and a lamp over it."""
 
 
