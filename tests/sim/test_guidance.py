@@ -137,7 +137,8 @@ def test_the_angular_rates_are_the_derivatives_of_the_attitude():
     """Two overlapping legs that turn about different axes."""
     turns = [np.array([0.9, -0.4, 0.3]), np.array([-0.2, 0.5, 1.6])]
     ticks = np.arange(961)
-    first = guidance.add_leg(guidance.at_rest(np.zeros(3), Rotation.identity()), Leg(NO_TURN, turns[0], 3.0, 1.0), ticks)
+    rest = guidance.at_rest(np.zeros(3), Rotation.identity())
+    first = guidance.add_leg(rest, Leg(NO_TURN, turns[0], 3.0, 1.0), ticks)
     both = guidance.add_leg(first, Leg(NO_TURN, turns[1], 3.0, 1.0), ticks - 360)
     q = both.attitude
     omega = (q[:-2].inv() * q[2:]).as_rotvec() / (2.0 * H)

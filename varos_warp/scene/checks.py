@@ -9,8 +9,9 @@ from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene, SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
-from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.geometry import Instances, Part, local_origin, standpoints
 from varos_warp.scene.hull import displaced_volume, sphere_radius
+from varos_warp.scene.lod import depth_step
 from varos_warp.scene.query import clearance, is_inside
 from varos_warp.scene.terrain import join
 from varos_warp.scene.water import optical_properties
@@ -29,14 +30,15 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             [N] [ns], position [N, 3] [m], the reference that it was asked to follow [N, 3] [m], and the waypoint that
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
-    stops = scene.trajectory.waypoints or scene.trajectory.poses
+    places = scene.trajectory.waypoints or scene.trajectory.poses
     poses = [transform(turned.as_matrix(), stop.position)
-             for stop, turned in zip(stops, attitudes(stops), strict=True)]
+             for stop, turned in zip(places, attitudes(places), strict=True)]
     solids = _gather(scene, parts, poses, path)
-    at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in stops]))
+    at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    return [*_check_water(scene), *_check_sizes(_one_of_each(parts)), *_check_cameras(scene),
-            *_check_lights(scene, poses), *_check_inside(scene, solids, poses), *at_stops, *on_the_way]
+    return [*_check_water(scene), *_check_sizes(_one_of_each(parts)), *_check_reach(scene, parts),
+            *_check_cameras(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
+            *at_stops, *on_the_way]
 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
@@ -175,6 +177,18 @@ def _check_sizes(parts):
         elif size < smallest:
             warnings.append(f"{part.name}: only {size:.3g} m across; if its file is in kilometres, give scale: 1000")
     return warnings
+
+
+def _check_reach(scene, parts):
+    """Courses so wide that the single precision of rays, finest in their middle, loses steps of D at their ends."""
+    if not parts or "D" not in scene.render.outputs:
+        return []
+    reach = float(np.abs(standpoints(scene) - local_origin(scene, parts)).max())
+    rounding, step = reach * 2.0**-24, depth_step(scene)
+    if rounding <= 0.5 * step:
+        return []
+    return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
+            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several scenes"]
 
 
 def _check_cameras(scene):

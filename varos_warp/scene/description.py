@@ -8,9 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
 Vec3 = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
+Position = tuple[Coordinate, Coordinate, Coordinate]
+Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""[degrees]; of much larger ones whole turns would leave no digit."""
+EulerAngles = tuple[Angle, Angle, Angle]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -69,8 +75,8 @@ class Detail(Block):
 class Placed(Block):
     """Anything that stands in the world: position [m], rotation (about fixed x, then y, then z) and scale."""
 
-    position: Vec3 = (0.0, 0.0, 0.0)
-    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
+    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
     material: str | None = None
     smooth_angle_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 30.0
@@ -319,11 +325,15 @@ Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discrimin
 # ------------------------------------------------------------------------------------------------------------- water
 
 
+MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
+"""Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""
+
+
 class HenyeyGreenstein(Block):
     """Phase function of Henyey and Greenstein (1941) with mean cosine ``g``."""
 
     kind: Literal["henyey_greenstein"] = "henyey_greenstein"
-    g: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
+    g: MeanCosine = 0.0
 
 
 class Principled(Block):
@@ -332,7 +342,7 @@ class Principled(Block):
     density: NonNegative
     color: NonNegativeRgb
     absorption_color: UnitRgb
-    anisotropy: Annotated[float, Field(gt=-1.0, lt=1.0)] = 0.0
+    anisotropy: MeanCosine = 0.0
 
 
 class Coefficients(Block):
@@ -367,16 +377,34 @@ class Water(Block):
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
 
+def _is_representable(value: float) -> float:
+    if 0.0 < value < 1e-20:
+        raise ValueError("an intensity is 0 or at least 1e-20 W/sr")
+    return value
+
+
+Intensity = Annotated[float, Field(ge=0.0, le=1e20), AfterValidator(_is_representable)]
+"""[W/sr]; beyond, single precision over- or underflows on the way of the light."""
+IntensityRgb = tuple[Intensity, Intensity, Intensity]
+
+
 class SpotLight(Block):
     """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
 
     kind: Literal["spot"] = "spot"
-    position: Vec3 = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
-    cone_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 65.0
-    """Full angle of the cone."""
+    cone_deg: Annotated[float, Field(ge=1.0, le=360.0)] = 65.0
+    """Full angle of the cone; single precision does not hold the cosines of narrower ones."""
     blend: Unit = 0.0
-    intensity: NonNegativeRgb = (100.0, 100.0, 100.0)
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+
+    @field_validator("cone_deg")
+    @classmethod
+    def _not_all_but_a_point(cls, value):
+        if 359.9 < value < 360.0:
+            raise ValueError("a cone is at most 359.9 degrees wide, or 360 for a light without one")
+        return value
 
     @field_validator("direction")
     @classmethod
@@ -390,8 +418,8 @@ class PointLight(Block):
     """A light that shines equally in every direction, ``intensity`` [W/sr]."""
 
     kind: Literal["point"]
-    position: Vec3 = (0.0, 0.0, 0.0)
-    intensity: NonNegativeRgb = (100.0, 100.0, 100.0)
+    position: Position = (0.0, 0.0, 0.0)
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
 
 
 Light = Annotated[SpotLight | PointLight, Field(discriminator="kind")]
@@ -408,22 +436,33 @@ def _check_look_at(block):
     return block
 
 
+LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
+"""[mm]; single precision holds every view that such sizes make."""
+
+
 class Camera(Block):
     """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
 
     id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "M0"
     """Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
     mount: Literal["vehicle", "world"] = "vehicle"
-    position: Vec3 = (0.0, 0.0, 0.0)
-    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
-    look_at: Vec3 | None = None
+    position: Position = (0.0, 0.0, 0.0)
+    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
+    look_at: Position | None = None
     """Point to look at, in the axes of the mount; instead of ``rotation_euler_deg``."""
     resolution: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (1280, 720)
-    sensor_mm: tuple[Positive, Positive] = (4.416, 2.484)
-    focal_mm: Positive = 3.4
-    f_stop: NonNegative = 0.0
-    """Focal length over aperture diameter; 0 is a pinhole."""
-    focus_m: Positive = 3.0
+    sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
+    focal_mm: LensSize = 3.4
+    f_stop: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """Focal length over aperture diameter, at least 0.001; 0 is a pinhole."""
+    focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
+
+    @field_validator("f_stop")
+    @classmethod
+    def _open_no_wider_than_a_thousandth(cls, value):
+        if 0.0 < value < 1e-3:
+            raise ValueError("an f_stop is at least 0.001, or 0 for a pinhole")
+        return value
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
@@ -431,8 +470,8 @@ class Camera(Block):
 class Mounted(Block):
     """A sensor on the vehicle, in its axes."""
 
-    position: Vec3 = (0.0, 0.0, 0.0)
-    rotation_euler_deg: Vec3 = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
+    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
     rate_hz: Positive = 200.0
 
 
@@ -531,9 +570,9 @@ class Waypoint(Block):
     Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
     """
 
-    position: Vec3
-    look_at: Vec3 | None = None
-    rotation_euler_deg: Vec3 | None = None
+    position: Position
+    look_at: Position | None = None
+    rotation_euler_deg: EulerAngles | None = None
     speed: Positive | None = None
     """Speed of the leg that ends here [m/s]."""
     strict: bool = False
@@ -547,9 +586,9 @@ class Pose(Block):
     """An exact pose at a time; no dynamics. Attitude as for a waypoint."""
 
     time_s: NonNegative = 0.0
-    position: Vec3
-    look_at: Vec3 | None = None
-    rotation_euler_deg: Vec3 | None = None
+    position: Position
+    look_at: Position | None = None
+    rotation_euler_deg: EulerAngles | None = None
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
@@ -655,7 +694,7 @@ class Scene(Block):
     scatter: list[Scatter] = []
     materials: dict[str, Material] = {}
     water: Water | Literal["none"] = "none"
-    surface_depth_m: float = 0.0
+    surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
     gravity: Positive = 9.81
     """[m/s^2]; ORB-SLAM3 uses the same number."""

@@ -12,7 +12,7 @@ from varos_warp.kernels.medium import Medium
 from varos_warp.kernels.texture import DIFFUSE, Material
 from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.geometry import Instances, Part, local_origin
 from varos_warp.scene.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials import corner_values, device_material
 from varos_warp.scene.normals import corner_normals, face_normals
@@ -186,20 +186,3 @@ def camera_record(camera: Camera, T_w_v: np.ndarray, origin, *, pinhole: bool = 
     record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
     record.focus = camera.focus_m if open_lens else 1.0
     return record
-
-
-def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
-    """Whole metres near the middle of where the cameras go, float64 [3], but not outside of what there is to see.
-
-    float32 then is finest where the pictures are taken, however large the terrain.
-    """
-    poses = [*(scene.trajectory.waypoints or scene.trajectory.poses)]
-    poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
-    positions = np.array([pose.position for pose in poses])
-    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    if parts:
-        boxes = [box.vertices for part in parts for box in part.boxes()]
-        low = np.min([box.min(axis=0) for box in boxes], axis=0)
-        high = np.max([box.max(axis=0) for box in boxes], axis=0)
-        middle = np.clip(middle, low, high)
-    return np.round(middle)

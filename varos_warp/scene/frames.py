@@ -31,12 +31,14 @@ def look_at_matrix(position, target) -> np.ndarray:
     Straight up or down, where the heading is undefined, x is the world's x.
     """
     forward = np.asarray(target, float) - np.asarray(position, float)
-    length = np.linalg.norm(forward)
-    if not length > 0.0:
+    if not forward.any():
         raise ValueError("look_at must differ from the position")
-    forward /= length
+    forward /= np.abs(forward).max()  # or the squares of a very short or long one would be 0 or infinite
+    forward /= np.linalg.norm(forward)
     right = np.array([forward[1], -forward[0], 0.0])
-    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    if np.linalg.norm(right) < 1e-9:
+        right = np.array([1.0, 0.0, 0.0]) - forward[0] * forward
+    right /= np.linalg.norm(right)
     return np.column_stack([right, forward, np.cross(right, forward)])
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from varos_warp.scene.description import Material
+from varos_warp.scene.description import Material, Scene
 
 
 @dataclass(frozen=True)
@@ -74,3 +74,25 @@ class Instances:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         return replace(self, vertices=corners, faces=np.zeros((0, 3), np.int32)).parts()
+
+
+def standpoints(scene: Scene) -> np.ndarray:
+    """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
+    poses = [*(scene.trajectory.waypoints or scene.trajectory.poses)]
+    poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
+    return np.array([pose.position for pose in poses], float)
+
+
+def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
+    """Whole metres near the middle of where the cameras go, float64 [3], but not outside of what there is to see.
+
+    float32 then is finest where the pictures are taken, however large the terrain.
+    """
+    positions = standpoints(scene)
+    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
+    if parts:
+        boxes = [box.vertices for part in parts for box in part.boxes()]
+        low = np.min([box.min(axis=0) for box in boxes], axis=0)
+        high = np.max([box.max(axis=0) for box in boxes], axis=0)
+        middle = np.clip(middle, low, high)
+    return np.round(middle)

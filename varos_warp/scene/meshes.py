@@ -17,6 +17,8 @@ from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.scatter import Ground, scatter
 from varos_warp.scene.skins import join_skins
 
+SMALLEST_M, LARGEST_M = 1e-9, 1e9
+"""Sizes of parts: the products of smaller lengths leave single precision, longer rays hit nothing."""
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
 
 TO_Z_UP = {
@@ -138,7 +140,10 @@ def _terrain_mesh(scene):
 
 def _part(scene, block, key, vertices, faces, skin=None):
     """A mesh where its block places it: scaled, turned, moved."""
-    placed = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T + np.asarray(block.position)
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T
+    _check_size(turned, block, key)
+    placed = turned + np.asarray(block.position)
     return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
                 material=scene.materials[block.material] if block.material is not None else Diffuse(),
                 origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
@@ -178,6 +183,15 @@ def _check_finite(vertices, path, key):
         number = int(np.flatnonzero(bad)[0])
         raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite (the first is number {number})",
                          file=path, key=key, remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
+
+
+def _check_size(vertices, block, key):
+    """A part, at its scale, is of a size that rays can hit."""
+    reach, size = float(np.abs(vertices).max()), float(np.ptp(vertices, axis=0).max())
+    if not (reach <= LARGEST_M and size >= SMALLEST_M):
+        what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"
+        raise InputError(f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large", key=key,
+                         remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).")
 
 
 # ------------------------------------------------------------------------------------------------------------- readers
