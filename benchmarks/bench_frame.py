@@ -8,15 +8,14 @@ is reported apart. A path is one camera sample with the walk that follows it.
 
 import argparse
 import json
-import platform
 import resource
-import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+from benchmarks.machine import commit, cpu_name
 from benchmarks.ray_ceiling import ceilings
 from varos_warp.render.frame import INTEGRATORS, FrameRenderer
 from varos_warp.scene.load import load_scene
@@ -75,7 +74,7 @@ def measure(
         "device": renderer.device,
         "device_name": renderer.device_name,
         "threads": renderer.launcher.threads,
-        "cpu": platform.processor() or platform.machine(),
+        "cpu": cpu_name(),
         "warp": wp.__version__,
         "commit": commit(),
         "setup_s": round(setup, 2),
@@ -108,14 +107,6 @@ def compare(row: dict, integrators: list[str]):
     for one in (row[name] for name in integrators if name != "reference"):
         one["speed_ratio"] = one["paths_per_s"] / plain["paths_per_s"]
         one["work_ratio_rgb"] = (np.array(plain["work_rgb"]) / np.array(one["work_rgb"])).tolist()
-
-
-def commit() -> str:
-    """Short hash of the checkout, or unknown."""
-    result = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
-    )
-    return result.stdout.strip() or "unknown"
 
 
 def main():

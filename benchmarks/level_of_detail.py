@@ -11,14 +11,15 @@ lengthen much), and seconds on a GPU; the least of three.
 import argparse
 import json
 import time
+from functools import partial
 from pathlib import Path
 
 import matplotlib
 
-from benchmarks.bench_frame import commit
+from benchmarks.machine import commit
 from varos_warp.render.detail import choose_detail, compare_images
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import pilot_camera
+from varos_warp.render.pilot import pilot_camera
 from varos_warp.scene.load import load_scene
 from varos_warp.scene.meshes import build_parts
 from varos_warp.sim.trajectory import simulate
@@ -53,31 +54,53 @@ def frame_seconds(scene, parts, T_w_v, device: str) -> dict:
     return seconds
 
 
+def level(with_changes, parts, poses, device: str, pixels: float, steps: float | None, T_w_v) -> dict:
+    """One level of detail: triangles and memory kept, errors of D and C, seconds.
+
+    Args:
+        with_changes: gives the scene with changes, ``key.path=value``.
+        parts: its geometry, with every triangle.
+        poses: T_w_v of every frame.
+        device: where images are compared and timed.
+        pixels, steps: ``tolerance_px`` and ``depth_steps``.
+        T_w_v: pose of the frame that is timed.
+    """
+    block = f"{{tolerance_px: {pixels}, depth_steps: {'null' if steps is None else steps}}}"
+    scene = with_changes(f"render.level_of_detail={block}")
+    start = time.process_time()
+    detail = choose_detail(scene, parts, poses, device, compare=False)
+    reducing = time.process_time() - start
+    meshes = detail.meshes | compare_images(scene, parts, detail.parts, poses, device)[0]
+    depth = {key: meshes["depth_error"][key] for key in
+             ("rms_mm", "p95_mm", "rms_steps", "p95_steps", "max_steps", "outline_share", "by_distance")}
+    return {"tolerance_px": pixels, "depth_steps": steps, "triangles": meshes["kept"],
+            "memory_mb": meshes["memory_mb"]["kept"], "depth": depth, "normal_deg": meshes["normal_error_deg"],
+            "seconds": frame_seconds(scene, detail.parts, T_w_v, device), "reducing_cpu_seconds": round(reducing, 1)}
+
+
+def exact_level(scene, parts, poses, device: str, T_w_v) -> dict:
+    """The row of the meshes as they are."""
+    exact = choose_detail(scene, parts, poses, device).meshes
+    return {"tolerance_px": None, "triangles": exact["kept"], "memory_mb": exact["memory_mb"]["kept"],
+            "seconds": frame_seconds(scene, parts, T_w_v, device)}
+
+
 def measure(path: Path, device: str) -> dict:
     """One row per level, the first without any."""
     plain = load_scene(path)
     simulation = simulate(plain)
     poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
     parts, middle = build_parts(plain), poses[len(poses) // 2]
-    exact = choose_detail(plain, parts, poses, device).meshes
-    rows = [{"tolerance_px": None, "triangles": exact["kept"], "memory_mb": exact["memory_mb"]["kept"],
-             "seconds": frame_seconds(plain, parts, middle, device)}]
+    rows = [exact_level(plain, parts, poses, device, middle)]
     for pixels, steps in LEVELS:
-        block = f"{{tolerance_px: {pixels}, depth_steps: {'null' if steps is None else steps}}}"
-        scene = load_scene(path, [f"render.level_of_detail={block}"])
-        start = time.process_time()
-        detail = choose_detail(scene, parts, poses, device, compare=False)
-        reducing = time.process_time() - start
-        meshes = detail.meshes | compare_images(scene, parts, detail.parts, poses, device)[0]
-        depth = {key: meshes["depth_error"][key] for key in
-                 ("rms_mm", "p95_mm", "rms_steps", "p95_steps", "max_steps", "outline_share", "by_distance")}
-        rows.append({"tolerance_px": pixels, "depth_steps": steps, "triangles": meshes["kept"],
-                     "memory_mb": meshes["memory_mb"]["kept"], "depth": depth, "normal_deg": meshes["normal_error_deg"],
-                     "seconds": frame_seconds(scene, detail.parts, middle, device),
-                     "reducing_cpu_seconds": round(reducing, 1)})
+        rows.append(level(partial(_changed, path), parts, poses, device, pixels, steps, middle))
         print(json.dumps({key: value for key, value in rows[-1].items() if key != "depth"}), flush=True)
     name = FrameRenderer(plain, device, parts[:0]).device_name
     return {"scene": plain.name, "frames": len(poses), "device": name, "commit": commit(), "rows": rows}
+
+
+def _changed(path: Path, *changes: str):
+    return load_scene(path, changes)
 
 
 def chart(result: dict, path: Path) -> None:

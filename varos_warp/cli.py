@@ -148,20 +148,29 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
     poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
     wanted = [poses[frame] for frame in select(chosen, len(ticks))]
     detail = choose_detail(loaded, build_parts(loaded), poses, device, propose=True, measure_cost=True)
-    result = plan_render(loaded, FrameRenderer(loaded, device, detail.parts), wanted, measure_cost=True,
-                         meshes=detail.meshes).to_dict()
+    planned = plan_render(loaded, FrameRenderer(loaded, device, detail.parts), wanted, measure_cost=True,
+                          meshes=detail.meshes)
+    result = planned.to_dict()
     if json_:
         print_json(result)
         return
-    for key, value in result.items():
-        if isinstance(value, dict) and key != "meshes":
-            print(f"{key}:", *(f"  {name}: {part}" for name, part in value.items()), sep="\n")
-        elif key not in ("reasons", "meshes"):
-            print(f"{key}: {value}")
-    for reason in result.get("reasons", []):
-        print(f"  - {reason}")
+    _print_plan(result, planned)
     if "meshes" in result:
         _print_meshes(result["meshes"])
+
+
+def _print_plan(result: dict, plan) -> None:
+    """What was decided, why, the error that it makes and what it saves; then what makes each output, and the time."""
+    rows = [[d.what, d.choice, *(["-"] * 3 if d.error is None else [f"{100 * e:.2f}" for e in d.error]),
+             "-" if d.cost is None else f"{d.cost:.2f}", d.reason] for d in plan.decisions]
+    total = ["-"] * 3 if plan.error is None else [f"{100 * e:.2f}" for e in plan.error]
+    cost = f"{plan.cost['seconds_per_frame']:g} s/frame" if plan.cost else "-"
+    rows.append(["in all", "", *total, cost, "noise, and what models leave out, as root of squares"])
+    _print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "time", "reason"], rows)
+    print("predicted errors are relative RMSE of an image; time: with the choice over with everything")
+    for key in ("models", "cost"):
+        if result.get(key):
+            print(f"{key}:", *(f"  {name}: {part}" for name, part in result[key].items()), sep="\n")
 
 
 def _print_meshes(meshes: dict) -> None:
@@ -377,6 +386,33 @@ def _print_preprocessed(out: Path, facts: dict) -> None:
     print(f"{out} is written, and its report {out.with_suffix('.json')}")
 
 
+@verb
+def bench(names: Annotated[list[str] | None, typer.Argument(
+              metavar="[SCENE-NAMES...]", help="ref1, open_water, floor_clear, coastal, harbour, demo.")] = None,
+          methods: Annotated[str | None, typer.Option(
+              metavar="NAME,...", help="Methods of A: direct, single, path, tables, tables+oidn ...")] = None,
+          outputs: Annotated[str, typer.Option(metavar="A,D,sensors", help="Charts to make.")] = "A,D,sensors",
+          device: Device = "auto",
+          quick: Annotated[bool, typer.Option("--quick", help="Two scenes, few methods: two minutes.")] = False,
+          out: Annotated[Path, typer.Option("-o", "--out", help="Folder for tables and charts.")] = Path("bench"),
+          seconds: Annotated[float | None, typer.Option(help="Budget of each scene and chart.")] = None,
+          json_: Json = False, quiet: Quiet = False):
+    """Chart the error of every method against its time (in a checkout of the source)."""
+    try:
+        from benchmarks import bench as benchmark
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] != "benchmarks":
+            raise
+        raise InputError("the benchmarks are not installed with the package", key="bench",
+                         remedy="Run `python -m varos_warp bench` in the root of a checkout of the source.") from error
+
+    result = benchmark.run(names or (), _split(methods), _split(outputs), device, quick, seconds, out, quiet)
+    if json_:
+        print_json(result)
+    else:
+        print(f"{out}: {', '.join(sorted(path.name for path in out.glob('*.*')))}")
+
+
 # ---------------------------------------------------------------------------------------------------------- arguments
 
 
@@ -392,6 +428,11 @@ def overrides(set_=None, outputs=None, tolerance=None, spp=None, max_scatterings
     lists = ("render.outputs", "render.layers")
     return list(set_ or ()) + [f"{key}=[{value}]" if key in lists else f"{key}={value}"
                                for key, value in changes.items() if value is not None]
+
+
+def _split(text: str | None) -> list[str]:
+    """Names between commas."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def parse_frames(text: str | None) -> slice:

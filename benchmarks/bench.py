@@ -1,0 +1,86 @@
+"""Every method on named scenes, error against time: what `varos-warp bench` runs.
+
+    varos-warp bench [SCENE-NAMES...] [--methods ...] [--outputs A,D,sensors] [--device cuda:0] [--quick] [-o OUT]
+
+Writes bench.json, a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is on
+disk as soon as it is known.
+"""
+
+import sys
+from pathlib import Path
+
+from benchmarks import chart, depth, methods, radiance, scenes, sensors
+from benchmarks.machine import machine
+from benchmarks.store import Store
+from varos_warp.errors import InputError
+from varos_warp.scene.device import resolve_device
+
+OUTPUTS = ("A", "D", "sensors")
+SECONDS, QUICK_SECONDS = 150.0, 25.0
+"""Of a scene and an output, where nobody says otherwise; compilation comes on top."""
+
+
+def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick: bool = False,
+        seconds: float | None = None, out: Path = Path("bench"), quiet: bool = False) -> dict:
+    """Measure, write and draw; returns what bench.json holds.
+
+    Args:
+        names: of scenes; none: all, or two if ``quick``.
+        method_names: of methods of A; none: all, or a few if ``quick``.
+        outputs: any of `OUTPUTS`.
+        device: auto, cpu or cuda:N.
+        quick: to see it work, in two minutes on two cores.
+        seconds: for each scene and output; compilation, and references that must be rendered first, come on top.
+        out: folder for the results; those of an earlier run there are replaced.
+        quiet: no lines of progress.
+
+    Raises:
+        InputError: There is no such scene, method, output or device.
+    """
+    for output in outputs:
+        if output not in OUTPUTS:
+            raise InputError("there is no such chart", key="--outputs", value=output,
+                             remedy=f"There are: {', '.join(OUTPUTS)}.")
+    seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
+    if seconds <= 0.0:
+        raise InputError("must be above 0", key="--seconds", value=seconds)
+    chosen = scenes.find(names or (scenes.QUICK if quick else ()))
+    ways, device = methods.find(method_names, quick), resolve_device(device)
+    store = Store(Path(out), machine(device))
+
+    def tell(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    store.save()
+    if "sensors" in outputs:
+        _sensors(store, tell)
+    for bench in chosen if "A" in outputs else ():
+        if radiance.compare(bench, ways, device, seconds, store, tell):
+            chart.radiance(store.content(), bench.name, store.folder / f"A_{bench.name}.png")
+    for bench in (bench for bench in chosen if bench.depth and "D" in outputs):
+        depth.compare(bench, device, seconds, store, tell, quick)
+    draw(store.content(), store.folder)
+    return store.content()
+
+
+def _sensors(store: Store, tell) -> None:
+    tell("flying the course with steps of several lengths")
+    for row in (*sensors.step_rows(), *sensors.rate_rows()):
+        store.add("sensors", row)
+
+
+def draw(result: dict, folder: Path, prefix: str = "") -> None:
+    """The charts that span scenes, of the outputs that were measured."""
+    if result.get("A"):
+        chart.scenes(result, folder / f"{prefix}scenes.png")
+    if len(result.get("D", [])) > 1:
+        chart.depth(result, folder / f"{prefix}D.png")
+    if result.get("sensors"):
+        chart.steps_and_rates(result, folder / f"{prefix}sensors.png")
+
+
+if __name__ == "__main__":
+    from varos_warp.cli import app
+
+    app(["bench", *sys.argv[1:]], prog_name="varos-warp")

@@ -1,0 +1,225 @@
+"""Charts of a run: error against time for A, against triangles for D, against steps and rates for the sensors."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from benchmarks import sensors
+
+COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8", "scatterings_2": "#b07cc6",
+           "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "tables": "#ff7f0e",
+           "detail": "#bcbd22", "mitsuba": "#2ca02c", "cycles": "#d62728"}
+MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
+ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
+DPI = 110
+
+
+def seconds_of(row: dict, device: str) -> float:
+    """What time a point is drawn at: CPU seconds of all threads on a CPU, seconds on the clock where a GPU works."""
+    return row["cpu_seconds"] if device == "cpu" else row["seconds"]
+
+
+def pareto(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those of (time, error) that no other point beats in both, by ascending time."""
+    front: list[tuple[float, float]] = []
+    for time, error in sorted(points):
+        if not front or error < front[-1][1]:
+            front.append((time, error))
+    return front
+
+
+def _by(rows: list[dict], *names: str) -> dict:
+    """Rows in groups of equal values, in their first order."""
+    groups: dict = {}
+    for row in rows:
+        groups.setdefault(tuple(row.get(name) for name in names), []).append(row)
+    return groups
+
+
+def _readable(axis: Axis) -> None:
+    """Labels of a logarithmic axis: decades; 1, 2 and 5 where there are few of them."""
+    low, high = axis.get_view_interval()
+    few = high / max(low, 1e-30) < 50.0
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_minor_formatter(NullFormatter())
+    if few:
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+
+
+def subtitle(result: dict) -> str:
+    """The machine in words."""
+    facts = result["machine"]
+    cores = f"{facts['cores']} cores of {facts['cpu']}"
+    return (f"{cores}" if facts["device"] == "cpu" else f"{facts['device_name']}, {cores}") + (
+        f"; Warp {facts['warp']}, {facts['commit']}")
+
+
+# ----------------------------------------------------------------------------------------------------------------- A
+
+
+def radiance(result: dict, scene: str, path: Path) -> None:
+    """Error against time of one scene: a panel each for RMSE, median and SSIM; the Pareto front as a band beneath."""
+    rows = [row for row in result["A"] if row["scene"] == scene and row["truth"] == "full"]
+    figure, axes = plt.subplots(1, 3, figsize=(16, 7.6))
+    for axis, (kind, title) in zip(axes, ERRORS.items(), strict=True):
+        _radiance_panel(axis, rows, kind, result["machine"]["device"])
+        axis.set_ylabel(title)
+    handles, labels = axes[0].get_legend_handles_labels()
+    about = result["scenes"][scene]
+    width, height = about["resolution"]
+    figure.suptitle(f"{scene}: {about['title']}; {width} x {height}, light of all orders as truth\n{subtitle(result)}",
+                    fontsize=11)
+    figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
+    rows_of_legend = -(-len(labels) // 6)
+    figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
+    _save(figure, path)
+
+
+def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
+    points = [(seconds_of(row, device), row[f"{kind}_limit"]) for row in rows if row[f"{kind}_limit"] > 0.0]
+    front = pareto(points)
+    axis.plot(*zip(*front, strict=True), "-", color="#ffe08a", linewidth=9, solid_capstyle="round", zorder=1,
+              label="Pareto front")
+    for (_, label), series in _by(rows, "method", "label").items():
+        colour, first = COLOURS.get(series[0]["family"], "#17becf"), series[0]
+        style = "--" if first["peer"] else ":" if first["denoise"] != "none" else "-"
+        x = np.array([seconds_of(row, device) for row in series])
+        y = np.array([max(row[f"{kind}_limit"], 1e-9) for row in series])
+        known = np.array([row[f"{kind}_resolved"] for row in series])
+        marker = MARKERS[first["denoise"]] if first["family"] != "detail" else "D"
+        axis.plot(x, y, style, color=colour, marker=marker, markersize=6, linewidth=1.3, label=label, zorder=2)
+        axis.plot(x[~known], y[~known], linestyle="", marker=marker, markersize=6, color=colour,
+                  markerfacecolor="white", zorder=3)
+        for row, at in ((series[0], (x[0], y[0])), (series[-1], (x[-1], y[-1]))):
+            axis.annotate(str(row["spp"]), at, textcoords="offset points", xytext=(4, 4), fontsize=7, color=colour)
+    axis.plot([], [], linestyle="", marker="o", markersize=6, color="#555555", markerfacecolor="white",
+              label="hollow: within the reference's noise")
+    axis.set(xscale="log", yscale="log",
+             xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
+    axis.grid(True, which="major", alpha=0.35)
+    axis.grid(True, which="minor", alpha=0.12)
+    for one in (axis.xaxis, axis.yaxis):
+        _readable(one)
+
+
+def scenes(result: dict, path: Path) -> None:
+    """RMSE against time of every scene beside each other, the series that differ most."""
+    names = list(dict.fromkeys(row["scene"] for row in result["A"]))
+    kept = {"direct", "single", "reference", "path", "tables", "tables+oidn", "path+oidn", "mitsuba", "cycles",
+            "cycles+oidn"}
+    columns = min(3, len(names))
+    figure, axes = plt.subplots(-(-len(names) // columns), columns, figsize=(15, 4.3 * -(-len(names) // columns) + 0.9),
+                                squeeze=False)
+    labels: dict = {}
+    for axis, name in zip(axes.flat, names, strict=False):
+        rows = [row for row in result["A"] if row["scene"] == name and row["truth"] == "full" and row["method"] in kept]
+        _radiance_panel(axis, rows, "rmse", result["machine"]["device"])
+        axis.set(title=f"{name}: {result['scenes'][name]['title']}", ylabel=ERRORS["rmse"])
+        axis.title.set_fontsize(10)
+        labels |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    for axis in axes.flat[len(names):]:
+        axis.set_visible(False)
+    figure.suptitle(subtitle(result), fontsize=11)
+    figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
+    figure.legend(labels.values(), labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
+    _save(figure, path)
+
+
+# ----------------------------------------------------------------------------------------------------------------- D
+
+
+def depth(result: dict, path: Path) -> None:
+    """Error of D against the triangles kept, and against the time of C and D, of every scene that was reduced."""
+    groups = _by(result["D"], "scene")
+    figure, axes = plt.subplots(len(groups), 3, figsize=(15, 3.9 * len(groups) + 0.8), squeeze=False,
+                                constrained_layout=True)
+    for row_of_axes, ((scene,), rows) in zip(axes, groups.items(), strict=True):
+        exact, levels = rows[0], rows[1:]
+        base = exact["seconds_cd"]
+        _depth_panel(row_of_axes[0], levels, "triangles", f"triangles kept, of {exact['triangles']}")
+        _depth_panel(row_of_axes[1], levels, "seconds_cd", f"seconds of C and D (every triangle: {base:.3g})")
+        _depth_panel(row_of_axes[2], levels, "memory_mb", f"memory of the meshes [MB], of {exact['memory_mb']:.3g}")
+        row_of_axes[0].set_ylabel(f"{scene}: error of D [mm]")
+    axes[0, 0].legend(fontsize=8)
+    figure.suptitle(f"Numbers: tolerance_px; hollow: with depth_steps 1 as well. {subtitle(result)}", fontsize=11)
+    _save(figure, path)
+
+
+def _depth_panel(axis, levels: list[dict], name: str, title: str) -> None:
+    for number, (kind, label) in enumerate((("rms_mm", "rms"), ("p95_mm", "95 % of the pixels"))):
+        colour = f"C{number}"
+        plain = sorted((row for row in levels if row["depth_steps"] is None), key=lambda row: row["tolerance_px"])
+        axis.plot([row[name] for row in plain], [row[kind] for row in plain], "o-" if name != "seconds_cd" else "o",
+                  color=colour, label=label)
+        held = [row for row in levels if row["depth_steps"] is not None]
+        axis.plot([row[name] for row in held], [row[kind] for row in held], "o", color=colour, markerfacecolor="white")
+        for row in levels if number == 0 else ():
+            axis.annotate(f"{row['tolerance_px']:g}", (row[name], row[kind]), textcoords="offset points",
+                          xytext=(5, -11), fontsize=8)
+    axis.set(yscale="log", xlabel=title)
+    if name != "seconds_cd":
+        axis.set_xscale("log")
+        _readable(axis.xaxis)
+    axis.grid(True, which="both", alpha=0.25)
+
+
+# ----------------------------------------------------------------------------------------------------------- sensors
+
+
+def steps_and_rates(result: dict, path: Path) -> None:
+    """Errors of poses and readings against the step, what a step costs, and dead reckoning against the IMU's rate."""
+    steps = [row for row in result["sensors"] if row["sweep"] == "step"]
+    rates = [row for row in result["sensors"] if row["sweep"] == "rate"]
+    figure, axes = plt.subplots(1, 3, figsize=(15, 5.2), constrained_layout=True)
+    kinds = {"position_m": "position [m]", "attitude_rad": "attitude [rad]",
+             "specific_force": "accelerometer [m/s^2]", "angular_velocity": "gyroscope [rad/s]"}
+    _lines(axes[0], steps, kinds, lambda row: row["substep_ms"], "integration step [ms]", sensors.STEP_ORDER)
+    axes[0].axvline(5.0, color="#888888", linestyle=":")
+    axes[0].annotate("the simulator's", (5.0, axes[0].get_ylim()[0]), xytext=(3, 6), textcoords="offset points",
+                     fontsize=8, color="#555555")
+    _lines(axes[1], steps, kinds, lambda row: row["cpu_seconds_per_second"], "CPU-seconds per simulated second", None)
+    for row in (row for row in steps if row["actuator_frame"] == "world"):
+        axes[1].annotate(f"{row['substep_ms']:g} ms", (row["cpu_seconds_per_second"], row["position_m"]), fontsize=8,
+                         xytext=(-34, -12), textcoords="offset points")
+    _lines(axes[2], rates, dict(list(kinds.items())[:2]), lambda row: row["step_ms"],
+           "interval of the IMU rows [ms], 5 is 200 Hz", sensors.RATE_ORDER)
+    axes[0].set_ylabel(f"rms error against steps of {sensors.TRUTH_MS:g} ms")
+    axes[1].set_ylabel("rms error, step by step")
+    axes[2].set_ylabel("rms error of integrating the IMU alone, whole course")
+    for axis in axes:
+        axis.legend(fontsize=8)
+    figure.suptitle(f"Poses and IMU: filled: thrusters lag in world axes, hollow: in body axes. {subtitle(result)}",
+                    fontsize=11)
+    _save(figure, path)
+
+
+def _lines(axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict], float], title: str,
+           order: int | None) -> None:
+    """A line for each kind of error; the expected order of convergence as a grey line through the first's middle."""
+    for number, (kind, label) in enumerate(kinds.items()):
+        for (frame,), group in _by(rows, "actuator_frame").items():
+            hollow = {"markerfacecolor": "white"} if frame == "body" else {"label": label}
+            axis.plot([x_of(row) for row in group], [row[kind] for row in group], "o" if frame == "body" else "o-",
+                      color=f"C{number}", markersize=8 if frame == "body" else 5, zorder=1 if frame == "body" else 2,
+                      **hollow)
+    if order is not None:
+        x = np.array(sorted({x_of(row) for row in rows}))
+        middle = min(rows, key=lambda row: abs(np.log(x_of(row) / np.sqrt(x[0] * x[-1]))))
+        y = 0.3 * middle[next(reversed(kinds))] * (x / x_of(middle)) ** order
+        axis.plot(x, y, "--", color="#777777", label=f"order {order}, as expected")
+    axis.set(xscale="log", yscale="log", xlabel=title)
+    axis.grid(True, which="both", alpha=0.2)
+    _readable(axis.xaxis)
+
+
+def _save(figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)

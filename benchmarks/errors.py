@@ -1,0 +1,100 @@
+"""How far an image is from a reference that has noise of its own, and what that reference cannot tell.
+
+Rows of numbers are per channel; a single number is that of the worst channel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from varos_warp.render.exposure import statistics
+from varos_warp.render.outputs import encode_color
+
+MEDIAN_OF_NORMAL = 0.6744897501960817
+"""Median of the absolute value of a standard normal."""
+SIGMAS = 2.0
+"""An error is resolved if it stands out of the reference's noise by so many standard errors of that noise."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Linear radiance [W/sr/m^2] and its standard error, float64 [H, W, 3]."""
+
+    mean: np.ndarray
+    stderr: np.ndarray
+
+    def __post_init__(self):
+        for name in ("mean", "stderr"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), np.float64))
+
+
+def relative_rmse(images: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
+    """Root of the mean squared error over the mean of the reference, less what the reference's noise adds.
+
+    With e the error of a pixel and s the standard error of the reference, d = image - mean has E[d^2] = e^2 + s^2, and
+    the mean of d^2 - s^2 over n pixels has the standard error sqrt(sum(4 e^2 s^2 + 2 s^4)) / n by the reference's
+    (normal) noise alone.
+
+    Args:
+        images: [k, H, W, 3], renderings with different random numbers.
+        reference: of the same size.
+
+    Returns:
+        The error per channel [3], 0 where noise exceeds it, and its upper limit [3] of `SIGMAS`.
+    """
+    squares = np.mean((np.asarray(images, float) - reference.mean) ** 2, axis=0)
+    s2 = reference.stderr**2
+    excess = squares - s2
+    unsure = np.sqrt(np.sum(4.0 * np.maximum(excess, 0.0) * s2 + 2.0 * s2**2, axis=(0, 1))) / s2[..., 0].size
+    mse, scale = excess.mean(axis=(0, 1)), reference.mean.mean(axis=(0, 1))
+    limit = np.sqrt(np.maximum(mse, 0.0) + SIGMAS * unsure)
+    return np.sqrt(np.where(mse > SIGMAS * unsure, mse, 0.0)) / scale, limit / scale
+
+
+def median_relative_error(images: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
+    """Median over the pixels of |image - mean| / mean, per channel [3], and what the reference's noise alone makes [3].
+
+    The noise cannot be taken off a median; where it makes half of it or more, the error is not resolved.
+    """
+    scale = np.maximum(reference.mean, 1e-30)
+    error = np.abs(np.asarray(images, float) - reference.mean) / scale
+    return np.median(error, axis=(0, 1, 2)), MEDIAN_OF_NORMAL * np.median(reference.stderr / scale, axis=(0, 1))
+
+
+def dissimilarity(images: np.ndarray, reference: Reference) -> tuple[float, float]:
+    """1 - SSIM of the 8-bit images after exposure, mean over the images, and of the reference with its noise once more.
+
+    The gain is the one the project would expose the reference with, so that a wrong brightness counts. Settings of
+    Wang et al. (2004): Gaussian window of 1.5 pixels, population covariances.
+    """
+    gain = statistics(reference.mean).target_gain
+    truth = encode_color(reference.mean, gain)
+
+    def against(image):
+        return 1.0 - structural_similarity(truth, encode_color(image, gain), channel_axis=2, data_range=255,
+                                           gaussian_weights=True, sigma=1.5, use_sample_covariance=False)
+
+    noise = np.random.default_rng(0).standard_normal(truth.shape) * reference.stderr
+    return float(np.mean([against(image) for image in images])), float(against(reference.mean + noise))
+
+
+def measure(images: np.ndarray, reference: Reference) -> dict:
+    """All of these as one row: ``rmse``, ``median``, ``ssim`` (1 - SSIM), and what the reference resolves of each.
+
+    Where ``*_resolved`` is false the error is not known but to be below ``*_limit`` (for the median and SSIM: it is
+    mostly the reference's own noise).
+    """
+    images = np.asarray(images, float)
+    rmse, limit = relative_rmse(images, reference)
+    median, floor = median_relative_error(images, reference)
+    ssim, ssim_floor = dissimilarity(images, reference)
+    worst, middle = int(np.argmax(limit)), int(np.argmax(median))
+    off = images.mean(axis=(0, 1, 2)) / reference.mean.mean(axis=(0, 1)) - 1.0
+    row = {"rmse": float(rmse[worst]), "rmse_limit": float(limit[worst]), "rmse_resolved": bool(rmse[worst] > 0.0),
+           "median": float(median[middle]), "median_limit": float(median[middle]),
+           "median_resolved": bool(median[middle] > 2.0 * floor[middle]),
+           "ssim": ssim, "ssim_limit": ssim, "ssim_resolved": bool(ssim > 2.0 * ssim_floor)}
+    for name, values in (("rmse", rmse), ("median", median), ("mean_off", off)):
+        row |= {f"{name}_{channel}": float(value) for channel, value in zip("rgb", values, strict=True)}
+    return row

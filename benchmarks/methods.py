@@ -1,0 +1,162 @@
+"""The table of methods: every way of ours to make image A, and those of other programs that are installed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.machine import Stopwatch
+from benchmarks.scenes import BenchScene
+from varos_warp.errors import InputError
+from varos_warp.render.detail import choose_detail
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.launch import usable_cores
+
+LADDER = (1, 4, 16, 64, 256, 1024)
+"""Samples per pixel, as far as the time allows."""
+REPEATS, REPEAT_SECONDS = 3, 2.0
+"""Renderings that a point is the mean of, as long as they take no longer than this together."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One series of the chart."""
+
+    name: str
+    label: str
+    family: str
+    """What sets its colour."""
+    how: dict = field(default_factory=dict)
+    """Keyword arguments of `FrameRenderer.render`."""
+    spp: tuple[int, ...] = LADDER
+    denoise: str = "none"
+    tolerance_px: float | None = None
+    """Level of detail of the meshes; None: every triangle."""
+    truth: tuple[str, ...] = ("full",)
+    """What it is judged against: the light of all orders, so that the chart shows what leaving some out costs; and
+    ``single`` as well where a method claims no more than that."""
+    peer: str | None = None
+    """Name of the other program that renders it."""
+
+
+NOTHING_MORE = ("full", "single")
+OURS = (
+    Method("direct", "direct light only", "direct", {"layers": ("direct",)}, LADDER[:4]),
+    Method("single", "direct + single scattering", "single", {"layers": ("direct", "single")}, LADDER[:4],
+           truth=NOTHING_MORE),
+    *(Method(f"scatterings_{n}", f"paths, at most {n} scattering{'s' * (n > 1)}", f"scatterings_{n}",
+             {"integrator": "path", "max_scatterings": n}) for n in (1, 2, 3)),
+    Method("reference", "plain path tracer", "reference", {"integrator": "reference"}),
+    Method("path", "paths", "path", {"integrator": "path"}),
+    Method("path+nlm", "paths, NLM", "path", {"integrator": "path"}, LADDER[:5], denoise="nlm"),
+    Method("path+oidn", "paths, OIDN", "path", {"integrator": "path"}, denoise="oidn"),
+    Method("tables", "tables", "tables", {"integrator": "tables"}),
+    Method("tables+nlm", "tables, NLM", "tables", {"integrator": "tables"}, LADDER[:5], denoise="nlm"),
+    Method("tables+oidn", "tables, OIDN", "tables", {"integrator": "tables"}, denoise="oidn"),
+    *(Method(f"tables@{px:g}px", f"tables, meshes to {px:g} px", "detail", {"integrator": "tables"}, LADDER[:5],
+             tolerance_px=px) for px in (0.5, 2.0)),
+)
+QUICK = ("direct", "single", "reference", "path", "tables", "tables+oidn")
+
+
+def peers() -> list[Method]:
+    """The other programs that are installed, plain and denoised; none where the package of peers is missing."""
+    try:
+        from benchmarks.peers import available
+    except ImportError:
+        return []
+    return [Method(f"{name}{'+oidn' * denoised}", f"{name.capitalize()}{', OIDN' * denoised}", name, spp=LADDER[1:],
+                   denoise="oidn" if denoised else "none", peer=name) for name in available() for denoised in (0, 1)]
+
+
+def find(names, quick: bool = False) -> list[Method]:
+    """Methods by name; where none is named all of them, or the few that a quick run has time for.
+
+    Raises:
+        InputError: There is no such method.
+    """
+    known = {method.name: method for method in (*OURS, *peers())}
+    for name in names:
+        if name not in known:
+            raise InputError("there is no such method", key="--methods", value=name,
+                             remedy=f"There are: {', '.join(known)}.")
+    return [known[name] for name in dict.fromkeys(names or (QUICK if quick else known))]
+
+
+# ---------------------------------------------------------------------------------------------------------- rendering
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Renderings [k, H, W, 3] of a method with different random numbers, and the median time of one."""
+
+    images: np.ndarray
+    seconds: float
+    cpu_seconds: float
+    setup_seconds: float = 0.0
+    """Of another program that sets up its scene for every image."""
+
+
+Render = Callable[[int], Timed]
+"""Renders with so many samples per pixel."""
+
+
+@dataclass
+class Workshop:
+    """Prepares methods for one scene on one device: uploads, tables and compilation come before the clock starts."""
+
+    bench: BenchScene
+    device: str
+    compile_seconds: float = 0.0
+    """On the clock on the wall."""
+    compile_cost: float = 0.0
+    """The same as a `Budget` counts it: compilers run on one core."""
+    _renderers: dict[float | None, FrameRenderer] = field(default_factory=dict)
+
+    def prepare(self, method: Method) -> tuple[Render, float]:
+        """How to render a method, and the seconds that its preparation took, compilation aside.
+
+        Raises:
+            InputError: The method does not serve this scene.
+        """
+        if method.peer:
+            return (lambda spp: self._peer(method, spp)), 0.0
+        if method.tolerance_px is not None and not self.bench.parts:
+            raise InputError("has no meshes", key="scene", value=self.bench.name)
+        watch, before = Stopwatch(), sum(renderer.compile_seconds for renderer in self._renderers.values())
+        renderer = self._renderer(method.tolerance_px)
+        self._render(renderer, method, spp=1, frame=0)  # compiles, and makes tables
+        total = sum(renderer.compile_seconds for renderer in self._renderers.values())
+        self.compile_seconds += total - before
+        self.compile_cost = self.compile_seconds / (usable_cores() if self.device == "cpu" else 1)
+        return (lambda spp: self._ours(renderer, method, spp)), watch.seconds - (total - before)
+
+    def _renderer(self, tolerance_px: float | None) -> FrameRenderer:
+        if tolerance_px not in self._renderers:
+            scene, parts, T_w_v = self.bench.scene, self.bench.parts, self.bench.T_w_v
+            if tolerance_px is not None:
+                scene = self.bench.with_changes(f"render.level_of_detail={{tolerance_px: {tolerance_px}}}")
+                parts = choose_detail(scene, parts, [T_w_v], self.device, compare=False).parts
+            self._renderers[tolerance_px] = FrameRenderer(scene, self.device, parts)
+        return self._renderers[tolerance_px]
+
+    def _render(self, renderer, method: Method, spp: int, frame: int) -> np.ndarray:
+        image = renderer.render(self.bench.T_w_v, self.bench.camera, "A", spp=spp, denoise=method.denoise, frame=frame,
+                                **method.how).A
+        return image.radiance if method.denoise == "none" else image.denoised
+
+    def _ours(self, renderer, method: Method, spp: int) -> Timed:
+        images, wall, cpu, whole = [], [], [], Stopwatch()
+        while not images or (len(images) < REPEATS and whole.seconds * (1 + 1 / len(images)) < REPEAT_SECONDS):
+            watch = Stopwatch()
+            images.append(self._render(renderer, method, spp, frame=len(images)))
+            wall.append(watch.seconds)
+            cpu.append(watch.cpu_seconds)
+        return Timed(np.array(images, float), float(np.median(wall)), float(np.median(cpu)))
+
+    def _peer(self, method: Method, spp: int) -> Timed:
+        from benchmarks.peers import render
+
+        made = render(method.peer, self.bench.scene, self.bench.parts, self.bench.camera, self.bench.T_w_v, spp=spp,
+                      denoise=method.denoise != "none")
+        return Timed(np.array([made.radiance], float), made.seconds, made.cpu_seconds, made.setup_seconds)

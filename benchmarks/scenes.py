@@ -1,0 +1,184 @@
+"""The scenes that methods are compared on, and their references: radiance that is known better than any of them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.closed_form import single_scattering_image
+from benchmarks.errors import Reference
+from varos_warp.errors import InputError
+from varos_warp.render.cache import cached
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.load import demo_scene_path, load_scene
+from varos_warp.scene.meshes import build_parts
+from varos_warp.sim.trajectory import simulate
+
+HERE = Path(__file__).parent
+REFERENCES = HERE / "references"
+"""References that come with the checkout; others are rendered on first use and kept in the user's cache."""
+REFERENCE_VERSION = 1
+"""Raise it when what `path` converges to changes."""
+REFERENCE_SEED = 77_003
+"""Unlike any seed that a method renders with."""
+BATCHES = 32
+"""Renderings that a reference is the mean of; their spread is its standard error."""
+BATCH_SPP = {"cpu": 32, "cuda": 2048}
+
+
+@dataclass(frozen=True)
+class BenchScene:
+    """A named scene, seen by its first camera from its first pose."""
+
+    name: str
+    title: str
+    path: Path
+    changes: tuple[str, ...] = ()
+    """To the scene file, as ``key.path=value``."""
+    depth: bool = False
+    """Whether it has meshes worth a chart of their levels of detail."""
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene as loaded."""
+        return load_scene(self.path, self.changes)
+
+    @cached_property
+    def parts(self) -> list:
+        """Its geometry."""
+        return build_parts(self.scene)
+
+    @cached_property
+    def T_w_v(self) -> np.ndarray:
+        """Pose [4, 4] of the vehicle."""
+        return simulate(self.scene).trajectory.T_w_v(0)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that is compared."""
+        return self.scene.vehicle.cameras[0]
+
+    def with_changes(self, *changes: str) -> Scene:
+        """The scene with further changes."""
+        return load_scene(self.path, (*self.changes, *changes))
+
+
+SCENES = {scene.name: scene for scene in (
+    BenchScene("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water", HERE / "scenes/ref1/scene.yaml",
+               depth=True),
+    BenchScene("open_water", "the glow of two lamps, no surfaces", HERE / "scenes/open_water.yaml"),
+    BenchScene("floor_clear", "a pipe on sand, Jerlov IA", HERE / "scenes/floor_clear.yaml", depth=True),
+    BenchScene("coastal", "the same in Jerlov 1C", HERE / "scenes/coastal.yaml"),
+    BenchScene("harbour", "the same in Jerlov 5C, from 2 m", HERE / "scenes/harbour.yaml"),
+    BenchScene("demo", "the scene of varos-warp demo: textures, depth of field", demo_scene_path(),
+               ("vehicle.cameras.0.resolution=[160,90]",), depth=True))}
+QUICK = ("open_water", "floor_clear")
+
+
+def find(names) -> list[BenchScene]:
+    """Scenes by name; all of them where none is named.
+
+    Raises:
+        InputError: There is no such scene.
+    """
+    for name in names:
+        if name not in SCENES:
+            raise InputError("there is no such scene", key="SCENE-NAMES", value=name,
+                             remedy=f"There are: {', '.join(SCENES)}.")
+    return [SCENES[name] for name in dict.fromkeys(names or SCENES)]
+
+
+# --------------------------------------------------------------------------------------------------------- references
+
+
+def references(bench: BenchScene, device: str, tell: Callable[[str], None] = lambda text: None) -> dict[str, Reference]:
+    """What is known of a scene: ``full``, light of all orders, and ``single``, direct and single scattering, or not.
+
+    Args:
+        bench: the scene.
+        device: where a reference is rendered that is not known yet.
+        tell: called with a line of text before something that takes long.
+    """
+    known = {"full": _full(bench, device, tell)}
+    single = REFERENCES / f"{bench.name}_single.npz"
+    if single.exists():
+        with np.load(single) as file:
+            known["single"] = Reference(file["mean"], file["stderr"])
+    elif not bench.parts:
+        known["single"] = _closed_form(bench)
+    return known
+
+
+def _full(bench: BenchScene, device: str, tell) -> Reference:
+    shipped = REFERENCES / f"{bench.name}_full.npz"
+    depends_on = _depends_on(bench)
+    if shipped.exists():
+        with np.load(shipped) as file:
+            if "depends_on" not in file or str(file["depends_on"]) == json.dumps(depends_on, sort_keys=True):
+                return Reference(file["mean"], file["stderr"])
+        tell(f"{bench.name} has changed since its reference was made")
+    spp = BATCH_SPP["cpu" if device == "cpu" else "cuda"]
+
+    def build():
+        tell(f"rendering a reference of {bench.name}, {BATCHES} x {spp} samples per pixel")
+        return render_reference(bench, device, spp)
+
+    arrays = cached(f"bench-{bench.name}", depends_on | {"spp": spp * BATCHES}, build)
+    return Reference(arrays["mean"], arrays["stderr"])
+
+
+def render_reference(bench: BenchScene, device: str, spp: int) -> dict[str, np.ndarray]:
+    """Mean and standard error, float32 [H, W, 3], of `BATCHES` renderings by ``path`` with ``spp`` samples each."""
+    renderer = FrameRenderer(bench.scene, device, bench.parts)
+    how = {"outputs": "A", "integrator": "path", "denoise": "none", "spp": spp, "seed": REFERENCE_SEED}
+    total = squares = 0.0
+    for frame in range(BATCHES):
+        image = renderer.render(bench.T_w_v, bench.camera, frame=frame, **how).A.radiance.astype(float)
+        total, squares = total + image, squares + image**2
+    mean = total / BATCHES
+    variance = np.maximum(squares / BATCHES - mean**2, 0.0) / (BATCHES - 1)
+    return {"mean": mean.astype(np.float32), "stderr": np.sqrt(variance).astype(np.float32)}
+
+
+def _depends_on(bench: BenchScene) -> dict:
+    """What the light depends on; numbers that follow from a seed only as far as every machine gets them alike."""
+    blocks = {"terrain", "objects", "scatter", "materials", "water", "vehicle"}
+    scene = bench.scene.model_dump(mode="json", include=blocks, exclude_defaults=True)
+    bounds = [np.round([part.vertices.min(axis=0), part.vertices.max(axis=0)], 2).tolist() for part in bench.parts]
+    return {"scene": scene, "T_w_v": np.round(bench.T_w_v, 6).tolist(), "version": REFERENCE_VERSION,
+            "triangles": [len(part.faces) for part in bench.parts], "bounds": bounds}
+
+
+def _closed_form(bench: BenchScene) -> Reference:
+    """Single scattering by quadrature; its standard error is what fewer nodes and points change, rounding at least."""
+    def build():
+        mean = single_scattering_image(bench.scene, nodes=12, points=3)
+        coarse = single_scattering_image(bench.scene, nodes=10, points=2)
+        return {"mean": mean, "stderr": np.maximum(np.abs(mean - coarse), 1e-7 * mean)}
+
+    arrays = cached(f"bench-{bench.name}-single", _depends_on(bench), build)
+    return Reference(arrays["mean"], arrays["stderr"])
+
+
+def ship(names, device: str) -> None:
+    """Render references and put them beside the code, with what they depend on."""
+    for bench in find(names):
+        text = json.dumps(_depends_on(bench), sort_keys=True)
+        arrays = render_reference(bench, device, BATCH_SPP["cpu" if device == "cpu" else "cuda"])
+        np.savez_compressed(REFERENCES / f"{bench.name}_full.npz", depends_on=np.array(text), **arrays)
+        noise = np.sqrt((arrays["stderr"] ** 2).mean(axis=(0, 1))) / arrays["mean"].mean(axis=(0, 1))
+        print(f"{bench.name}: noise of a pixel {100 * noise} % of the mean", flush=True)
+
+
+if __name__ == "__main__":
+    import argparse
+
+    parser = argparse.ArgumentParser(description="Render references and put them beside the code.")
+    parser.add_argument("scenes", nargs="+")
+    parser.add_argument("--device", default="cuda:0")
+    arguments = parser.parse_args()
+    ship(arguments.scenes, arguments.device)
