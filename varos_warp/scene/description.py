@@ -475,16 +475,19 @@ class Mounted(Block):
     rate_hz: Positive = 200.0
 
 
+NoiseDensity = Annotated[float, Field(ge=0.0, le=1e6)]
+
+
 class ImuNoise(Block):
     """White noise and random walk of the bias, in Kalibr's units; all zero is no noise."""
 
-    accelerometer_noise_density: NonNegative = 0.0
+    accelerometer_noise_density: NoiseDensity = 0.0
     """[m/s^2/sqrt(Hz)]"""
-    accelerometer_random_walk: NonNegative = 0.0
+    accelerometer_random_walk: NoiseDensity = 0.0
     """[m/s^3/sqrt(Hz)]"""
-    gyroscope_noise_density: NonNegative = 0.0
+    gyroscope_noise_density: NoiseDensity = 0.0
     """[rad/s/sqrt(Hz)]"""
-    gyroscope_random_walk: NonNegative = 0.0
+    gyroscope_random_walk: NoiseDensity = 0.0
     """[rad/s^2/sqrt(Hz)]"""
 
 

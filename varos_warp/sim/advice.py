@@ -72,6 +72,9 @@ def _steady_force(scene: Scene, course: Course, body: Sphere, gains: Gains, curr
     if drift > body.max_speed:
         messages.append(f"the current of {drift:.2f} m/s is faster than the vehicle ({body.max_speed:.2f} m/s): "
                         "it will be swept away")
+    if abs(body.net_buoyancy) > body.max_force:
+        messages.append(f"vehicle.net_buoyancy = {body.net_buoyancy:g} N is more than vehicle.max_force = "
+                        f"{body.max_force:g} N: it will {'rise' if body.net_buoyancy > 0.0 else 'sink'}")
     push = body.drag_force(drift) * (current.drift / drift if drift else 0.0) * np.ones(3)
     if controller.feed_forward != "full":
         push[2] += body.net_buoyancy

@@ -78,15 +78,16 @@ def design(c: float, frequency: float, damping: float, q: tuple[float, float], r
     A, B = plant(c, frequency, damping, integral > 0.0)
     weights = ([integral] if integral > 0.0 else []) + [q[0], q[1], 0.0, 0.0]
     try:
-        K, _ = dare_gain(A, B, np.diag(weights), np.array([[r]]), h)
-        step = expm(np.block([[A, B], [np.zeros((1, len(A) + 1))]]) * h)
+        with np.errstate(all="ignore"):  # what overflows is found unstable
+            K, _ = dare_gain(A, B, np.diag(weights), np.array([[r]]), h)
+            step = expm(np.block([[A, B], [np.zeros((1, len(A) + 1))]]) * h)
         stable = np.abs(np.linalg.eigvals(step[:-1, :-1] - step[:-1, -1:] @ K)).max() < 1.0
     except (LinAlgError, ValueError):
         stable = False
     if not stable:
         raise InputError("the weights leave the vehicle without a stabilising gain", key=key, value=list(q),
-                         remedy="The first must be positive, and all (with r and integral) within some orders of "
-                                "magnitude of each other")
+                         remedy="The first must be positive, all (with r and integral) within twenty orders of "
+                                "magnitude of each other, and actuator_frequency at least 1e-6")
     values = tuple(K[0].tolist())
     return values if integral > 0.0 else (0.0, *values)
 

@@ -5,10 +5,14 @@ A free neutral sphere inherits the acceleration of the water; a rougher current 
 
 import numpy as np
 
+from varos_warp.errors import InputError
 from varos_warp.scene import description
 from varos_warp.sim.quaternion import Vector
 
 WAVES = 8
+SHORTEST_PERIOD_S = 0.1
+"""20 ticks, 10 for the fastest wave, of which the integrator then misses 1e-4; and what readers of the IMU can follow.
+"""
 BLOCK_TICKS = 1000
 
 
@@ -20,15 +24,21 @@ class Current:
         amplitude: Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed.
         frequency: [WAVES] [rad/s], within an octave of the asked period on either side.
         phase: [WAVES] [rad]
+
+    Raises:
+        InputError: It would change faster than the simulator's clock can follow.
     """
 
     def __init__(self, current: description.Current, seed: int):
+        if current.fluctuation > 0.0 and current.period_s < SHORTEST_PERIOD_S:
+            raise InputError("is too short for ticks of 5 ms", key="current.period_s", value=current.period_s,
+                             remedy=f"Give at least {SHORTEST_PERIOD_S:g} s")
         rng = np.random.default_rng([seed, 0x63757272])
         direction = rng.normal(size=(WAVES, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         self.drift = np.asarray(current.velocity, float)
         self.amplitude = current.fluctuation * np.sqrt(2.0 / WAVES) * direction
-        self.frequency = 2.0 * np.pi / current.period_s * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
+        self.frequency = 2.0 * np.pi / max(current.period_s, SHORTEST_PERIOD_S) * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
         self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
 
     def velocity(self, t) -> np.ndarray:

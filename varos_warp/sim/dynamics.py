@@ -18,7 +18,7 @@ from varos_warp.sim.vehicle import Sphere
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 SUBSTEP_ABOVE, REFUSE_ABOVE = 0.5, 2.0
-"""Bounds on lambda h, decay rate times step; RK4 itself diverges beyond 2.785."""
+"""Bounds on lambda h, rate of the fastest decay or swing times step; RK4 itself diverges beyond 2.785."""
 
 
 class State(NamedTuple):
@@ -100,17 +100,17 @@ def rotvec_halfway(rates, h: float) -> Vector:
 
 
 def substeps(body: Sphere, current_speed: float, h: float) -> int:
-    """Steps that a tick is cut into so that RK4 stays accurate with stiff drag.
+    """Steps that a tick is cut into so that RK4 stays accurate with stiff drag or a stiff righting moment.
 
     Raises:
-        InputError: The drag is so stiff that the parameters must be wrong.
+        InputError: The motion is so stiff that the parameters must be wrong.
     """
     stiffness = body.stiffness(current_speed) * h
     if stiffness > REFUSE_ABOVE:
-        raise InputError(f"the drag is too stiff for ticks of {1e3 * h:g} ms: lambda h = {stiffness:.3g}, "
+        raise InputError(f"the motion is too stiff for ticks of {1e3 * h:g} ms: lambda h = {stiffness:.3g}, "
                          f"at most {REFUSE_ABOVE:g} can be simulated", key="vehicle",
-                         remedy="Lower linear_drag, quadratic_drag (or the rotational ones), max_force or max_torque, "
-                                "or raise mass_kg")
+                         remedy="Lower linear_drag, quadratic_drag (or the rotational ones), max_force, max_torque, "
+                                "metacentric_height or the current, or raise mass_kg or actuator_damping")
     return max(1, ceil(stiffness / SUBSTEP_ABOVE))
 
 

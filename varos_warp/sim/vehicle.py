@@ -125,14 +125,15 @@ class Sphere:
         return terminal_rate(self.linear_drag, self.quadratic_drag, self.max_force)
 
     def stiffness(self, current_speed: float = 0.0) -> float:
-        """Fastest decay rate lambda [1/s] of the motion by drag, at the largest speeds that can occur."""
+        """Fastest rate lambda [1/s] of the motion: of decay by drag, at the largest speeds, or of swing upright."""
         peak = peak_gain(self.actuator_damping)
         speed = terminal_rate(self.linear_drag, self.quadratic_drag, peak * self.max_force + abs(self.net_buoyancy))
         righting = self.mass_kg * self.gravity * self.metacentric_height
         rate = terminal_rate(self.linear_rotational_drag, self.quadratic_rotational_drag,
                              peak * self.max_torque + righting)
         return max(_slope(self.linear_drag, self.quadratic_drag, max(speed, current_speed)) / self.virtual_mass,
-                   _slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia)
+                   _slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia,
+                   sqrt(righting / self.inertia))
 
 
 def _slope(linear: float, quadratic: float, rate: float) -> float:
