@@ -529,9 +529,9 @@ class Vehicle(Block):
     """r1 [N m s]."""
     quadratic_rotational_drag: NonNegative | None = None
     """r2 [N m s^2]."""
-    actuator_frequency: Positive | None = None
+    actuator_frequency: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
     """wn [rad/s] of the second-order thruster."""
-    actuator_damping: Positive = 1.0
+    actuator_damping: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
     max_force: Positive | None = None
     """[N]"""
     max_torque: Positive | None = None

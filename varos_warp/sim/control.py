@@ -68,26 +68,33 @@ def dare_gain(A, B, Q, R, h: float) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.solve(Rd + Bd.T @ P @ Bd, Bd.T @ P @ Ad + Nd.T), P
 
 
+FARTHEST = 1e12
+"""Of a weight from r: gains keep six digits up to there, and lose them all some 8 orders of magnitude beyond."""
+
+
 def design(c: float, frequency: float, damping: float, q: tuple[float, float], r: float, *, integral: float = 0.0,
            h: float = TICK_S, key: str = "vehicle.controller") -> tuple[float, ...]:
     """Gains (k_integral, k1, k2, k3, k4) of one axis; k_integral is 0 unless ``integral`` weighs it.
 
     Raises:
-        InputError: The weights leave an axis without a stabilising gain.
+        InputError: The weights leave an axis without a stabilising gain, or are too far apart for one to be found.
     """
+    if not (r / FARTHEST <= q[0] <= r * FARTHEST and max(q[1], integral) <= r * FARTHEST):
+        raise InputError("the weights are too far from r to find a gain" if q[0] else "a position without a weight",
+                         key=key, value=list(q), remedy=f"The first must lie between 1e-12 and 1e12 times "
+                         f"vehicle.controller.r = {r:g}, the second and integral at most there")
     A, B = plant(c, frequency, damping, integral > 0.0)
-    weights = ([integral] if integral > 0.0 else []) + [q[0], q[1], 0.0, 0.0]
+    weights = np.array(([integral] if integral > 0.0 else []) + [q[0], q[1], 0.0, 0.0]) / r  # only ratios count
     try:
         with np.errstate(all="ignore"):  # what overflows is found unstable
-            K, _ = dare_gain(A, B, np.diag(weights), np.array([[r]]), h)
+            K, _ = dare_gain(A, B, np.diag(weights), np.eye(1), h)
             step = expm(np.block([[A, B], [np.zeros((1, len(A) + 1))]]) * h)
         stable = np.abs(np.linalg.eigvals(step[:-1, :-1] - step[:-1, -1:] @ K)).max() < 1.0
     except (LinAlgError, ValueError):
         stable = False
     if not stable:
         raise InputError("the weights leave the vehicle without a stabilising gain", key=key, value=list(q),
-                         remedy="The first must be positive, all (with r and integral) within twenty orders of "
-                                "magnitude of each other, and actuator_frequency at least 1e-6")
+                         remedy="Bring them (with r and integral) nearer to each other")
     values = tuple(K[0].tolist())
     return values if integral > 0.0 else (0.0, *values)
 
