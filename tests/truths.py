@@ -75,8 +75,8 @@ def compare(*, expected, got, stderr=None, sigmas: float = SIGMAS, tolerance=Non
     if (stderr is None and tolerance is None) or (tolerance is not None and not reason):
         raise ValueError("a truth needs a standard error or a tolerance, and the tolerance a reason")
     got = np.asarray(got, float)
-    expected, sigma, margin = (np.broadcast_to(np.asarray(x, float), got.shape).ravel()
-                               for x in (expected, 0.0 if stderr is None else stderr, tolerance or 0.0))
+    errors = [0.0 if x is None else x for x in (stderr, tolerance)]
+    expected, sigma, margin = (np.broadcast_to(np.asarray(x, float), got.shape).ravel() for x in (expected, *errors))
     got = got.ravel()
     allowed = sigmas * sigma + margin
     scale = np.abs(expected).max()

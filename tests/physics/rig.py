@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad
+from truths import SIGMAS, compare
 
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Diffuse, Scene
@@ -15,8 +16,7 @@ from varos_warp.scene.geometry import Part
 
 RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}
-Z = 4.0
-"""Standard errors that a right estimate stays within: one false alarm in 16 000."""
+Z = SIGMAS
 
 
 def to_vehicle(p):
@@ -63,8 +63,8 @@ def one_ray_scene(lights, coefficients, direction=(0, 0, 1), pixels=16, **camera
         "id": "M0",
         "look_at": to_vehicle(direction),
         "resolution": [pixels, pixels],
-        "sensor_mm": [1e-4, 1e-4],
-        "focal_mm": 1e3,
+        "sensor_mm": [1e-3, 1e-3],
+        "focal_mm": 1e4,
         **camera,
     }
     return Scene(
@@ -98,13 +98,22 @@ def line_of_sight(lights, coefficients, T, **how):
     return whole[0] - through * behind[0], np.hypot(whole[1], through * behind[1])
 
 
-def assert_agrees(estimate, truth, truth_stderr=0.0, precision=0.01):
-    """Within Z standard errors, float32 rounding (2e-5) aside, and with an error small enough to tell."""
+def agreement(estimate, expected, truth_stderr=0.0, precision=0.01, tolerance=0.0, reason="") -> dict:
+    """An estimate beside what is known, as a truth takes it: Z standard errors of both, and float32 rounding (2e-5).
+
+    The error must be small enough to tell; ``tolerance`` is relative, with its reason.
+    """
     mean, stderr = estimate
-    truth = np.broadcast_to(np.asarray(truth, float), 3)
-    assert np.all(stderr <= precision * truth), f"too noisy to tell: {stderr / truth}"
-    allowed = Z * np.hypot(stderr, truth_stderr) + 2e-5 * truth
-    assert np.all(np.abs(mean - truth) <= allowed), f"{mean} instead of {truth}: {(mean - truth) / allowed * Z} sigma"
+    expected = np.broadcast_to(np.asarray(expected, float), 3)
+    assert np.all(stderr <= precision * expected), f"too noisy to tell: {stderr / expected}"
+    return {"expected": expected, "got": mean, "stderr": np.hypot(stderr, truth_stderr),
+            "tolerance": (2e-5 + tolerance) * expected, "reason": reason or "float32 rounding"}
+
+
+def assert_agrees(estimate, expected, truth_stderr=0.0, precision=0.01):
+    """The same for what is not a truth of the field."""
+    compared = compare(**agreement(estimate, expected, truth_stderr, precision))
+    assert compared["share"] <= 1.0, compared
 
 
 def hg(cos_theta, g):

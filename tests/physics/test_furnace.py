@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 from chance import assert_plausible, two_sided
-from rig import Z, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
+from rig import Z, agreement, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
 
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Diffuse, Metal, Scene
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.lobe import lobe_albedo_table
+
+pytestmark = pytest.mark.subject("surfaces and lights")
 
 
 def part(mesh, reflectance, smooth=False):
@@ -51,7 +53,7 @@ def rough_ground(seed=1, n=40, size=10.0):
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_white_surfaces_vanish_in_uniform_light(smooth):
+def test_white_surfaces_vanish_in_uniform_light(truth, smooth):
     """Reflectance 1 in open geometry: every pixel is 1, however often light bounces; roulette is the only noise."""
     parts = [part(rough_ground(), 1.0, smooth), part(sphere(0.5, centre=(0.3, 3, -0.5)), 1.0, smooth)]
     scene = camera_scene((0, -2, 0.5), rotation_euler_deg=[-20, 0, 0])
@@ -64,17 +66,23 @@ def test_white_surfaces_vanish_in_uniform_light(smooth):
         # of the whole image: in a single pixel too few paths meet the roulette for a normal distribution
         scores.append(error.sum() / np.sqrt(variance.sum()))
         assert abs(error.mean()) < 1e-3
+        truth(f"mean of the image, reflectance 1, {'smooth' if smooth else 'flat'} normals, seed {seed}",
+              source="furnace: radiance 1 everywhere", expected=1.0, got=1 + error.mean(),
+              stderr=np.sqrt(variance.sum()) / variance.size)
     assert_plausible(two_sided(scores))
 
 
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("reflectance", [(1.0, 0.5, 0.0), (0.2, 0.2, 0.2)])
-def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(reflectance, smooth):
+def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(truth, reflectance, smooth):
     """Exactly: every reflected ray escapes. A ray that met its own surface again would show."""
     box = trimesh.creation.box((2, 2, 2)).apply_translation((0, 3, 0))
     for mesh in (sphere(1.0, centre=(0, 3, 0)), box):
         image = clear([part(mesh, reflectance, smooth)], camera_scene(focal_mm=10.0), spp=16)
-        assert np.all(image.radiance == np.float32(reflectance))
+        where = f"{'smooth' if smooth else 'flat'} {'box' if mesh is box else 'ball'}"
+        pixels = image.radiance.reshape(-1, 3).astype(float)
+        truth(f"{where} of reflectance {reflectance}, all pixels", source="furnace: every ray escapes",
+              expected=np.float32(reflectance), got=pixels, tolerance=0.0, reason="exact")
         assert np.all(image.stderr == 0.0)
 
 
@@ -92,7 +100,7 @@ def test_white_metal_vanishes_in_uniform_light(roughness):
         assert error < 0.006
 
 
-def test_direct_light_on_metal_is_the_lobe_times_the_beam():
+def test_direct_light_on_metal_is_the_lobe_times_the_beam(truth):
     """A lamp beside the camera and a slanted plate: GGX, Smith and Fresnel written out in float64."""
     roughness, base, T = 0.5, np.array([0.9, 0.6, 0.3]), 3.0
     lamp = np.array([0.8, 0.3, -0.2])
@@ -110,11 +118,12 @@ def test_direct_light_on_metal_is_the_lobe_times_the_beam():
     E = np.interp(roughness, np.linspace(0, 1, len(E)), E)
     once = F * D / (1 + sum(Lambda)) / (4 * (n @ v) * (n @ l))
     expected = once * (1 + base * (1 - E) / E) * (n @ l) / distance**2
-    np.testing.assert_allclose(made, expected, rtol=1e-4)
+    truth("red, green, blue of rough metal", source="GGX, Smith and Schlick in float64", expected=expected, got=made,
+          tolerance=1e-4 * expected, reason="float32 rounding, and the table of the lobe's albedo")
 
 
 @pytest.mark.parametrize("reflectance", [0.3, 0.8, 1.0])
-def test_a_hemispherical_bowl_has_the_radiance_of_its_closed_form(reflectance):
+def test_a_hemispherical_bowl_has_the_radiance_of_its_closed_form(truth, reflectance):
     """Between any two points of a sphere the form factor is the same, so half a sphere glows evenly: r/(2 - r).
 
     The mesh is a polyhedron of n = 128 segments: its error is of the order (pi/n)^2.
@@ -127,18 +136,19 @@ def test_a_hemispherical_bowl_has_the_radiance_of_its_closed_form(reflectance):
     faces = np.concatenate([np.stack([i, right, i + n], -1), np.stack([right, right + n, i + n], -1)]).reshape(-1, 3)
     bowl = trimesh.Trimesh(vertices, faces)
     image = clear([part(bowl, reflectance)], camera_scene(pixels=48), spp=64)
-    truth = reflectance / (2 - reflectance)
+    expected = reflectance / (2 - reflectance)
     mean = image.radiance[..., 0].mean(dtype=float)
     stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 48**2
     assert stderr < 2e-3
-    assert abs(mean - truth) < Z * stderr + (np.pi / n) ** 2
+    truth(f"reflectance {reflectance}", source="form factors of a sphere: r/(2 - r)", expected=expected, got=mean,
+          stderr=stderr, tolerance=(np.pi / n) ** 2, reason="facets: (pi/128)^2")
     # evenly: no place differs
     halves = image.radiance[..., 0].reshape(6, 8, 6, 8).mean(axis=(1, 3), dtype=float)
     errors = np.sqrt((image.stderr[..., 0].astype(float) ** 2).reshape(6, 8, 6, 8).sum(axis=(1, 3))) / 64
-    assert np.all(np.abs(halves - truth) < Z * errors + 4 * (np.pi / n) ** 2)
+    assert np.all(np.abs(halves - expected) < Z * errors + 4 * (np.pi / n) ** 2)
 
 
-def test_a_corner_of_two_squares_sees_what_the_form_factor_says():
+def test_a_corner_of_two_squares_sees_what_the_form_factor_says(truth):
     """A black wall beside a floor: at distance a from its foot the floor loses (1 - a/sqrt(a^2 + h^2))/2 of light."""
     a, h = 0.5, 1.0
     long = 2000.0
@@ -150,8 +160,9 @@ def test_a_corner_of_two_squares_sees_what_the_form_factor_says():
     image = clear([ground, wall], scene, spp=1024)
     mean = image.radiance[..., 0].mean(dtype=float)
     stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 256
-    truth = 0.5 * (1 - 0.5 * (1 - a / np.hypot(a, h)))
-    assert abs(mean - truth) < Z * stderr + 1e-4
+    truth("floor of reflectance 0.5, 0.5 m from a black wall 1 m high", source="(1 - a/sqrt(a^2 + h^2))/2 is lost",
+          expected=0.5 * (1 - 0.5 * (1 - a / np.hypot(a, h))), got=mean, stderr=stderr, tolerance=1e-4,
+          reason="ends of the wall, 2 km away, and float32")
     assert stderr < 1e-3
 
 
@@ -176,41 +187,43 @@ FACETS = 2e-3
 
 
 @pytest.mark.parametrize("reflectance", [0.5, 0.9])
-def test_an_integrating_sphere_sums_the_geometric_series(reflectance):
+def test_an_integrating_sphere_sums_the_geometric_series(truth, reflectance):
     """A lamp of 1 W/sr in the middle, no water: the walls' irradiance is E r^n after n bounces, alike everywhere."""
     scene, wall = at_the_wall([point((0, 0, 0))], None), [part(sphere(**SPHERE), reflectance)]
-    first = reflectance / np.pi
+    first, facets = reflectance / np.pi, {"tolerance": FACETS, "reason": "facets of the sphere, 0.2 %"}
     assert_agrees(radiance(scene, wall, "direct", spp=16), first, FACETS / Z * first)
-    for bounces in (2, 3):
-        truth = first * sum(reflectance**n for n in range(1, bounces))
+    for bounces in (2, 3, None):
+        expected = first * sum(reflectance**n for n in range(1, bounces or 1000))
         estimate = radiance(scene, wall, "multiple", spp=256, max_bounces=bounces)
-        assert_agrees(estimate, truth, FACETS / Z * truth)
-    truth = first * reflectance / (1 - reflectance)
-    assert_agrees(radiance(scene, wall, "multiple", spp=256), truth, FACETS / Z * truth)
+        truth(f"reflectance {reflectance}, {bounces or 'all'} bounces", source="geometric series",
+              **agreement(estimate, expected, **facets))
     assert np.all(radiance(scene, wall, spp=2, max_bounces=0)[0] == 0.0)
 
 
 @pytest.mark.parametrize(("g", "sigma_s", "reflectance"), [(0.0, 1.0, 0.3), (0.0, 1.0, 0.7), (0.8, 1.0, 0.3),
                                                            (-0.6, 1.0, 0.3), (0.5, 2.0, 0.3)])
-def test_water_that_absorbs_nothing_loses_no_light(g, sigma_s, reflectance):
+def test_water_that_absorbs_nothing_loses_no_light(truth, g, sigma_s, reflectance):
     """All that a lamp in mid-sphere sends out ends in its wall, whatever the water is like.
 
     So the irradiance of the wall is 4 pi I / (4 pi R^2 (1 - r)) everywhere, and next to it one sees r E/pi.
     """
-    truth = reflectance / np.pi / (1 - reflectance)
     scene = at_the_wall([point((0, 0, 0))], water(sigma_s, sigma_s, g), gap=2e-4)
     estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], spp=512)
-    assert_agrees(estimate, truth, (FACETS + 2e-4 * sigma_s * 2) / Z * truth, precision=0.02)
+    truth(f"sphere of reflectance {reflectance} full of water, sigma_s = {sigma_s}, g = {g}",
+          source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
+          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.02,
+                      tolerance=FACETS + 2e-4 * sigma_s * 2, reason="facets of the sphere, 0.2 %, gap to the wall"))
 
 
-def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_first_bounce():
+def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_first_bounce(truth):
     """Light reflected by a sphere's wall lands evenly: beyond the spot the wall has E = flux r/((1 - r) 4 pi R^2)."""
     reflectance, cone = 0.6, 40.0
     flux = 2 * np.pi * (1 - np.cos(np.radians(cone / 2)))
     lamp = spot((0.2, 0.3, -0.1), axis=(0.1, 0.2, -1), cone_deg=cone)
     estimate = radiance(at_the_wall([lamp], None), [part(sphere(**SPHERE), reflectance)], spp=1024)
-    truth = reflectance / np.pi * flux / (4 * np.pi) * reflectance / (1 - reflectance)
-    assert_agrees(estimate, truth, FACETS / Z * truth)
+    expected = reflectance / np.pi * flux / (4 * np.pi) * reflectance / (1 - reflectance)
+    truth("cone of 40 degrees, reflectance 0.6", source="flux 2 pi (1 - cos) I, geometric series",
+          **agreement(estimate, expected, tolerance=FACETS, reason="facets of the sphere, 0.2 %"))
 
 
 # ------------------------------------------------------------------------------------------------------------ no lamps

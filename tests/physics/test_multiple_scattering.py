@@ -5,7 +5,7 @@ import pytest
 from rig import (
     VAROS_LAMPS,
     VAROS_WATER,
-    assert_agrees,
+    agreement,
     floor,
     line_of_sight,
     one_ray_scene,
@@ -15,6 +15,10 @@ from rig import (
     water,
 )
 
+pytestmark = pytest.mark.subject("multiple scattering")
+
+FOURIER = "Case and Zweifel (1967); Fourier inversion and integral over the ray"
+MONTE_CARLO = "an independent Monte Carlo of other samplers, with its standard error"
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 CHANNEL = {"R": 0, "G": 1, "B": 2}
 
@@ -32,16 +36,17 @@ def channel(estimate, name):
         (0.9, np.inf, 1.25038298498e-3, 1.432034599956e-3, 7.294186485738e-3),
     ],
 )
-def test_isotropic_medium_around_a_point_source(albedo, T, first, second, total):
+def test_light_of_a_point_source_in_an_isotropic_medium(truth, albedo, T, first, second, total):
     """Case and Zweifel's infinite medium, seen along a ray 1 m from the source (power 1 W: intensity 1/4 pi)."""
 
     def source(gone):
         return [point((1, 0, 1 - gone), 1 / (4 * np.pi))]
 
     medium = water(albedo, 1.0, 0.0)
-    assert_agrees(line_of_sight(source, medium, T, layer="single", spp=512), first)
-    assert_agrees(line_of_sight(source, medium, T, layer="multiple", spp=512, max_scatterings=2), second)
-    assert_agrees(line_of_sight(source, medium, T, spp=512), total)
+    for order, expected, how in (("once", first, {"layer": "single"}), ("all orders", total, {}),
+                                 ("twice", second, {"layer": "multiple", "max_scatterings": 2})):
+        truth(f"scattered {order}, albedo {albedo}, ray 1 m from the source up to {T} m", source=FOURIER,
+              **agreement(line_of_sight(source, medium, T, spp=512, **how), expected))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +59,7 @@ def test_isotropic_medium_around_a_point_source(albedo, T, first, second, total)
     ],
 )
 def test_double_scattering_and_one_scattering_on_the_way_to_or_from_the_floor(
-    name, D, L2, L2_error, one_scatter, one_scatter_error
+    truth, name, D, L2, L2_error, one_scatter, one_scatter_error
 ):
     """A12, one lamp of the paper's rig; the notes allow 0.1 % beside their errors.
 
@@ -65,11 +70,13 @@ def test_double_scattering_and_one_scattering_on_the_way_to_or_from_the_floor(
         return [spot((0.15, 0, -0.1 - gone))]
 
     in_water = line_of_sight(lamp, PAPER_WATER, D, layer="multiple", spp=1024, max_scatterings=2)
-    assert_agrees(channel(in_water, name), L2, np.hypot(L2_error, 1e-3 * L2 / 4), precision=0.02)
+    rest = {"precision": 0.02, "tolerance": 1e-3, "reason": "0.1 %, stated with the truth, and float32 rounding"}
+    truth(f"scattered twice, {name}, ray up to {D} m", source=MONTE_CARLO,
+          **agreement(channel(in_water, name), L2, L2_error, **rest))
     scene = one_ray_scene(lamp(0.0), PAPER_WATER)
     with_floor = radiance(scene, [floor(D, 0.25)], "multiple", spp=512, max_scatterings=1, max_bounces=1)
-    error = np.hypot(one_scatter_error, 1e-3 * one_scatter / 4)
-    assert_agrees(channel(with_floor, name), one_scatter, error, precision=0.02)
+    truth(f"floor and one scattering, {name}, floor at {D} m", source=MONTE_CARLO,
+          **agreement(channel(with_floor, name), one_scatter, one_scatter_error, **rest))
 
 
 @pytest.mark.parametrize(
@@ -79,30 +86,37 @@ def test_double_scattering_and_one_scattering_on_the_way_to_or_from_the_floor(
         ("B", 25.0, {2: (1.0889e-4, 1.1e-7), 3: (1.4994e-5, 2e-8), None: (1.6521e-3, 1.7e-6)}),
     ],
 )
-def test_orders_of_scattering_in_open_water(name, T, totals):
+def test_orders_of_scattering_in_open_water(truth, name, T, totals):
     """A13, both lamps, black floor at T; order n is what n scatterings add to n - 1, independently drawn."""
     scene, end = one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(T, 0.0)]
-    for order, (truth, error) in totals.items():
+    for order, (expected, error) in totals.items():
         if order is None:
-            assert_agrees(channel(radiance(scene, end, spp=256), name), truth, error)
+            truth(f"all orders, {name}, ray up to {T} m", source=MONTE_CARLO,
+                  **agreement(channel(radiance(scene, end, spp=256), name), expected, error))
             continue
         up_to = radiance(scene, end, "multiple", spp=1024, max_scatterings=order)
         below = radiance(scene, end, "multiple", spp=1024, max_scatterings=order - 1, seed=9)
         estimate = up_to[0] - below[0], np.hypot(up_to[1], below[1])
-        assert_agrees(channel(estimate, name), truth, error, precision=0.2)
+        truth(f"order {order}, {name}, ray up to {T} m", source=MONTE_CARLO,
+              **agreement(channel(estimate, name), expected, error, precision=0.2))
 
 
-def test_the_whole_pixel_in_blue_with_a_floor():
+def test_the_whole_pixel_in_blue_with_a_floor(truth):
     """A13: B, D = 5 m, reflectance 0.25: direct 3.9528e-3, single 1.48925e-3, total 7.2505e-3 (its error 0.1 %)."""
     scene, end = one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.25)]
-    assert_agrees(channel(radiance(scene, end, "direct"), "B"), 3.9528e-3, 2e-7)
-    assert_agrees(channel(radiance(scene, end, "single"), "B"), 1.48925e-3, 5e-9)
-    assert_agrees(channel(radiance(scene, end, spp=512), "B"), 7.2505e-3, 7e-6)
-    blocked = radiance(scene, [floor(5.0, 0.0)], "multiple", spp=1024, max_scatterings=2)
-    assert_agrees(channel(blocked, "B"), 8.779e-5, 1e-7)
+    black = [floor(5.0, 0.0)]
+    for what, made, expected, error in (
+        ("direct", radiance(scene, end, "direct"), 3.9528e-3, 2e-7),
+        ("scattered once", radiance(scene, end, "single"), 1.48925e-3, 5e-9),
+        ("all light", radiance(scene, end, spp=512), 7.2505e-3, 7e-6),
+        ("scattered twice", radiance(scene, black, "multiple", spp=1024, max_scatterings=2), 8.779e-5, 1e-7),
+    ):
+        truth(f"{what}, blue, floor of reflectance 0.25 at 5 m", source=MONTE_CARLO,
+              **agreement(channel(made, "B"), expected, error))
 
 
-def test_two_floors_exchange_light_like_a_geometric_series():
+@pytest.mark.subject("surfaces and lights")
+def test_two_floors_exchange_light_like_a_geometric_series(truth):
     """Between infinite parallel plates of reflectance r and no water, total = direct + what the plates exchange.
 
     Plates at +-D with a lamp midway: by symmetry both have radiosity B(x), and the bounced part integrated over a plate
@@ -117,7 +131,8 @@ def test_two_floors_exchange_light_like_a_geometric_series():
     form_factor = (2 * D) ** 2 / (np.pi * distance2**2)
     second = r * np.trapezoid(E1 * form_factor * 2 * np.pi * rho, rho)
     got = radiance(scene, plates, "multiple", max_bounces=2, spp=512)
-    assert_agrees(got, r / np.pi * second)
+    truth("floor and plate 1 m from the lamp, two bounces", source="form factor of parallel plates, quadrature",
+          **agreement(got, r / np.pi * second))
 
 
 def test_more_orders_never_change_the_lower_ones():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from chance import assert_plausible
-from rig import GREEN, VAROS_LAMPS, VAROS_WATER, Z, assert_agrees, floor, one_ray_scene, point, spot, water
+from rig import GREEN, VAROS_LAMPS, VAROS_WATER, Z, agreement, assert_agrees, floor, one_ray_scene, point, spot, water
 from rig import radiance as any_radiance
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -21,10 +21,13 @@ from varos_warp.scene.description import Diffuse, Metal, Nut, Rust
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.load import scene_from_dict
 
+pytestmark = pytest.mark.subject("multiple scattering")
+
 SHORT = 8.0
 """Standard errors that a right mean of values with a tail of x^-3/2 may fall short by. Of 4000 simulated means of such
 Pareto variables in 16 batches, one in a thousand falls short by 7.4, and one in a hundred exceeds by 1.4."""
 
+DIGITS = "two independent quadratures to 15 digits"
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 
 
@@ -32,12 +35,13 @@ def radiance(scene, parts=(), layer=None, **how):
     return any_radiance(scene, parts, layer, **{"integrator": "reference", "spp": 1024} | how)
 
 
-def assert_agrees_with_heavy_tail(estimate, truth, truth_stderr=0.0, precision=0.025):
-    """As assert_agrees, for light that may have been scattered beside a lamp on a walk."""
+def assert_agrees_with_heavy_tail(estimate, expected, expected_stderr=0.0, precision=0.025):
+    """As assert_agrees, for light that may have been scattered beside a lamp on a walk; the mean and its error."""
     mean, stderr = estimate
-    off, error = mean - truth, np.hypot(stderr, truth_stderr)
-    assert np.all(stderr <= precision * truth), f"too noisy to tell: {stderr / truth}"
-    assert np.all((off > -SHORT * error) & (off < Z * error)), f"{off / truth}: {off / error} sigma"
+    off, error = mean - expected, np.hypot(stderr, expected_stderr)
+    assert np.all(stderr <= precision * expected), f"too noisy to tell: {stderr / expected}"
+    assert np.all((off > -SHORT * error) & (off < Z * error)), f"{off / expected}: {off / error} sigma"
+    return {"expected": expected, "got": mean, "stderr": error, "sigmas": SHORT}
 
 
 def sphere(reflectance):
@@ -59,11 +63,13 @@ def at_the_wall(coefficients, gap):
 # --------------------------------------------------------------------------------------------------- light of one event
 
 
-def test_water_that_only_absorbs_obeys_beer_lambert_in_each_channel():
+@pytest.mark.subject("surfaces and lights")
+def test_water_that_only_absorbs_obeys_beer_lambert_in_each_channel(truth):
     """A lamp at the camera and a floor at 5 m: 10 m of water, which in red does nothing at all."""
     clear_red = {"sigma_s": [0.0] * 3, "sigma_a": [0.0, 0.057989, 0.125]}
-    truth = np.array([1.0, 0.559959958773234, 0.28650479686019]) * 0.25 / (np.pi * 25.0)
-    assert_agrees(radiance(one_ray_scene([point((0, 0, 0))], clear_red), [floor(5.0, 0.25)]), truth)
+    expected = np.array([1.0, 0.559959958773234, 0.28650479686019]) * 0.25 / (np.pi * 25.0)
+    truth("floor seen through 10 m, reference integrator", source="exp(-sigma_a t) rho/(pi d^2)",
+          **agreement(radiance(one_ray_scene([point((0, 0, 0))], clear_red), [floor(5.0, 0.25)]), expected))
 
 
 def test_without_water_a_floor_has_the_radiance_of_the_inverse_square_law_and_no_noise():
@@ -73,7 +79,7 @@ def test_without_water_a_floor_has_the_radiance_of_the_inverse_square_law_and_no
 
 
 @pytest.mark.parametrize(
-    ("position", "sigma_s", "sigma_t", "g", "T", "truth"),
+    ("position", "sigma_s", "sigma_t", "g", "T", "expected"),
     [
         ((1, 0, 0), 1, 1, 0.0, np.inf, 0.015382720109353),
         ((1, 0, 0), 1, 1, 0.0, 2, 0.0152954359892282),
@@ -84,24 +90,28 @@ def test_without_water_a_floor_has_the_radiance_of_the_inverse_square_law_and_no
         ((0.15, 0, -0.1), *GREEN, 0.8, 5, 0.00061849240331754),
     ],
 )
-def test_single_scattering_of_a_point_lamp(position, sigma_s, sigma_t, g, T, truth):
+@pytest.mark.subject("single scattering")
+def test_the_reference_integrator_scatters_the_light_of_a_lamp_once(truth, position, sigma_s, sigma_t, g, T, expected):
     end = [] if np.isinf(T) else [floor(T, 0.0)]
     estimate = radiance(one_ray_scene([point(position)], water(sigma_s, sigma_t, g)), end, "single", spp=4096)
-    assert_agrees(estimate, truth)
+    truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m", source=DIGITS,
+          **agreement(estimate, expected))
 
 
 @pytest.mark.parametrize(
-    ("T", "g", "truth"),
+    ("T", "g", "expected"),
     [
         (2, 0.8, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
         (10, 0.8, (5.45304161185223e-5, 0.00062519221619206, 0.00151190406588714)),
         (5, 0.0, (0.000838168023095091, 0.00956255858258945, 0.0230789239711541)),
     ],
 )
-def test_single_scattering_of_the_papers_rig(T, g, truth):
+@pytest.mark.subject("single scattering")
+def test_the_reference_integrator_scatters_light_of_the_papers_rig_once(truth, T, g, expected):
     """Three channels from one free flight; blue has albedo 1."""
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
-    assert_agrees(radiance(scene, [floor(T, 0.0)], "single", spp=4096), truth)
+    truth(f"red, green, blue; ray up to {T} m, g = {g}", source=DIGITS,
+          **agreement(radiance(scene, [floor(T, 0.0)], "single", spp=4096), expected))
 
 
 # ------------------------------------------------------------------------------------------------- light of more events
@@ -114,19 +124,22 @@ def test_single_scattering_of_the_papers_rig(T, g, truth):
         (0.9, 1.25038298498e-3, 1.432034599956e-3, 7.294186485738e-3),
     ],
 )
-def test_orders_of_scattering_around_a_point_source_in_an_isotropic_medium(albedo, first, second, total):
+def test_the_reference_integrator_has_all_orders_in_an_isotropic_medium(truth, albedo, first, second, total):
     """Case and Zweifel's infinite medium, seen along a ray 1 m from the source (power 1 W: intensity 1/4 pi)."""
     scene = one_ray_scene([point((1, 0, 1), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0))
+    source = "Case and Zweifel (1967); light with a heavy tail may fall short by 8 standard errors"
     assert_agrees(radiance(scene, [], "single"), first)
-    assert_agrees_with_heavy_tail(radiance(scene, [], "multiple", max_scatterings=2, spp=16384, seed=3), second)
-    assert_agrees_with_heavy_tail(radiance(scene, [], spp=16384, seed=3), total)
+    for order, expected, how in (("scattered twice", second, {"layer": "multiple", "max_scatterings": 2}),
+                                 ("all orders", total, {})):
+        truth(f"{order}, albedo {albedo}, ray without end, 1 m from the source", source=source,
+              **assert_agrees_with_heavy_tail(radiance(scene, [], spp=16384, seed=3, **how), expected))
 
 
 def test_one_scattering_on_the_way_to_or_from_the_floor():
     """Blue, floor at 10 m, one lamp of the paper's rig; the truth is a Monte Carlo of other samplers, to 0.1 %."""
-    scene, truth = one_ray_scene([spot((0.15, 0, -0.1))], PAPER_WATER), 1.21722e-4 + 1.09274e-4
+    scene, expected = one_ray_scene([spot((0.15, 0, -0.1))], PAPER_WATER), 1.21722e-4 + 1.09274e-4
     mean, stderr = radiance(scene, [floor(10, 0.25)], "multiple", max_scatterings=1, max_bounces=1, spp=16384)
-    assert_agrees_with_heavy_tail((mean[2], stderr[2]), truth, np.hypot(6e-8, 1e-3 * truth / Z), precision=0.03)
+    assert_agrees_with_heavy_tail((mean[2], stderr[2]), expected, np.hypot(6e-8, 1e-3 * expected / Z), precision=0.03)
 
 
 def test_two_floors_exchange_light_like_a_geometric_series():
@@ -144,18 +157,18 @@ def test_two_floors_exchange_light_like_a_geometric_series():
 def test_an_integrating_sphere_sums_the_geometric_series(reflectance, bounces):
     """No water: the walls' irradiance is r^n after n bounces, alike everywhere."""
     orders = np.arange(1, bounces or 1000)
-    truth = reflectance / np.pi * np.sum(reflectance**orders)
+    expected = reflectance / np.pi * np.sum(reflectance**orders)
     estimate = radiance(at_the_wall(None, 1e-3), [sphere(reflectance)], "multiple", max_bounces=bounces, spp=128)
-    assert_agrees(estimate, truth, FACETS / Z * truth)
+    assert_agrees(estimate, expected, FACETS / Z * expected)
 
 
 def test_a_furnace_of_water_that_absorbs_nothing_loses_no_light():
     """All that the lamp sends out ends in the wall, however the water scatters it, and in red it does not at all."""
     r, gap, sigma = 0.3, 2e-4, np.array([0.0, 0.2, 1.0])
     scene = at_the_wall({"sigma_s": sigma.tolist(), "sigma_a": [0.0] * 3, "phase": {"g": 0.5}}, gap)
-    truth = r / np.pi / (1 - r)
+    expected = r / np.pi / (1 - r)
     estimate = radiance(scene, [sphere(r)], spp=2048, seed=3)
-    assert_agrees_with_heavy_tail(estimate, truth, (FACETS + 2 * gap * sigma) / Z * truth)
+    assert_agrees_with_heavy_tail(estimate, expected, (FACETS + 2 * gap * sigma) / Z * expected)
 
 
 # ------------------------------------------------------------------------------------------------- what it is asked for

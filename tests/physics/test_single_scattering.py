@@ -8,6 +8,7 @@ from rig import (
     RED,
     VAROS_LAMPS,
     VAROS_WATER,
+    agreement,
     assert_agrees,
     floor,
     one_ray_scene,
@@ -18,7 +19,11 @@ from rig import (
     water,
 )
 
+pytestmark = pytest.mark.subject("single scattering")
+
 INF = np.inf
+DIGITS = "two independent quadratures to 15 digits"
+QUADRATURE = "adaptive quadrature in the equiangular angle (tests/physics/rig.py)"
 SIDE, VAROS_POINT = (1, 0, 0), (0.15, 0, -0.1)
 
 
@@ -27,23 +32,27 @@ def black_floor(T):
 
 
 @pytest.mark.parametrize(
-    ("sigma_a", "truth"),
+    ("sigma_a", "expected"),
     [(0.125, 0.28650479686019), (0.0579890, 0.559959958773234), (0.04, 0.670320046035639), (2.5e-6, 0.999975000312497)],
 )
-def test_absorbing_water_obeys_beer_lambert(sigma_a, truth):
+@pytest.mark.subject("surfaces and lights")
+def test_absorbing_water_obeys_beer_lambert(truth, sigma_a, expected):
     """A lamp at the camera and a floor at 5 m: 10 m of water."""
     scene = one_ray_scene([point((0, 0, 0))], water(0.0, sigma_a, 0.0))
-    assert_agrees(radiance(scene, [floor(5.0, 0.25)]), truth * 0.25 / (np.pi * 25.0))
+    truth(f"floor seen through 10 m, sigma_a = {sigma_a}", source="exp(-sigma_a t) rho/(pi d^2)",
+          **agreement(radiance(scene, [floor(5.0, 0.25)]), expected * 0.25 / (np.pi * 25.0)))
 
 
-def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law():
+@pytest.mark.subject("surfaces and lights")
+def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law(truth):
     scene = one_ray_scene([point((3, 0, 0))], None)
-    assert_agrees(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0)
+    truth("Lambert's floor 4 m away, lamp 3 m aside", source="rho/pi cos/d^2",
+          **agreement(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0))
 
 
 @pytest.mark.parametrize(
-    ("position", "sigma_s", "sigma_t", "g", "T", "truth"),
-    [
+    ("position", "sigma_s", "sigma_t", "g", "T", "expected"),
+    POINT_LAMPS := [
         (SIDE, 1, 1, 0.0, INF, 0.015382720109353),
         (SIDE, 1, 1, 0.0, 2, 0.0152954359892282),
         (SIDE, 1, 1, 0.8, INF, 0.0018073046013872),
@@ -55,19 +64,32 @@ def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law():
         ((1e-4, 0, 1), *GREEN, 0.8, 5, 139.603274201375),
     ],
 )
-def test_point_lamp(position, sigma_s, sigma_t, g, T, truth):
+def test_light_of_a_point_lamp_scattered_once(truth, position, sigma_s, sigma_t, g, T, expected):
     scene = one_ray_scene([point(position)], water(sigma_s, sigma_t, g))
-    assert_agrees(radiance(scene, black_floor(T), "single", spp=1024), truth)
+    truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m", source=DIGITS,
+          **agreement(radiance(scene, black_floor(T), "single", spp=1024), expected))
 
 
-def test_point_lamp_in_water_that_scatters_but_does_not_extinguish():
-    """sigma_t -> 0 in the limit: 1/8 for a lamp at 1 m (A-S3), here per sigma_s = 1e-7."""
+def test_the_quadrature_of_these_tests_has_the_known_digits(truth):
+    """It then stands for truths where no digits are known."""
+    for position, sigma_s, sigma_t, g, T, expected in POINT_LAMPS:
+        if position == (1e-4, 0, 1):
+            continue  # its peak is 1e-4 of a piece wide in the angle of a ray without end
+        truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m",
+              source=DIGITS + ", against " + QUADRATURE, expected=expected,
+              got=single_scattering(position, sigma_s, sigma_t, g, T), tolerance=1e-9 * expected,
+              reason="the quadrature's own tolerance, 1e-10, summed")
+
+
+def test_point_lamp_in_water_that_scatters_but_does_not_extinguish(truth):
+    """sigma_t -> 0 in the limit: 1/8 for a lamp at 1 m, here per sigma_s = 1e-7."""
     scene = one_ray_scene([point(SIDE)], water(1e-7, 1e-7, 0.0))
-    assert_agrees(radiance(scene, (), "single", spp=256), 1e-7 / 8)
+    truth("lamp 1 m aside, sigma_s = sigma_t = 1e-7", source="sigma_s/8, exact as sigma_t -> 0",
+          **agreement(radiance(scene, (), "single", spp=256), 1e-7 / 8))
 
 
 @pytest.mark.parametrize(
-    ("T", "g", "truth"),
+    ("T", "g", "expected"),
     [
         (2, 0.8, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
         (5, 0.8, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
@@ -76,38 +98,43 @@ def test_point_lamp_in_water_that_scatters_but_does_not_extinguish():
         (5, 0.0, (0.000838168023095091, 0.00956255858258945, 0.0230789239711541)),
     ],
 )
-def test_paper_rig_at_the_centre(T, g, truth):
+def test_the_papers_rig_at_the_centre_of_the_image(truth, T, g, expected):
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
-    assert_agrees(radiance(scene, [floor(T, 0.0)], "single"), truth)
+    truth(f"red, green, blue; ray up to {T} m, g = {g}", source=DIGITS,
+          **agreement(radiance(scene, [floor(T, 0.0)], "single"), expected))
 
 
-def test_paper_rig_off_the_centre():
+def test_the_papers_rig_off_the_centre(truth):
     """The floor is put so that the ray ends after 8 m."""
     direction = np.array([0.4, 0.2, 1.0])
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": 0.8}}, direction)
-    truth = (5.31486891454482e-5, 0.00060670008351821, 0.00146546090975532)
-    assert_agrees(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), truth)
+    expected = (5.31486891454482e-5, 0.00060670008351821, 0.00146546090975532)
+    truth("red, green, blue; ray along (0.4, 0.2, 1) up to 8 m", source=DIGITS,
+          **agreement(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), expected))
 
 
 @pytest.mark.parametrize(
-    ("sigma_s", "sigma_t", "truth"), [(0.8, 1.0, 0.0109644027294663), (1.7, 2.0, 0.0115402319855652)]
+    ("sigma_s", "sigma_t", "expected"), [(0.8, 1.0, 0.0109644027294663), (1.7, 2.0, 0.0115402319855652)]
 )
-def test_paper_rig_in_turbid_water(sigma_s, sigma_t, truth):
+def test_the_papers_rig_in_turbid_water(truth, sigma_s, sigma_t, expected):
     scene = one_ray_scene(VAROS_LAMPS, water(sigma_s, sigma_t, 0.8))
-    assert_agrees(radiance(scene, [floor(2, 0.0)], "single"), truth)
+    truth(f"sigma_s = {sigma_s}, sigma_t = {sigma_t}, ray up to 2 m", source=DIGITS,
+          **agreement(radiance(scene, [floor(2, 0.0)], "single"), expected))
 
 
-def test_lamp_beside_the_ray_that_shines_across_it():
+def test_a_lamp_beside_the_ray_that_shines_across_it(truth):
     scene = one_ray_scene([spot((0.01, 0, 1), axis=(-1, 0, 0.3))], water(*GREEN, 0.8))
-    assert_agrees(radiance(scene, [floor(5, 0.0)], "single", spp=256), 0.0209995178097378)
+    truth("cone of 65 degrees, 1 cm from the ray", source=DIGITS,
+          **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), 0.0209995178097378))
 
 
 @pytest.mark.parametrize("blend", [0.15, 1.0])
-def test_soft_edge(blend):
+def test_the_soft_edge_of_a_cone_is_blenders(truth, blend):
     lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
     scene = one_ray_scene([spot(VAROS_POINT, blend=blend)], water(*BLUE, 0.8))
-    truth = single_scattering(VAROS_POINT, *BLUE, 0.8, 5.0, **lamp)
-    assert_agrees(radiance(scene, [floor(5, 0.0)], "single", spp=256), truth)
+    expected = single_scattering(VAROS_POINT, *BLUE, 0.8, 5.0, **lamp)
+    truth(f"blend {blend}, blue, ray up to 5 m", source=QUADRATURE + " of a smoothstep in the cosine",
+          **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), expected))
 
 
 @pytest.mark.parametrize(
@@ -122,15 +149,16 @@ def test_soft_edge(blend):
         ((0, 0, -1), 65),
     ],
 )
-def test_cones_of_any_width_and_direction_light_the_right_part_of_the_ray(axis, cone_deg):
+def test_cones_of_any_width_and_direction_light_the_right_part_of_the_ray(truth, axis, cone_deg):
     scene = one_ray_scene([spot(VAROS_POINT, axis, cone_deg)], water(*BLUE, 0.5))
-    truth = single_scattering(VAROS_POINT, *BLUE, 0.5, 5.0, axis, cone_deg, breaks=4000)
+    expected = single_scattering(VAROS_POINT, *BLUE, 0.5, 5.0, axis, cone_deg, breaks=4000)
+    what = f"axis {axis}, cone {cone_deg} degrees, g = 0.5, ray up to 5 m"
     estimate = radiance(scene, [floor(5, 0.0)], "single", spp=256)
-    if truth == 0.0:
-        assert np.all(estimate[0] == 0.0)
+    if expected == 0.0:
+        truth(what, source=QUADRATURE, expected=0.0, got=estimate[0], tolerance=0.0, reason="exact")
     else:
         # the quadrature's pieces end up to one piece off the edge of the cone: 1/4000 of the angle
-        assert_agrees(estimate, truth, truth_stderr=2e-4 * truth)
+        truth(what, source=QUADRATURE, **agreement(estimate, expected, truth_stderr=2e-4 * expected))
 
 
 def test_radiance_is_the_sum_over_lamps_and_over_layers():

@@ -10,6 +10,7 @@ from chance import assert_plausible
 from rig import (
     VAROS_LAMPS,
     VAROS_WATER,
+    agreement,
     assert_agrees,
     floor,
     one_ray_scene,
@@ -25,18 +26,21 @@ from varos_warp.render.frame import LAYERS, FrameRenderer
 from varos_warp.scene.description import Diffuse, Metal, Scene
 from varos_warp.scene.geometry import Instances, Part
 
+pytestmark = pytest.mark.subject("multiple scattering")
+
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 BIAS = 3e-3
 """Stated bound on the bias, as a share of the pixel."""
 QUADRATURE = 1e-3
 """Stated error of single scattering."""
+STATED = "the tables' stated bias"
 
 
 # -------------------------------------------------------------------------------------------- without anything blocked
 
 
 @pytest.mark.parametrize(
-    ("T", "truth"),
+    ("T", "expected"),
     [
         (2, (5.19739861055642e-5, 0.000582288048363675, 0.00139849876541647)),
         (5, (5.42226576952195e-5, 0.000617358347687215, 0.00148924559123547)),
@@ -44,35 +48,54 @@ QUADRATURE = 1e-3
         (25, (5.45633155963439e-5, 0.000627173268201532, 0.00151897711245271)),
     ],
 )
-def test_single_scattering_without_obstacles_has_no_noise_and_the_error_of_its_quadrature(T, truth):
+@pytest.mark.subject("single scattering")
+def test_single_scattering_without_obstacles_has_no_noise_and_the_error_of_its_quadrature(truth, T, expected):
     scene = one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=2)
     mean, stderr = radiance(scene, [floor(T, 0.0)], "single", integrator="tables", spp=4)
     assert np.all(stderr <= 1e-5 * mean)
-    np.testing.assert_allclose(mean, truth, rtol=QUADRATURE)
+    truth(f"tables, red, green, blue, the paper's rig, ray up to {T} m",
+          source="two independent quadratures to 15 digits", expected=expected, got=mean,
+          tolerance=QUADRATURE * np.array(expected), reason="stated error of 10 nodes")
 
 
 @pytest.mark.parametrize("blend", [0.15, 1.0])
-def test_soft_edges_are_integrated_in_parts(blend):
+@pytest.mark.subject("single scattering")
+def test_soft_edges_are_integrated_in_parts(truth, blend):
     lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
     scene = one_ray_scene([spot((0.15, 0, -0.1), blend=blend)], PAPER_WATER, pixels=2)
     mean, _ = radiance(scene, [floor(5, 0.0)], "single", integrator="tables", spp=4)
-    truth = [single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
-             for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))]
-    np.testing.assert_allclose(mean, truth, rtol=QUADRATURE)
+    expected = np.array([single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
+                         for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))])
+    truth(f"tables, red, green, blue, blend {blend}, ray up to 5 m", source="adaptive quadrature of tests/physics/rig.py",
+          expected=expected, got=mean, tolerance=QUADRATURE * expected, reason="stated error of 10 nodes")
 
 
-def test_the_whole_pixel_in_blue_with_a_floor():
+def test_the_whole_pixel_in_blue_with_a_floor_by_tables(truth):
     """A13, floor of reflectance 0.25 at 5 m: 7.2505e-3, its own error 0.1 %."""
     estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.25)], integrator="tables", spp=256)
     blue = tuple(np.repeat(part[2], 3) for part in estimate)
-    assert_agrees(blue, 7.2505e-3, 7e-6 + BIAS / 4 * 7.25e-3)
+    truth("all light, blue, floor of reflectance 0.25 at 5 m", source="an independent Monte Carlo (0.1 %)",
+          **agreement(blue, 7.2505e-3, 7e-6, tolerance=BIAS, reason=STATED + ", 0.3 %"))
 
 
-def test_open_water_of_the_paper():
+def test_tables_have_all_orders_of_the_isotropic_medium_around_a_point_source(truth):
+    """Two albedos in one water, and no scattering in blue; seen along a ray 1 m from a source of 1 W."""
+    coefficients = {"sigma_s": [0.5, 0.9, 0.0], "sigma_a": [0.5, 0.1, 1.0], "phase": {"g": 0.0}}
+    scene = one_ray_scene([point((1, 0, 1), 1 / (4 * np.pi))], coefficients, pixels=4)
+    mean, stderr = radiance(scene, integrator="tables", spp=4)
+    for c, (albedo, total) in enumerate(((0.5, 1.483289011131e-3), (0.9, 7.294186485738e-3))):
+        truth(f"all orders, albedo {albedo}, ray without end, 1 m from the source",
+              source="Case and Zweifel (1967); Fourier inversion and integral over the ray", expected=total,
+              got=mean[c], stderr=stderr[c], tolerance=BIAS * total, reason=STATED + ", 0.3 %")
+    assert mean[2] == 0.0
+
+
+def test_open_water_of_the_paper(truth):
     """A13, green before a black floor at 5 m: all orders 6.3372e-4, its own error 0.1 %."""
     estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.0)], integrator="tables", spp=64)
     green = tuple(np.repeat(part[1], 3) for part in estimate)
-    assert_agrees(green, 6.3372e-4, 6.3e-7 + BIAS / 4 * 6.3e-4)
+    truth("all orders, green, ray up to 5 m", source="an independent Monte Carlo (0.1 %)",
+          **agreement(green, 6.3372e-4, 6.3e-7, tolerance=BIAS, reason=STATED + ", 0.3 %"))
 
 
 # ------------------------------------------------------------------------------------------ where surfaces stand about

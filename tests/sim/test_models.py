@@ -20,6 +20,8 @@ from varos_warp.sim.noise import noise
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle import PRESETS, Sphere, preset, sphere, terminal_rate
 
+pytestmark = pytest.mark.subject("dynamics")
+
 # ------------------------------------------------------------------------------------------------------------ vehicle
 
 
@@ -80,12 +82,13 @@ def test_limiting_a_vector_keeps_its_direction():
 # ------------------------------------------------------------------------------------------------------------- design
 
 
-def test_a_fast_actuator_and_a_short_step_give_the_closed_form_gain():
+def test_a_fast_actuator_and_a_short_step_give_the_closed_form_gain(truth):
     k1, k2 = ideal_gain(0.2, (1.0, 0.5), 1.0)
     A, B = np.array([[0.0, 1.0], [0.0, -0.2]]), np.array([[0.0], [1.0]])
     np.testing.assert_allclose(care_gain(A, B, np.diag([1.0, 0.5]), np.eye(1))[0], [[k1, k2]], rtol=1e-14)
     discrete, _ = dare_gain(A, B, np.diag([1.0, 0.5]), np.eye(1), 1e-4)
-    np.testing.assert_allclose(discrete, [[k1, k2]], rtol=2e-4)  # first order in the step
+    truth("gain (k1, k2), steps of 0.1 ms", source="k1 = sqrt(q1/r), k2 = -c + sqrt(c^2 + q2/r + 2 k1)",
+          expected=[[k1, k2]], got=discrete, tolerance=2e-4 * k1, reason="order 1 in the step")
     np.testing.assert_allclose(sorted(np.linalg.eigvals(A - B @ [[k1, k2]])), sorted(np.roots([1.0, 0.2 + k2, k1])))
 
 
@@ -102,18 +105,20 @@ def test_the_gains_solve_their_riccati_equations():
         assert np.abs(residual).max() < 1e-12 * np.abs(P).max()
 
 
-def test_at_200_hz_the_sampled_design_is_close_to_the_continuous_one():
+def test_at_200_hz_the_sampled_design_is_close_to_the_continuous_one(truth):
     A, B = plant(5.0 / 18.0, 20.0, 1.0)
     K, _ = dare_gain(A, B, np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1), 0.005)
     assert K[0, 0] == pytest.approx(0.99673, abs=5e-6)
     Ad, Bd, *_ = sampled(A, B, np.eye(4), np.eye(1), 0.005)
     poles = np.log(np.linalg.eigvals(Ad - Bd @ K).astype(complex)) / 0.005
     continuous = np.linalg.eigvals(A - B @ care_gain(A, B, np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1))[0])
-    np.testing.assert_allclose(sorted(poles, key=lambda z: (z.real, z.imag)),
-                               sorted(continuous, key=lambda z: (z.real, z.imag)), rtol=1e-3)
+    poles, continuous = (np.array(sorted(z, key=lambda z: (z.real, z.imag))) for z in (poles, continuous))
+    np.testing.assert_allclose(poles, continuous, rtol=1e-3)
+    truth("poles [1/s], logarithms of the sampled loop's, real parts", source="continuous Riccati equation (SciPy)",
+          expected=continuous.real, got=poles.real, tolerance=1e-3 * abs(continuous), reason="order 1 in the step")
 
 
-def test_the_scalar_discrete_riccati_equation_has_its_closed_form():
+def test_the_scalar_discrete_riccati_equation_has_its_closed_form(truth):
     a, b, q, r = 1.1, 0.4, 2.0, 0.7
     m = r * (1.0 - a**2) - q * b**2
     closed = (-m + np.sqrt(m**2 + 4.0 * b**2 * q * r)) / (2.0 * b**2)
@@ -123,6 +128,12 @@ def test_the_scalar_discrete_riccati_equation_has_its_closed_form():
     A, B, h = np.zeros((1, 1)), np.ones((1, 1)), 0.3
     _, _, Qd, Rd, Nd = sampled(A, B, np.array([[q]]), np.array([[r]]), h)
     np.testing.assert_allclose([Qd[0, 0], Nd[0, 0], Rd[0, 0]], [q * h, q * h**2 / 2, r * h + q * h**3 / 3], rtol=1e-14)
+    # of x' = u with this cost: (Q - N^2/R) + P - (P h + N)^2/(R + P h^2) = P, a quadratic equation for P
+    Qs, Ns, Rs = q * h, q * h**2 / 2, r * h + q * h**3 / 3
+    b = 2 * Ns * h - Qs * h**2
+    exact = (-b + np.sqrt(b * b + 4 * h**2 * (Qs * Rs - Ns**2))) / (2 * h**2)
+    truth("cost of a sampled integrator", source="the scalar discrete Riccati equation, solved", expected=exact,
+          got=dare_gain(A, B, np.array([[q]]), np.array([[r]]), h)[1][0, 0], tolerance=1e-13 * exact, reason="rounding")
 
 
 @pytest.mark.parametrize("h", [0.005, 2.0])
@@ -175,13 +186,38 @@ def test_the_tabulated_current_is_the_current_also_across_blocks():
 # -------------------------------------------------------------------------------------------------------------- noise
 
 
-def test_white_noise_and_random_walk_have_the_variances_of_their_densities():
+@pytest.mark.subject("IMU and depth gauge")
+def test_white_noise_and_random_walk_have_the_variances_of_their_densities(truth):
     count, rate = 100_000, 200.0
     made = noise(count, rate, 0.02, 0.003, np.random.default_rng(1))
     standard_error = np.sqrt(2.0 / (3 * count))
-    assert made.white.var() == pytest.approx(0.02**2 * rate, rel=5 * standard_error)
-    assert np.diff(made.bias, axis=0).var() == pytest.approx(0.003**2 / rate, rel=5 * standard_error)
+    for name, samples, expected in (("samples", made.white, 0.02**2 * rate),
+                                    ("steps of the bias", np.diff(made.bias, axis=0), 0.003**2 / rate)):
+        truth(f"variance of {name}", source="density^2 rate, and random walk^2/rate", expected=expected,
+              got=samples.var(), stderr=standard_error * expected)
     assert (made.bias[0] == 0.0).all()
+
+
+@pytest.mark.subject("IMU and depth gauge")
+@pytest.mark.parametrize("seconds", [0.5, 4.0, 32.0])
+def test_allan_variances_of_the_noise_are_those_of_its_densities(truth, seconds):
+    """IEEE Std 952: white noise N^2/tau; a random walk of the bias K^2 tau/3, of means over tau."""
+    rate, count, density, walk = 200.0, 1 << 20, 0.02, 0.003
+    m = round(seconds * rate)
+
+    def allan(samples):
+        """Allan variance [axes] of means over m samples, from neighbours without overlap."""
+        blocks = samples[:len(samples) // m * m].reshape(-1, m, 3).mean(axis=1)
+        return 0.5 * (np.diff(blocks, axis=0) ** 2).mean()
+    made = noise(count, rate, density, walk, np.random.default_rng(3))
+    pairs = 3 * (count // m - 1)
+    # differences of neighbouring means are correlated: -1/2 for white noise, 1/4 for a random walk
+    truth(f"of white noise, means over {seconds} s", source="N^2/tau", expected=density**2 / seconds,
+          got=allan(made.white), stderr=density**2 / seconds * np.sqrt(3.0 / pairs))
+    # summed, not integrated: (2 m^2 + 1)/(2 m^2) of the integral's
+    expected = walk**2 * seconds / 3.0 * (1.0 + 0.5 / m**2)
+    truth(f"of the bias, means over {seconds} s", source="K^2 tau/3", expected=expected, got=allan(made.bias),
+          stderr=expected * np.sqrt(2.25 / pairs))
 
 
 def test_imu_noise_is_off_by_default_seeded_and_comes_with_its_bias():
