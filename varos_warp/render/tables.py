@@ -21,14 +21,19 @@ from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 3
+TABLES_VERSION = 4
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
+VEIL_RESOLUTION = (1024, 1024)
+"""Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
 SHARPEST_G = 0.93
 """Sharper phase functions have more harmonics than the grids of directions can tell apart."""
+MOST_BACKWARD_G = -0.3
+"""Backward peaks are smeared by the quadrature of single scattering behind the lamp's foot: at -0.3 its error is 0.25 %
+along rays to the horizon, at -0.85 it would be 2 % (docs/stability.md). Water scatters forward."""
 SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
 """The same for lamps that shine everywhere or in a wider cone: rays through their light see its forward peak."""
 CONES_DEG = (10.0, 179.0)
@@ -42,11 +47,13 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "there are no lamps"
     if not water.sigma_s.any():
         return "the water does not scatter"
-    if abs(water.g) > SHARPEST_G:
-        return f"the water's phase function is sharper than tables resolve: |g| = {abs(water.g):g} > {SHARPEST_G}"
-    if abs(water.g) > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
-                                                    for light in lights):
-        return f"|g| = {abs(water.g):g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
+    if water.g > SHARPEST_G:
+        return f"the water's phase function is sharper than tables resolve: g = {water.g:g} > {SHARPEST_G}"
+    if water.g < MOST_BACKWARD_G:
+        return f"the water scatters backward more than tables resolve: g = {water.g:g} < {MOST_BACKWARD_G}"
+    if water.g > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
+                                               for light in lights):
+        return f"g = {water.g:g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
     if view.mount == "world":
         return f"camera {view.id} stands in the world, and the lamps move before it"
     narrow, wide = CONES_DEG
@@ -70,7 +77,8 @@ class OpenWater:
 
     def tables(self, view: Camera) -> Tables:
         """Tables for a camera."""
-        # the veil is that of a pinhole
+        # the veil is that of a pinhole, whatever its pixels
+        view = view.model_copy(update={"resolution": VEIL_RESOLUTION})
         camera = view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
         key = repr(camera)
         if key not in self._cameras:

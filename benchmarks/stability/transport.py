@@ -1,0 +1,38 @@
+"""What the sweeps of light transport share: estimates of one ray, and how far they are from the truth."""
+
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from tests.physics.rig import floor, one_ray_scene, point, radiance, single_scattering, spot, water
+from varos_warp.errors import InputError
+
+__all__ = ["INTEGRATORS", "estimate", "floor", "off", "one_ray_scene", "point", "run", "single_scattering", "spot",
+           "truth_of", "water"]
+
+INTEGRATORS = ("tables", "path", "reference")
+
+
+def estimate(scene, parts=(), layer=None, **how) -> tuple[np.ndarray, np.ndarray]:
+    """Mean radiance [3] of the pixels and its standard error; nan where the program refuses."""
+    try:
+        return radiance(scene, parts, layer, **how)
+    except InputError:
+        return np.full(3, np.nan), np.full(3, np.nan)
+
+
+def off(mean, truth) -> float:
+    """Largest relative error over the channels; nan stays nan."""
+    return float(np.max(np.abs(np.asarray(mean, float) - truth) / np.abs(truth)))
+
+
+truth_of = cache(single_scattering)
+"""Single scattering by adaptive quadrature in float64, each case once."""
+
+
+def run(kernel, inputs, shape, dtype=float) -> np.ndarray:
+    """What a kernel with one output writes, on the CPU."""
+    result = wp.zeros(shape, dtype=dtype, device="cpu")
+    wp.launch(kernel, dim=shape, inputs=inputs, outputs=[result], device="cpu")
+    return result.numpy()
