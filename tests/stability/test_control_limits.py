@@ -24,7 +24,7 @@ def gain_error(q, r=1.0, *, wn=15.0, zeta=1.0, integral=0.0, h=0.005) -> float:
 
 
 def test_the_truth_itself_is_the_closed_form_of_the_scalar_equation():
-    """x' = -x + u, cost x^2 + u^2, u held over h = 1/2."""
+    """The plant x' = -x + u with the cost x^2 + u^2, u held over h = 1/2."""
     a, h = np.exp(-0.5), 0.5
     Q_d = (1.0 - a**2) / 2.0
     b, N_d = 1.0 - a, (1.0 - a) - (1.0 - a**2) / 2.0
