@@ -66,7 +66,7 @@ def test_soft_edges_are_integrated_in_parts(truth, blend):
     mean, _ = radiance(scene, [floor(5, 0.0)], "single", integrator="tables", spp=4)
     expected = np.array([single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
                          for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))])
-    truth(f"tables, red, green, blue, blend {blend}, ray up to 5 m", source="adaptive quadrature of tests/physics/rig.py",
+    truth(f"tables, red, green, blue, blend {blend}, ray up to 5 m", source="adaptive quadrature, tests/physics/rig.py",
           expected=expected, got=mean, tolerance=QUADRATURE * expected, reason="stated error of 10 nodes")
 
 
