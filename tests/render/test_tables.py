@@ -290,6 +290,8 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
         (VAROS_LAMPS, PAPER_WATER, {}, None),
         ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, -0.3), {}, None),
         ([point((0, 0, 0))], water(0.1, 0.1, -0.31), {}, "backward"),
+        (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.24], "sigma_a": [0.005, 0.05, 0.25]}, {}, None),
+        (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.26], "sigma_a": [0.005, 0.05, 0.25]}, {}, "murkier"),
         ([point((0, 0, 0))], water(0.1, 0.1, 0.9), {}, "too sharp"),
         ([spot((0, 0, 0), cone_deg=150.0)], water(0.1, 0.1, 0.9), {}, "too sharp"),
     ],

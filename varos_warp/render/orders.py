@@ -45,6 +45,11 @@ def shines_everywhere(light: Light) -> bool:
     return light.kind == "point" or light.cone_deg >= 360.0
 
 
+def farthest_m(water: OpticalProperties) -> float:
+    """The last distance from a lamp that is tabulated [m]; all channels share it."""
+    return min(FARTHEST_M, FARTHEST_DEPTH / max(float(water.sigma_t.min()), 1e-3))
+
+
 class LampField:
     """Scattered light around a lamp of intensity 1.
 
@@ -64,8 +69,8 @@ class LampField:
         grid = NodeGrid()
         everywhere = shines_everywhere(self.light)
         grid.distances, grid.inside, grid.outside = (nodes[0], 1, 0) if everywhere else nodes
-        farthest = min(FARTHEST_M, FARTHEST_DEPTH / max(self.water.sigma_t.min(), 1e-3))
-        grid.nearest, grid.log_step = NEAREST_M, float(np.log(farthest / NEAREST_M) / (nodes[0] - 1))
+        step = np.log(farthest_m(self.water) / NEAREST_M) / (nodes[0] - 1)
+        grid.nearest, grid.log_step = NEAREST_M, float(step)
         grid.half_angle = np.pi if everywhere else np.radians(self.light.cone_deg) / 2
         # forward-scattered light goes on as if it were not scattered; after many scatterings light diffuses
         onward = self.water.sigma_t - self.water.g * self.water.sigma_s

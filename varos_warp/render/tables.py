@@ -16,7 +16,7 @@ from varos_warp.kernels.tabulate import fill_veil
 from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
 from varos_warp.render.launch import Launcher
-from varos_warp.render.orders import LampField, shines_everywhere
+from varos_warp.render.orders import LampField, farthest_m, shines_everywhere
 from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
@@ -36,6 +36,9 @@ MOST_BACKWARD_G = -0.3
 along rays to the horizon, at -0.85 it would be 2 % (docs/stability.md). Water scatters forward."""
 SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
 """The same for lamps that shine everywhere or in a wider cone: rays through their light see its forward peak."""
+MOST_DEPTH = 100.0
+"""Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
+most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
 CONES_DEG = (10.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe."""
 
@@ -54,6 +57,8 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
     if water.g > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
                                                for light in lights):
         return f"g = {water.g:g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
+    if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
+        return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     if view.mount == "world":
         return f"camera {view.id} stands in the world, and the lamps move before it"
     narrow, wide = CONES_DEG
