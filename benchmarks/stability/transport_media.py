@@ -1,5 +1,213 @@
-"""Sweeps of light transport."""
+"""Sweeps of light transport over the water: how much it scatters, how sharply, and the functions that sample it."""
 
-from benchmarks.stability.entry import Sweeps
+from functools import cache
 
-SWEEPS: Sweeps = ()
+import numpy as np
+import warp as wp
+
+from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, truth_of, water
+from varos_warp.kernels.medium import sample_truncated_exponential
+from varos_warp.kernels.phase import hg_eval, hg_sample_one_minus_cos
+
+TESTS = "tests/stability/test_media_limits.py::"
+BESIDE = (0.15, 0.0, -0.1)
+"""A lamp beside the camera, like the paper's."""
+
+
+# ------------------------------------------------------------------------------------------------- single scattering
+
+
+def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=0.5, spp=256) -> float:
+    """Relative error of light scattered once along a ray to the horizon, against quadrature in float64."""
+    spp = 2 if integrator == "tables" else spp
+    truth = truth_of(lamp, albedo * sigma_t, sigma_t, g, np.inf)
+    scene = one_ray_scene([point(lamp)], water(albedo * sigma_t, sigma_t, g), pixels=8)
+    return off(estimate(scene, layer="single", integrator=integrator, spp=spp)[0], truth)
+
+
+def single_over_sigma_t() -> Sweep:
+    """From clearer than air to ink."""
+    values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0]
+    return Sweep(
+        key="single_over_sigma_t", title="single scattering, thin to thick", method="tables, path, reference",
+        parameter="sigma_t [1/m]", values=values,
+        errors={name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS},
+        measure="Relative error of the layer single of a ray to the horizon, a point lamp 0.18 m from the camera, "
+                "g = 0.8, albedo 0.5, against adaptive quadrature in float64. tables integrate; path and reference have "
+                "noise (64 pixels of 256 samples).",
+        limit="all of 1e-7 .. 50 1/m (tables 1.1e-3 at worst); tables to 100 1/m",
+        fails="tables: at an optical distance of more than 40 from lamp to camera the ten nodes miss the shortest way, "
+              "where no light is left (1e-17 at 200 1/m); reference: noise below 1e-3 1/m, where hardly any flight ends",
+        program="nothing: the radiance is below 1e-9 of what it is in clear water",
+        test=TESTS + "test_single_scattering_from_clear_to_black_water", holds=(1e-7, 100.0), bound=2e-3,
+    )
+
+
+def single_over_optical_distance() -> Sweep:
+    """The lamp moves away sideways in thick water."""
+    values = [0.01, 0.1, 0.3, 1.0, 3.0, 8.0, 12.0, 20.0, 30.0, 40.0]
+    return Sweep(
+        key="single_over_optical_distance", title="single scattering, lamp aside", method="tables, path",
+        parameter="distance of the lamp from the ray x sigma_t", values=values,
+        errors={name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("tables", "path")},
+        measure="As before, sigma_t = 1/m, a point lamp straight beside the camera.",
+        limit="to 20 mean free paths (tables 1.2e-5)",
+        fails="tables: 1e-3 at 30, 1e-2 at 40; the radiance there is 1e-19",
+        program="nothing: no image shows it",
+        test=TESTS + "test_single_scattering_from_clear_to_black_water", holds=(None, 30.0), bound=2e-3,
+    )
+
+
+def single_over_g() -> Sweep:
+    """All phase functions that a scene may name, and lamps beside and before the camera."""
+    values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
+    cases = {"tables": "tables", "path": "path"}
+    errors = {name: [_worst_over_lamps(g, integrator) for g in values] for name, integrator in cases.items()}
+    return Sweep(
+        key="single_over_g", title="single scattering over g", method="tables, path", parameter="g", values=values,
+        errors=errors, scale="linear",
+        measure="As before, sigma_t = 0.1/m; the worse of two point lamps, 0.18 m from the camera and in view 0.5 m ahead. "
+                "The noise of path is 1e-3 to 5e-2.",
+        limit="tables -0.3 .. 0.93 (0.85 for lamps wider than 120 degrees); all -0.99 .. 0.999",
+        fails="tables: the backward peak falls between the nodes behind the lamp's foot (2 % at g = -0.85); float32: see "
+              "the phase function",
+        program="auto takes path where tables end; g outside -0.99 .. 0.999 is refused",
+        test=TESTS + "test_tables_leave_backward_water_to_paths", holds=(-0.3, 0.85), bound=3e-3,
+    )
+
+
+def _worst_over_lamps(g: float, integrator: str) -> float:
+    if not -0.99 <= g <= 0.999:
+        return np.nan
+    return max(single_error(0.1, g, integrator, lamp, spp=1024) for lamp in (BESIDE, (0.02, 0.0, 0.5)))
+
+
+# ------------------------------------------------------------------------------------------------ the phase function
+
+
+@wp.kernel(enable_backward=False)
+def _phase_values(g: float, one_minus_cos: wp.array(dtype=float), out: wp.array(dtype=float)):
+    i = wp.tid()
+    out[i] = hg_eval(one_minus_cos[i], g)
+
+
+@wp.kernel(enable_backward=False)
+def _phase_samples(g: float, u: wp.array(dtype=float), out: wp.array(dtype=float)):
+    i = wp.tid()
+    out[i] = hg_sample_one_minus_cos(g, u[i])
+
+
+def phase_value_error(g: float) -> float:
+    """Largest relative error of the phase function over angles, against float64."""
+    x = np.geomspace(1e-12, 1.0, 400)
+    x = np.concatenate([x, 2.0 - x]).astype(np.float32)
+    got = run(_phase_values, [g, wp.array(x, dtype=float, device="cpu")], len(x)).astype(float)
+    truth = (1 - g * g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * x.astype(float)) ** 1.5)
+    return float(np.abs(got / truth - 1).max())
+
+
+def phase_moment_error(g: float) -> float:
+    """Relative error of 1 - the mean cosine (forward) or of 1 + it (backward) of a million even samples."""
+    u = ((np.arange(1 << 20) + 0.5) / (1 << 20)).astype(np.float32)
+    x = run(_phase_samples, [g, wp.array(u, dtype=float, device="cpu")], len(u)).astype(float)
+    return float(abs(x.mean() / (1 - g) - 1) if g >= 0 else abs((2 - x).mean() / (1 + g) - 1))
+
+
+def phase_function_over_g() -> Sweep:
+    """Towards a mirror and a pencil."""
+    values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
+    return Sweep(
+        key="phase_function_over_g", title="phase function, |g| to 1", method="hg_eval, hg_sample (float32)",
+        parameter="1 - |g|", values=values,
+        errors={"value, g > 0": [phase_value_error(1 - x) for x in values],
+                "value, g < 0": [phase_value_error(x - 1) for x in values],
+                "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
+                "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values]},
+        measure="Largest relative error of the density over all angles, and of the mean angle of its samples, against "
+                "Henyey and Greenstein in float64.",
+        limit="g = -0.99 (3e-3, at its peak) .. 0.999 (2e-5)",
+        fails="backward: 1 + cos has no digits in 1 - cos, and the peak is 23 % off at -0.999, infinite at -0.9999; "
+              "forward: 1 - g has few digits, 0.3 % off at 1 - 1e-5, 20 % at 1 - 1e-7",
+        program="refuses g outside -0.99 .. 0.999 (scene file, key phase.g or anisotropy)",
+        test=TESTS + "test_phase_functions_are_right_where_a_scene_may_name_them", holds=(0.001, None), bound=3e-3,
+    )
+
+
+# ---------------------------------------------------------------------------------------------------- all the light
+
+
+def case_zweifel_total(albedo: float) -> float:
+    """Radiance 1 m from an isotropic point source of 1 W in isotropic water with sigma_t = 1/m, along a tangent ray.
+
+    The ray begins at its foot. Fluence phi of the infinite medium by its Fourier integral (Case and Zweifel 1967):
+    with t(k) = atan(k)/k the transform of what is scattered at least once is c t^2 / (1 - c t); the radiance is the
+    integral of c phi / 4 pi along the ray. Uncollided fluence exp(-r)/(4 pi r^2) is added in closed form.
+    """
+    k = np.concatenate([[0.0], np.geomspace(1e-7, 4000.0, 400_000)])
+    t = np.ones_like(k)
+    t[1:] = np.arctan(k[1:]) / k[1:]
+    y = np.geomspace(1e-3, 40.0, 300) - 1e-3
+    r = np.sqrt(1.0 + y * y)
+    spectrum = albedo * t * t / (1.0 - albedo * t) * k
+    scattered = np.array([np.trapezoid(spectrum * np.sin(k * d), k) for d in r]) / (2 * np.pi**2 * r)
+    fluence = scattered + np.exp(-r) / (4 * np.pi * r * r)
+    return float(np.trapezoid(albedo * fluence / (4 * np.pi) * np.exp(-y), y))
+
+
+@cache
+def isotropic_total(albedo: float, integrator: str, spp: int = 256) -> tuple[float, float]:
+    """Radiance of all orders along that ray, and its standard error; the lamp's own integrals are case_zweifel_total."""
+    scene = one_ray_scene([point((1.0, 0.0, 0.0), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0), pixels=8)
+    mean, stderr = estimate(scene, integrator=integrator, spp=2 if integrator == "tables" else spp)
+    return float(mean.mean()), float(stderr.max())
+
+
+def all_orders_over_albedo() -> Sweep:
+    """Until nothing is absorbed."""
+    values = [0.5, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6, 1e-9]
+    truth = {x: case_zweifel_total(1.0 - x) for x in values}
+    return Sweep(
+        key="all_orders_over_albedo", title="all orders, albedo to 1", method="tables, path, reference",
+        parameter="1 - albedo", values=values,
+        errors={name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS},
+        measure="Relative error of all orders of scattering along a ray that begins 1 mean free path beside an isotropic "
+                "point source in isotropic water, against the Fourier integral of Case and Zweifel (1967). Noise of path "
+                "and reference 0.5 to 2 %.",
+        limit="ALBEDO_LIMIT", fails="ALBEDO_FAILS", program="nothing to do: paths end by roulette, also at albedo 1",
+        test=TESTS + "test_all_orders_of_water_that_absorbs_nothing", bound=1e-2,
+    )
+
+
+# ------------------------------------------------------------------------------------------------------ free flights
+
+
+@wp.kernel(enable_backward=False)
+def _flight_shares(sigma: float, t_max: float, u: wp.array(dtype=float), out: wp.array(dtype=float)):
+    i = wp.tid()
+    out[i] = sample_truncated_exponential(sigma, t_max, u[i])
+
+
+def flight_error(sigma: float, t_max: float) -> float:
+    """Largest distance of F(sample(u)) from u, F in float64: 0 for exact samples."""
+    u = ((np.arange(4096) + 0.5) / 4096).astype(np.float32)
+    t = run(_flight_shares, [sigma, t_max, wp.array(u, dtype=float, device="cpu")], len(u)).astype(float)
+    return float(np.abs(np.expm1(-sigma * t) / np.expm1(-sigma * t_max) - u).max())
+
+
+def flights_over_optical_depth() -> Sweep:
+    """Free flights that end before a surface, through next to nothing and through ink."""
+    values = [1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e4, 1e8]
+    return Sweep(
+        key="flights_over_optical_depth", title="truncated free flights", method="sample_truncated_exponential (float32)",
+        parameter="optical depth of the ray", values=values,
+        errors={"t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
+                "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values]},
+        measure="Largest error of the distribution function at 4096 samples, in float64.",
+        limit="1e-12 .. 1e8, all of it", fails="nothing found", program="below 1e-6 it samples evenly (error 1e-6)",
+        test=TESTS + "test_free_flights_follow_their_law_through_any_water", bound=2e-6,
+    )
+
+
+SWEEPS: Sweeps = (single_over_sigma_t, single_over_optical_distance, single_over_g, phase_function_over_g,
+                  all_orders_over_albedo, flights_over_optical_depth)
