@@ -4,6 +4,7 @@ Rows of numbers are per channel; a single number is that of the worst channel.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from skimage.metrics import structural_similarity
@@ -17,6 +18,10 @@ SIGMAS = 2.0
 """An error is resolved if it stands out of the reference's noise by so many standard errors of that noise."""
 
 
+KNOWN = 0.05
+"""Pixels whose reference has a larger relative standard error, in any channel, are left out: a firefly of its own."""
+
+
 @dataclass(frozen=True)
 class Reference:
     """Linear radiance [W/sr/m^2] and its standard error, float64 [H, W, 3]."""
@@ -27,6 +32,11 @@ class Reference:
     def __post_init__(self):
         for name in ("mean", "stderr"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), np.float64))
+
+    @cached_property
+    def known(self) -> np.ndarray:
+        """Pixels that are compared, bool [H, W]."""
+        return (self.stderr <= KNOWN * self.mean).all(axis=-1)
 
 
 def relative_rmse(images: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
@@ -43,11 +53,11 @@ def relative_rmse(images: np.ndarray, reference: Reference) -> tuple[np.ndarray,
     Returns:
         The error per channel [3], 0 where noise exceeds it, and its upper limit [3] of `SIGMAS`.
     """
-    squares = np.mean((np.asarray(images, float) - reference.mean) ** 2, axis=0)
-    s2 = reference.stderr**2
+    known, mean, s2 = reference.known, reference.mean, reference.stderr[reference.known] ** 2
+    squares = np.mean((np.asarray(images, float) - mean)[:, known] ** 2, axis=0)
     excess = squares - s2
-    unsure = np.sqrt(np.sum(4.0 * np.maximum(excess, 0.0) * s2 + 2.0 * s2**2, axis=(0, 1))) / s2[..., 0].size
-    mse, scale = excess.mean(axis=(0, 1)), reference.mean.mean(axis=(0, 1))
+    unsure = np.sqrt(np.sum(4.0 * np.maximum(excess, 0.0) * s2 + 2.0 * s2**2, axis=0)) / len(s2)
+    mse, scale = excess.mean(axis=0), mean[known].mean(axis=0)
     limit = np.sqrt(np.maximum(mse, 0.0) + SIGMAS * unsure)
     return np.sqrt(np.where(mse > SIGMAS * unsure, mse, 0.0)) / scale, limit / scale
 
@@ -57,9 +67,10 @@ def median_relative_error(images: np.ndarray, reference: Reference) -> tuple[np.
 
     The noise cannot be taken off a median; where it makes half of it or more, the error is not resolved.
     """
-    scale = np.maximum(reference.mean, 1e-30)
-    error = np.abs(np.asarray(images, float) - reference.mean) / scale
-    return np.median(error, axis=(0, 1, 2)), MEDIAN_OF_NORMAL * np.median(reference.stderr / scale, axis=(0, 1))
+    known = reference.known
+    scale = np.maximum(reference.mean[known], 1e-30)
+    error = np.abs(np.asarray(images, float)[:, known] - reference.mean[known]) / scale
+    return np.median(error, axis=(0, 1)), MEDIAN_OF_NORMAL * np.median(reference.stderr[known] / scale, axis=0)
 
 
 def dissimilarity(images: np.ndarray, reference: Reference) -> tuple[float, float]:
@@ -82,6 +93,8 @@ def dissimilarity(images: np.ndarray, reference: Reference) -> tuple[float, floa
 def measure(images: np.ndarray, reference: Reference) -> dict:
     """All of these as one row: ``rmse``, ``median``, ``ssim`` (1 - SSIM), and what the reference resolves of each.
 
+    ``pixels`` is the share of them that RMSE and median are of.
+
     Where ``*_resolved`` is false the error is not known but to be below ``*_limit`` (for the median and SSIM: it is
     mostly the reference's own noise).
     """
@@ -90,10 +103,12 @@ def measure(images: np.ndarray, reference: Reference) -> dict:
     median, floor = median_relative_error(images, reference)
     ssim, ssim_floor = dissimilarity(images, reference)
     worst, middle = int(np.argmax(limit)), int(np.argmax(median))
-    off = images.mean(axis=(0, 1, 2)) / reference.mean.mean(axis=(0, 1)) - 1.0
+    known = reference.known
+    off = images[:, known].mean(axis=(0, 1)) / reference.mean[known].mean(axis=0) - 1.0
     row = {"rmse": float(rmse[worst]), "rmse_limit": float(limit[worst]), "rmse_resolved": bool(rmse[worst] > 0.0),
            "median": float(median[middle]), "median_limit": float(median[middle]),
            "median_resolved": bool(median[middle] > 2.0 * floor[middle]),
+           "pixels": float(reference.known.mean()),
            "ssim": ssim, "ssim_limit": ssim, "ssim_resolved": bool(ssim > 2.0 * ssim_floor)}
     for name, values in (("rmse", rmse), ("median", median), ("mean_off", off)):
         row |= {f"{name}_{channel}": float(value) for channel, value in zip("rgb", values, strict=True)}

@@ -27,7 +27,7 @@ REFERENCE_SEED = 77_003
 """Unlike any seed that a method renders with."""
 BATCHES = 32
 """Renderings that a reference is the mean of; their spread is its standard error."""
-BATCH_SPP = {"cpu": 32, "cuda": 2048}
+BATCH_SPP = {"cpu": 32, "cuda": 4096}
 
 
 @dataclass(frozen=True)
