@@ -136,7 +136,7 @@ class Workshop:
             scene, parts, T_w_v = self.bench.scene, self.bench.parts, self.bench.T_w_v
             if tolerance_px is not None:
                 block = f"{{tolerance_px: {tolerance_px}, depth_steps: null}}"
-            scene = self.bench.with_changes(f"render.level_of_detail={block}")
+                scene = self.bench.with_changes(f"render.level_of_detail={block}")
                 parts = choose_detail(scene, parts, [T_w_v], self.device, compare=False).parts
             self._renderers[tolerance_px] = FrameRenderer(scene, self.device, parts)
         return self._renderers[tolerance_px]
