@@ -20,7 +20,6 @@ SIGMAS = 4.0
 """Standard errors that a right estimate stays within: one false alarm in 16 000."""
 
 RECORDED = pytest.StashKey[dict]()
-SILENT = pytest.StashKey[set]()
 
 
 @dataclass(frozen=True)
@@ -124,9 +123,7 @@ def truth(request) -> Recorder:
     marker = node.get_closest_marker("subject")
     name = node.originalname.removeprefix("test_").replace("_", " ")
     kept = node.config.stash[RECORDED].setdefault(node.nodeid, [])
-    yield Recorder(marker.args[0] if marker else "", name[0].upper() + name[1:], kept)
-    if not kept:
-        node.config.stash[SILENT].add(node.nodeid)
+    return Recorder(marker.args[0] if marker else "", name[0].upper() + name[1:], kept)
 
 
 # ------------------------------------------------------------------------------------------------------------ the page
@@ -147,15 +144,19 @@ Written by the tests (two minutes on two cores), not by hand: `make validation`,
 Whole scenes are compared with other programs in [transport](transport.md). Not here, because the package has no such
 thing: refraction at flat ports and domes (the truths of Snell and Fresnel).
 
-{passed} of {total} pass.
+| subject | numbers | pass | most used |
+|---|---|---|---|
+{summary}
 """
 
 
 def page(truths: list[Truth]) -> str:
     """The page, in Markdown."""
-    lines = [HEADER.format(sigmas=SIGMAS, passed=sum(t.passed for t in truths), total=len(truths))]
-    for subject in SUBJECTS:
-        chapter = [t for t in truths if t.subject == subject]
+    chapters = {subject: [t for t in truths if t.subject == subject] for subject in SUBJECTS}
+    summary = [f"| {name} | {len(made)} | {sum(t.passed for t in made)} | {100 * max(t.share for t in made):.0f} % |"
+               for name, made in [*chapters.items(), ("**all**", truths)] if made]
+    lines = [HEADER.format(sigmas=SIGMAS, summary="\n".join(summary))]
+    for subject, chapter in chapters.items():
         if chapter:
             lines.append(f"## {subject[0].upper()}{subject[1:]}\n")
         for name, source in dict.fromkeys((t.name, t.source) for t in chapter):
@@ -174,7 +175,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "subject(name): chapter of docs/validation.md that a test's truths belong to")
-    config.stash[RECORDED], config.stash[SILENT] = {}, set()
+    config.stash[RECORDED] = {}
     whole = config.args_source is config.ArgsSource.TESTPATHS and not (config.option.keyword or config.option.markexpr)
     if config.getoption("validation") and not whole:
         raise pytest.UsageError("--validation is a page of all truths: no paths, no -k and no -m beside it")
@@ -192,7 +193,7 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if knows_a_truth(item)]
 
 
-def pytest_sessionfinish(session):
+def pytest_sessionfinish(session, exitstatus):
     """Write the page, unless a truth is missing on it."""
     config, path = session.config, session.config.getoption("validation")
     if not path or config.option.collectonly:
@@ -200,9 +201,12 @@ def pytest_sessionfinish(session):
     recorded = config.stash[RECORDED]
     missing = [item.nodeid for item in session.items if not recorded.get(item.nodeid)]
     reporter = config.pluginmanager.get_plugin("terminalreporter")
-    if missing or session.testscollected == 0 or session.shouldstop or session.shouldfail:
+    if exitstatus not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+        reporter.write_line(f"\n{path} not written: not all tests ran")
+        return
+    if missing:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
-        reporter.write_line(f"\n{path} not written: no truth from {missing or 'an interrupted run'}")
+        reporter.write_line(f"\n{path} not written: no truth from {', '.join(missing)}")
         return
     truths = [made for item in session.items for made in recorded[item.nodeid]]
     Path(path).write_text(page(truths), encoding="utf-8")

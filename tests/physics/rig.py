@@ -42,6 +42,11 @@ def spot(position, axis=(0, 0, 1), cone_deg=65.0, blend=0.0):
 VAROS_LAMPS = [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))]
 
 
+def varos_lamps(gone):
+    """The paper's lamps, seen from ``gone`` metres along the ray."""
+    return [spot((x, 0, -0.1 - gone)) for x in (-0.15, 0.15)]
+
+
 def water(sigma_s, sigma_t, g):
     """The same in all channels."""
     return {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": g}}
@@ -84,16 +89,16 @@ def radiance(scene, parts=(), layer=None, device="cpu", **how):
     return pixels.mean(axis=0), np.sqrt((image.stderr.astype(float) ** 2).sum(axis=(0, 1))) / len(pixels)
 
 
-def line_of_sight(lights, coefficients, T, **how):
+def line_of_sight(lights, coefficients, T, *, seed=7, **how):
     """Radiance of a ray that ends at ``T`` while the water goes on behind it, as no floor can make it.
 
     The whole open ray less what its part behind T sends through the first T metres; the lamps are moved instead of the
     camera. ``lights`` is a function of the distance that the camera has gone.
     """
-    whole = radiance(one_ray_scene(lights(0.0), coefficients), **how)
+    whole = radiance(one_ray_scene(lights(0.0), coefficients), **how, seed=seed)
     if np.isinf(T):
         return whole
-    behind = radiance(one_ray_scene(lights(T), coefficients), **how, seed=8)
+    behind = radiance(one_ray_scene(lights(T), coefficients), **how, seed=seed + 1)
     through = np.exp(-T * (np.array(coefficients["sigma_s"]) + np.array(coefficients["sigma_a"])))
     return whole[0] - through * behind[0], np.hypot(whole[1], through * behind[1])
 
