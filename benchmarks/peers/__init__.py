@@ -17,7 +17,9 @@ import numpy as np
 from varos_warp.errors import InputError
 
 MODULES = {"mitsuba": "mitsuba", "cycles": "bpy"}
-INSTALL = {"mitsuba": "pip install mitsuba", "cycles": "pip install --no-deps bpy==5.0.1 (Python 3.11)"}
+SUFFIXES = {"mitsuba": ".xml", "cycles": ".blend"}
+INSTALL = {"mitsuba": "pip install mitsuba",
+           "cycles": "pip install --no-deps 'bpy==5.0.1'"}
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def render(name: str, scene, parts, camera, T_w_v, *, spp: int, max_scatterings:
         max_bounces: most reflections on a path; bounded only where ``max_scatterings`` is 0, or 0.
         max_events: most of both together; 1 is direct light and single scattering.
         threads: CPU threads; absent: all.
-        denoise: Open Image Denoise on colour alone (Cycles).
+        denoise: Open Image Denoise on colour alone, within the time.
         seed: of the random numbers.
         variant: of Mitsuba; absent: ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no LLVM.
 
@@ -66,32 +68,55 @@ def render(name: str, scene, parts, camera, T_w_v, *, spp: int, max_scatterings:
         InputError: the peer is not installed, or cannot render this scene.
         RuntimeError: it broke down.
     """
-    if name not in available():
-        known = name in MODULES
-        raise InputError("is not installed" if known else "there is no such peer", key="peer", value=name,
-                         remedy=f"Run `{INSTALL[name]}`." if known else f"There are: {', '.join(MODULES)}.")
+    check_available(name)
     from benchmarks.peers.plain import plain_scene
 
     bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces, "max_events": max_events}
     plain = plain_scene(scene, parts, camera, T_w_v, **bounds)
     how = {"spp": spp, "seed": seed, "threads": threads, "denoise": denoise, "variant": variant}
-    with tempfile.TemporaryDirectory(prefix="peer-") as folder:
-        return _work(Path(folder), name, plain, how)
+    result = _ask(name, "render", plain, how)
+    texts = {key: str(result[key]) for key in ("version", "note")}
+    times = {key: float(result[key]) for key in ("seconds", "cpu_seconds", "setup_seconds")}
+    return PeerImage(result["radiance"], **times, **texts)
 
 
-def _work(folder, name, plain, how) -> PeerImage:
-    (folder / "request.pickle").write_bytes(pickle.dumps((name, plain, how)))
-    run = run_worker(folder)
-    if run.returncode < 0 and name == "mitsuba" and how["variant"] is None:  # some versions of LLVM abort
-        return _work(folder, name, plain, how | {"variant": "scalar_rgb"})
-    if (folder / "refused.pickle").exists():
-        raise InputError(pickle.loads((folder / "refused.pickle").read_bytes()))
-    if run.returncode or not (folder / "result.npz").exists():
-        raise RuntimeError(f"{name} ended with status {run.returncode}:\n{run.stderr[-2000:]}")
-    with np.load(folder / "result.npz") as result:
-        texts = {key: str(result[key]) for key in ("version", "note")}
-        times = {key: float(result[key]) for key in ("seconds", "cpu_seconds", "setup_seconds")}
-        return PeerImage(result["radiance"], **times, **texts)
+def export(name: str, scene, parts, camera, T_w_v, path: Path, *, spp: int = 64) -> None:
+    """Write a scene as a file that the peer opens by itself: .xml for Mitsuba (meshes beside it), .blend for Blender.
+
+    Raises:
+        InputError: the peer is not installed, cannot render this scene, or its files end otherwise.
+    """
+    check_available(name)
+    path = Path(path).absolute()
+    if path.suffix != SUFFIXES[name]:
+        raise InputError(f"files of {name} end in {SUFFIXES[name]}", file=path, remedy="Change the name.")
+    from benchmarks.peers.plain import plain_scene
+
+    _ask(name, "export", plain_scene(scene, parts, camera, T_w_v), {"spp": spp, "path": path})
+
+
+def check_available(name: str) -> None:
+    """Refuse a peer that is not known or not installed."""
+    if name not in MODULES:
+        raise InputError("there is no such peer", key="peer", value=name, remedy=f"There are: {', '.join(MODULES)}.")
+    if name not in available():
+        raise InputError("is not installed", key="peer", value=name, remedy=f"Run `{INSTALL[name]}`.")
+
+
+def _ask(name, verb, plain, how) -> dict:
+    """Have a worker do something; what it gives."""
+    with tempfile.TemporaryDirectory(prefix="peer-") as temp:
+        folder = Path(temp)
+        (folder / "request.pickle").write_bytes(pickle.dumps((f"{verb} {name}", plain, how)))
+        run = run_worker(folder)
+        if (folder / "refused.pickle").exists():
+            raise InputError(pickle.loads((folder / "refused.pickle").read_bytes()))
+        if (folder / "result.npz").exists():
+            with np.load(folder / "result.npz") as result:
+                return dict(result)
+    if run.returncode < 0 and "variant" in how and how["variant"] is None and name == "mitsuba":
+        return _ask(name, verb, plain, how | {"variant": "scalar_rgb"})  # some versions of LLVM abort
+    raise RuntimeError(f"{name} ended with status {run.returncode}:\n{run.stderr[-2000:]}")
 
 
 def run_worker(folder: Path) -> subprocess.CompletedProcess:

@@ -5,6 +5,7 @@ the water is the world's volume with its coefficients given directly; flat faces
 no tone mapping. A bound of n on Cycles' bounces is one of n + 1 events, for it counts none where a lamp is looked for.
 """
 
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -15,6 +16,8 @@ from varos_warp.errors import InputError
 
 ALL_BOUNCES = 64
 """What stands for no bound: Cycles has no roulette to end paths in water that absorbs nothing."""
+MOST_BOUNCES = 1024
+"""That Cycles can be asked for."""
 LEAST_PIXELS = 4
 
 
@@ -50,6 +53,15 @@ def read_exr(path: Path) -> np.ndarray:
     pixels = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(pixels)
     return pixels.reshape(height, width, -1)[::-1, :, :3].copy()
+
+
+def write_blend(path: Path) -> None:
+    """Save what Blender holds as a file that it opens."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".blend-") as temp:
+        whole = Path(temp) / path.name
+        bpy.ops.wm.save_as_mainfile(filepath=str(whole), compress=True)
+        whole.replace(path)
 
 
 def _link(name, data):
@@ -156,7 +168,7 @@ def _set_sampling(scene, plain, spp, seed, threads):
     if threads:
         render.threads_mode, render.threads = "FIXED", threads
     cycles.samples, cycles.seed = spp, seed
-    bounces = ALL_BOUNCES if plain.max_events is None else plain.max_events - 1
+    bounces = ALL_BOUNCES if plain.max_events is None else min(plain.max_events - 1, MOST_BOUNCES)
     cycles.max_bounces = cycles.diffuse_bounces = cycles.volume_bounces = bounces
     cycles.use_adaptive_sampling = cycles.use_auto_tile = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0.0

@@ -5,6 +5,8 @@ cutoff has a hard edge; a box filter of one pixel; a depth of d counts d - 1 eve
 camera is in, and fills the world.
 """
 
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -20,18 +22,47 @@ MASK_HALF_ANGLE = np.radians(80.0)
 """Widest cone with a soft edge: the mask is flat, and stretches without end towards 90 degrees."""
 
 
-def write_mitsuba(plain: PlainScene, folder: Path, spp: int = 64) -> dict:
+def write_mitsuba(plain: PlainScene, folder: Path, spp: int = 64, called: str | None = None) -> dict:
     """Dictionary for ``mitsuba.load_dict``; meshes (PLY) and lamp masks (EXR) are written into ``folder``.
+
+    Args:
+        plain: the scene.
+        folder: where the files go; exists.
+        spp: samples per pixel.
+        called: what the dictionary calls the folder; absent: its path.
 
     Raises:
         InputError: pixels that are not square, or a soft edge that no mask of 4096 pixels holds.
     """
     scene = {"type": "scene", "integrator": _integrator(plain), "sensor": _sensor(plain, spp)}
+    called = str(folder) if called is None else called
     for i, mesh in enumerate(plain.meshes):
-        scene[f"mesh_{i}"] = _mesh(mesh, folder / f"mesh_{i}.ply")
+        name = f"mesh_{i}.ply"
+        _write_mesh(mesh, folder / name)
+        scene[f"mesh_{i}"] = _mesh(mesh, f"{called}/{name}")
     for i, light in enumerate(plain.lights):
-        scene[f"light_{i}"] = _light(light, folder / f"light_{i}.exr")
+        name = f"light_{i}.exr"
+        if light.blend > 0.0:
+            _write_mask(light, folder / name)
+        scene[f"light_{i}"] = _light(light, f"{called}/{name}")
     return scene
+
+
+def write_xml(plain: PlainScene, path: Path, spp: int) -> None:
+    """A file that ``mitsuba`` opens, and beside it a folder ``<name>_files`` with what it refers to."""
+    import mitsuba
+
+    folder = path.with_name(f"{path.stem}_files")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".mitsuba-") as temp:
+        whole, xml = Path(temp) / folder.name, Path(temp) / path.name
+        whole.mkdir()
+        scene = write_mitsuba(plain, whole, spp, called=folder.name)
+        parser = mitsuba.parser
+        parser.write_file(parser.parse_dict(parser.ParserConfig(mitsuba.variant()), scene), str(xml))
+        shutil.rmtree(folder, ignore_errors=True)
+        whole.rename(folder)
+        xml.replace(path)
 
 
 def _rgb(values):
@@ -80,26 +111,28 @@ def _medium(plain):
             "phase": {"type": "hg", "g": float(plain.g)} if plain.g else {"type": "isotropic"}}
 
 
-def _mesh(mesh: PlainMesh, path: Path):
-    """A PLY file; without normals in it Mitsuba would smooth over every edge, hence ``face_normals``."""
+def _write_mesh(mesh: PlainMesh, path: Path):
     flat = mesh.normals is None
     mesh = mesh if flat else mesh.corners()
     normals = None if flat else mesh.normals.reshape(-1, 3)
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=normals, process=False)
     shape.export(path, vertex_normal=not flat)
+
+
+def _mesh(mesh: PlainMesh, file: str):
+    """Without normals in the file Mitsuba would smooth over every edge, hence ``face_normals``."""
     bsdf = {"type": "twosided", "material": {"type": "diffuse", "reflectance": _rgb(mesh.reflectance)}}
-    return {"type": "ply", "filename": str(path), "face_normals": flat, "bsdf": bsdf}
+    return {"type": "ply", "filename": file, "face_normals": mesh.normals is None, "bsdf": bsdf}
 
 
-def _light(light: PlainLight, mask: Path):
+def _light(light: PlainLight, mask: str):
     if light.half_angle >= np.pi:
         return {"type": "point", "position": light.position.tolist(), "intensity": _rgb(light.intensity)}
     half = float(np.degrees(light.half_angle))
     spot = {"type": "spot", "to_world": _transform(_towards(light)), "cutoff_angle": half, "beam_width": half,
             "intensity": _rgb(light.intensity)}
     if light.blend > 0.0:
-        _write_mask(light, mask)
-        spot["texture"] = {"type": "bitmap", "filename": str(mask), "raw": True, "wrap_mode": "clamp"}
+        spot["texture"] = {"type": "bitmap", "filename": mask, "raw": True, "wrap_mode": "clamp"}
     return spot
 
 
@@ -121,15 +154,15 @@ def soft_edge(cos_angle, half_angle: float, blend: float):
 
 
 def mask_pixels(half_angle: float, blend: float) -> int:
-    """Side of the mask [pixels] at which its bilinear interpolation is right to ``MASK_ERROR``.
+    """Side of the mask [pixels] at which its bilinear interpolation is right to ``MASK_ERROR``; 0 if none serves.
 
-    The interpolation errs by h^2 f''/8, the smoothstep's f'' is at most 6/w^2 across its width w, and the mask is
-    2 tan(half_angle) wide for a tangent of the angle.
+    Interpolation over a step h errs by h^2 f''/8; across the mask the tangent of the angle goes twice from 0 to the
+    cone's.
     """
-    inner = np.arccos(np.clip(1.0 - (1.0 - blend) * (1.0 - np.cos(half_angle)), -1.0, 1.0))
-    width = 1.0 - np.tan(inner) / np.tan(half_angle)
-    steps = np.sqrt(6.0 / 8.0 / MASK_ERROR) / width
-    return int(np.clip(2 ** np.ceil(np.log2(2.0 * steps)), *MASK_PIXELS)) if 2.0 * steps <= MASK_PIXELS[1] else 0
+    tangent, step = np.linspace(0.0, np.tan(half_angle), 20_001), 1.0 / 20_000
+    bend = np.abs(np.diff(soft_edge(np.cos(np.arctan(tangent)), half_angle, blend), 2)).max() / step**2
+    pixels = max(2.0 * np.sqrt(bend / 8.0 / MASK_ERROR), MASK_PIXELS[0])
+    return 2 ** int(np.ceil(np.log2(pixels))) if pixels <= MASK_PIXELS[1] else 0
 
 
 def _write_mask(light, path):

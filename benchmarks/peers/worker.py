@@ -1,7 +1,7 @@
-"""One rendering by one peer in a process of its own: ``python -m benchmarks.peers.worker FOLDER``.
+"""What one peer is asked for, in a process of its own: ``python -m benchmarks.peers.worker FOLDER``.
 
-FOLDER holds ``request.pickle`` (written by ``benchmarks.peers.render``); the image and the times go to ``result.npz``,
-and what the user did wrong to ``refused.pickle``.
+FOLDER holds ``request.pickle`` (written by ``benchmarks.peers``): a task, a plain scene, and how. What comes of it goes
+to ``result.npz``, and what the user did wrong to ``refused.pickle``.
 """
 
 import pickle
@@ -18,11 +18,11 @@ LANES = 1 << 22
 
 
 def main(folder: Path) -> None:
-    """Render what the request asks for."""
+    """Do what the request asks for."""
     with open(folder / "request.pickle", "rb") as file:
-        name, plain, how = pickle.load(file)
+        task, plain, how = pickle.load(file)
     try:
-        result = {"mitsuba": render_mitsuba, "cycles": render_cycles}[name](plain, folder, **how)
+        result = TASKS[task](plain, folder, **how)
     except InputError as error:
         (folder / "refused.pickle").write_bytes(pickle.dumps(error.message))
         return
@@ -39,22 +39,20 @@ def _timed(call):
 def render_mitsuba(plain, folder, *, spp, seed, threads, denoise, variant):
     """By ``volpathmis``; a first sample per pixel compiles the kernels and counts as setup."""
     start = time.perf_counter()
-    if denoise:
-        raise InputError("Mitsuba denoises with OptiX only, which needs a GPU with it", key="denoise", value=denoise)
+    import drjit
     import mitsuba
 
     variant = variant or usable_variant()
     mitsuba.set_variant(variant)
     if threads:
-        import drjit
-
         drjit.set_thread_count(threads)
     from benchmarks.peers.mitsuba_scene import write_mitsuba
 
     scene = mitsuba.load_dict(write_mitsuba(plain, folder, spp))
     np.array(mitsuba.render(scene, spp=1, seed=seed))
+    finish = _denoiser() if denoise else (lambda image: image)
     setup = time.perf_counter() - start
-    times, image = _timed(lambda: _mitsuba_passes(mitsuba, scene, plain.resolution, spp, seed))
+    times, image = _timed(lambda: finish(_mitsuba_passes(mitsuba, scene, plain.resolution, spp, seed)))
     note = "" if variant.startswith("llvm") else "no LLVM here: scalar_rgb, about half as fast"
     version = f"mitsuba {mitsuba.__version__} {variant}"
     return {"radiance": image, **times, "setup_seconds": setup, "version": version, "note": note}
@@ -69,6 +67,13 @@ def _mitsuba_passes(mitsuba, scene, resolution, spp, seed):
     for i, share in enumerate(shares):
         total += share * np.array(mitsuba.render(scene, spp=share, seed=seed * 4096 + i + 1), np.float64)
     return (total / spp).astype(np.float32)
+
+
+def _denoiser():
+    """Open Image Denoise on colour alone, as this project uses it on whole images: Mitsuba's own needs OptiX."""
+    from varos_warp.render.denoise import denoise
+
+    return lambda image: denoise(image, np.ones_like(image), "oidn")
 
 
 def usable_variant() -> str:
@@ -94,6 +99,29 @@ def render_cycles(plain, folder, *, spp, seed, threads, denoise, variant):
     version = f"cycles {bpy.app.version_string}"
     return {"radiance": image, **times, "setup_seconds": setup, "version": version, "note": ""}
 
+
+def export_mitsuba(plain, folder, *, spp, path):
+    """An XML file and its meshes."""
+    import mitsuba
+
+    mitsuba.set_variant("scalar_rgb")
+    from benchmarks.peers.mitsuba_scene import write_xml
+
+    write_xml(plain, path, spp)
+    return {}
+
+
+def export_cycles(plain, folder, *, spp, path):
+    """A .blend file."""
+    from benchmarks.peers import cycles_scene
+
+    cycles_scene.build_cycles(plain, spp=spp)
+    cycles_scene.write_blend(path)
+    return {}
+
+
+TASKS = {"render mitsuba": render_mitsuba, "render cycles": render_cycles,
+         "export mitsuba": export_mitsuba, "export cycles": export_cycles}
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]))

@@ -1,0 +1,65 @@
+"""``python -m benchmarks.peers``: export scenes to other renderers, and measure those on the reference scene."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmarks import peers
+from varos_warp.errors import InputError
+from varos_warp.scene.load import load_scene
+from varos_warp.scene.meshes import build_parts
+from varos_warp.sim.trajectory import simulate
+
+app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False)
+
+
+@app.command()
+def export(
+    peer: Annotated[str, typer.Argument(help="mitsuba or cycles")],
+    scene_file: Annotated[Path, typer.Argument(metavar="SCENE", help="scene file")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="FILE.xml or FILE.blend")],
+    frame: Annotated[int, typer.Option(help="number of the frame", min=0)] = 0,
+    camera: Annotated[int, typer.Option(help="number of the camera in the scene file", min=0)] = 0,
+    spp: Annotated[int, typer.Option(help="samples per pixel", min=1)] = 64,
+):
+    """Write one frame of a scene as a file that the other program opens."""
+    scene = load_scene(scene_file)
+    run = simulate(scene)
+    if frame >= len(run.frame_ticks) or camera >= len(scene.vehicle.cameras):
+        raise InputError("there is no such frame or camera", file=scene_file, key="--frame, --camera",
+                         value=(frame, camera), remedy=f"There are {len(run.frame_ticks)} frames and "
+                                                       f"{len(scene.vehicle.cameras)} cameras, from 0.")
+    T_w_v = run.trajectory.T_w_v(run.frame_ticks[frame])
+    peers.export(peer, scene, build_parts(scene), scene.vehicle.cameras[camera], T_w_v, output, spp=spp)
+
+
+@app.command()
+def ref1(
+    output: Annotated[Path, typer.Option("-o", "--output")] = Path(__file__).parents[1] / "results" / "peers_ref1.json",
+    most: Annotated[int, typer.Option(help="most samples per pixel", min=1)] = 256,
+):
+    """Error against CPU-seconds of every peer on ref1."""
+    from benchmarks.peers.compare import measure_ref1
+
+    measure_ref1(output, most)
+
+
+@app.command()
+def agree(seconds: Annotated[float, typer.Option(help="CPU-seconds for each program and scene", min=1.0)] = 60.0):
+    """Print image means by this project and by the peers, on scenes that ref1 does not cover."""
+    from benchmarks.peers.compare import agreement
+
+    agreement(seconds)
+
+
+def main():
+    try:
+        app()
+    except InputError as error:
+        typer.echo(error.message, err=True)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,322 @@
+"""Other renderers mean the same light as the scene file: closed forms, a reference, and what is refused.
+
+A rendering is judged by its residuals, pixel by pixel, against a truth without noise: if the two are equal their mean
+is zero, and their spread gives its standard error.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from physics.rig import Z, one_ray_scene, single_scattering, spot
+
+from benchmarks import peers
+from benchmarks.peers.mitsuba_scene import MASK_PIXELS, mask_pixels, soft_edge
+from benchmarks.peers.plain import plain_scene
+from benchmarks.scenes import SCENES, references
+from varos_warp.errors import InputError
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Diffuse, Metal, Scene
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.meshes import build_parts
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(params=["mitsuba", "cycles"])
+def peer(request):
+    """Each peer that is installed."""
+    if request.param not in peers.available():
+        pytest.skip(f"{request.param} is not installed")
+    return request.param
+
+
+def render(peer, scene, parts, spp, **how):
+    """Radiance of the first camera from the first pose at the world's origin, float64; Mitsuba as anyone has it."""
+    variant = {"variant": "scalar_rgb"} if peer == "mitsuba" else {}
+    image = peers.render(peer, scene, parts, scene.vehicle.cameras[0], np.eye(4), spp=spp, **variant, **how)
+    assert image.seconds > 0.0
+    assert image.cpu_seconds > 0.0
+    assert np.isfinite(image.radiance).all()
+    return image.radiance.astype(float)
+
+
+def scores(image, truth, precision):
+    """Standard scores [3] of the mean residual, known to ``precision`` of the mean or better."""
+    residual = (image - truth).reshape(-1, 3)
+    stderr = residual.std(axis=0, ddof=1) / np.sqrt(len(residual))
+    assert np.all(stderr <= precision * np.mean(truth, axis=(0, 1))), f"too noisy to tell: {stderr}"
+    return residual.mean(axis=0) / stderr
+
+
+# ----------------------------------------------------------------------------------------------------- direct light
+
+
+DISTANCE, CORNER, REFLECTANCE = 3.0, 0.03, (0.2, 0.5, 0.8)
+LAMP = {"kind": "spot", "position": [0.4, 0.0, 0.25], "direction": [-0.1, 1.0, 0.05], "cone_deg": 40.0,
+        "intensity": [10.0, 20.0, 30.0]}
+ABSORPTION = [0.3, 0.1, 0.02]
+
+
+def plate(right_half=False):
+    """A wide plate across the view, or only what of it lies to the right and above the axis, and ends in pixels."""
+    low = CORNER if right_half else -50.0
+    corners = [[low, DISTANCE, low], [50, DISTANCE, low], [50, DISTANCE, 50], [low, DISTANCE, 50]]
+    return Part("plate", np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+                Diffuse(reflectance=REFLECTANCE))
+
+
+def plate_scene(blend, water="none", **camera):
+    view = {"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 4.0} | camera
+    return Scene(vehicle={"lights": [LAMP | {"blend": blend}], "cameras": [view]}, water=water,
+                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+
+
+def plate_truth(scene, right_half=False, cone_deg=40.0, samples=12):
+    """Radiance of the plate, the mean over a grid of each pixel and, with a lens, a grid of it; float64 [H, W, 3].
+
+    reflectance / pi * intensity * soft edge * cosine / d^2, through water that absorbs.
+    """
+    camera, light = scene.vehicle.cameras[0], scene.vehicle.lights[0]
+    (width, height), K = camera.resolution, intrinsics(camera)
+    sub = (np.arange(samples) + 0.5) / samples
+    x = (np.add.outer(np.arange(width), sub).ravel() - K[0, 2]) / K[0, 0]
+    z = -(np.add.outer(np.arange(height), sub).ravel() - K[1, 2]) / K[1, 1]
+    slopes = np.stack(np.broadcast_arrays(x[None, :], 1.0, z[:, None]), axis=-1)
+    total, lens = np.zeros((height * samples, width * samples, 3)), lens_points(camera)
+    for point in lens:
+        through = camera.focus_m * slopes - point if len(lens) > 1 else slopes
+        hit = point + through * (DISTANCE / through[..., 1:2])
+        total += shaded(hit, point, scene, light, cone_deg, right_half) / len(lens)
+    return total.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
+
+
+def lens_points(camera, rings=12, sectors=24):
+    """Points of equal weight on the lens, or its centre alone."""
+    if not camera.f_stop:
+        return np.zeros((1, 3))
+    radius = 0.5e-3 * camera.focal_mm / camera.f_stop * np.sqrt((np.arange(rings) + 0.5) / rings)
+    angle = 2.0 * np.pi * (np.arange(sectors) + 0.5) / sectors
+    points = np.stack([np.outer(radius, np.cos(angle)), np.zeros((rings, sectors)), np.outer(radius, np.sin(angle))])
+    return points.reshape(3, -1).T
+
+
+def shaded(hit, eye, scene, light, cone_deg, right_half):
+    to_hit = hit - np.array(light.position)
+    d = np.linalg.norm(to_hit, axis=-1, keepdims=True)
+    axis = np.array(light.direction) / np.linalg.norm(light.direction)
+    size = np.cos(np.radians(cone_deg) / 2)
+    x = np.clip(((to_hit @ axis)[..., None] / d - size) / max(light.blend * (1.0 - size), 1e-12), 0.0, 1.0)
+    edge = x * x * (3.0 - 2.0 * x)
+    sigma_a = np.zeros(3) if scene.water == "none" else np.array(scene.water.coefficients.sigma_a)
+    path = d + np.linalg.norm(hit - eye, axis=-1, keepdims=True)
+    radiance = np.array(REFLECTANCE) / np.pi * light.intensity * edge * (DISTANCE / d) / d**2 * np.exp(-sigma_a * path)
+    there = (hit[..., 0:1] > CORNER) & (hit[..., 2:3] > CORNER) if right_half else True
+    return np.where(there, radiance, 0.0)
+
+
+def test_a_plate_in_a_hard_cone_is_as_bright_as_it_must_be_where_it_must_be(peer):
+    """Absolute radiance, the cone's edge, and the image's right and upper side by what lies only there."""
+    scene = plate_scene(blend=0.0)
+    image = render(peer, scene, [plate(right_half=True)], spp=64)
+    truth = plate_truth(scene, right_half=True)
+    assert np.all(np.abs(scores(image, truth, 2e-3)) <= Z)
+    assert np.all(np.abs(scores(image, plate_truth(scene, right_half=True, cone_deg=40.5), 1.0)) > Z)
+    for wrong in (truth[:, ::-1], truth[::-1], np.roll(truth, 1, 1), np.roll(truth, 1, 0)):
+        assert np.std(image - wrong) > 3 * np.std(image - truth)
+
+
+def test_light_that_a_soft_cone_sends_through_absorbing_water_fades_as_it_must(peer):
+    """Channel by channel, over the way to the plate and back; the edge is Blender's, not linear in the angle."""
+    scene = plate_scene(0.6, {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": ABSORPTION}})
+    image = render(peer, scene, [plate()], spp=128)
+    assert np.all(np.abs(scores(image, plate_truth(scene), 5e-3)) <= Z)
+    assert np.all(np.abs(scores(image, plate_truth(scene, cone_deg=41.0), 1.0)) > Z)
+
+
+def test_a_lens_blurs_what_is_out_of_focus_by_its_aperture(peer):
+    """Edges at 3 m, in focus at 1 m: their profile is a disk, convolved, but for the noise of a column's samples."""
+    camera = {"focal_mm": 40.0, "sensor_mm": [4.5, 3.0], "f_stop": 1.6, "focus_m": 1.0}
+    scene = plate_scene(0.0, **camera)
+    image = render(peer, scene, [plate(right_half=True)], spp=256)
+    truth = plate_truth(scene, right_half=True, samples=3)
+    sharp = plate_truth(plate_scene(0.0, **camera | {"f_stop": 0.0}), right_half=True, samples=3)
+    noise = 0.5 * sharp.max(axis=(0, 1)) / np.sqrt(256 * len(image))  # where half of the samples hit the plate
+    assert np.all(np.abs((image - truth).mean(axis=0)) <= Z * noise)
+    assert np.abs((sharp - truth).mean(axis=0)).max() > 5 * Z * noise.max()
+
+
+# -------------------------------------------------------------------------------------------------------- scattering
+
+
+@pytest.mark.parametrize(("position", "axis"), [((0.5, 0.0, -0.1), (0.1, 0, 1)), ((0.5, 0.1, 4.0), (0, 0, -1))],
+                         ids=["backwards", "forwards"])
+def test_single_scattering_of_an_open_ray_is_its_integral(peer, position, axis):
+    """Lamps behind and before what they light; a wrong sign of g would be off by far."""
+    water = {"sigma_s": [0.05, 0.2, 0.4], "sigma_a": [0.2, 0.1, 0.0], "phase": {"g": 0.6}}
+    scene = one_ray_scene([spot(position, axis)], water, pixels=32)
+    image = render(peer, scene, [], spp=256, max_events=1)
+
+    def truth(g):
+        sigma_t = np.add(water["sigma_s"], water["sigma_a"])
+        how = {"T": np.inf, "axis": axis, "cone_deg": 65.0}
+        return np.array([single_scattering(position, s, t, g, **how)
+                         for s, t in zip(water["sigma_s"], sigma_t, strict=True)])
+
+    assert np.all(np.abs(scores(image, np.broadcast_to(truth(0.6), image.shape), 0.02)) <= Z)
+    assert np.all(np.abs(scores(image, np.broadcast_to(truth(-0.6), image.shape), np.inf)) > 2 * Z)
+
+
+def test_all_orders_on_the_reference_scene_are_the_reference(peer):
+    """The mean over an image does not depend on its pixels: a quarter of the resolution, against the same blocks."""
+    bench = SCENES["ref1"]
+    camera = bench.camera.model_copy(update={"resolution": (80, 45)})
+    spp = {"mitsuba": 128, "cycles": 8}[peer]
+    bound = {"max_events": 17} if peer == "cycles" else {"variant": "scalar_rgb"}  # 1e-4 of blue, in half the time
+    image = peers.render(peer, bench.scene, bench.parts, camera, bench.T_w_v, spp=spp, **bound).radiance.astype(float)
+    truth = references(bench, "cpu")["full"].mean.reshape(45, 4, 80, 4, 3).mean(axis=(1, 3))
+    assert np.all(np.abs(scores(image, truth, 0.1)) <= Z)
+    bright = truth[..., 2] < 4.0 * np.median(truth[..., 2])
+    assert np.corrcoef(image[bright, 0], truth[bright, 0])[0, 1] > 0.9
+
+
+# ---------------------------------------------------------------------------------------------------- what is exported
+
+
+def test_copies_and_smooth_normals_are_exported(peer):
+    """Pipes, smooth all around and lit from the camera, where no program needs to mend their terminators.
+
+    What smoothing does to the image, ``smooth - flat``, is found in the other program's image once, not 0 times.
+    """
+    pipe = {"kind": "pipe", "radius": 0.3, "length": 2.0, "chord_error_m": 0.03}
+    scene = Scene(objects=[pipe], trajectory={"poses": [{"position": [0, 0, 0]}]}, vehicle={
+        "lights": [{"kind": "point", "intensity": [10, 20, 30]}],
+        "cameras": [{"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 4.0}]})
+    part, places = build_parts(scene)[0], np.array([np.eye(4)] * 2)
+    places[:, :3, 3] = [[-0.6, 3.0, 0.0], [0.7, 3.5, 0.2]]
+
+    def ours(smooth):
+        copies = Instances("scatter.0", part.vertices, part.faces, places, part.material, part.smooth_angle, smooth)
+        how = {"spp": 1024, "integrator": "path", "max_bounces": 1}
+        return copies, FrameRenderer(scene, "cpu", [copies]).render(np.eye(4), outputs="A", **how).A.radiance[..., 1]
+
+    (copies, smooth), (_, flat) = ours(True), ours(False)
+    image = render(peer, scene, [copies], spp=256, max_scatterings=0, max_bounces=1)[..., 1]
+    change = (smooth - flat).astype(float)
+    share = np.sum((image - flat) * change) / np.sum(change**2)
+    stderr = np.sqrt(np.sum(((image - smooth) * change) ** 2)) / np.sum(change**2)
+    assert stderr < 0.05
+    assert abs(share - 1.0) <= Z * stderr
+
+
+EXPORTED = {
+    "mitsuba": "import mitsuba, numpy; mitsuba.set_variant('scalar_rgb'); scene = mitsuba.load_file({path!r}); "
+               "numpy.save({out!r}, numpy.array(mitsuba.render(scene, spp=16, seed=1)))",
+    "cycles": "import bpy, numpy; bpy.ops.wm.open_mainfile(filepath={path!r}); "
+              "from benchmarks.peers import cycles_scene as c; from pathlib import Path; "
+              "c.render_exr(Path({out!r} + '.exr')); numpy.save({out!r}, c.read_exr(Path({out!r} + '.exr')))",
+}
+
+
+def test_an_exported_file_opens_elsewhere_and_gives_the_same_image(peer, tmp_path):
+    scene, parts = plate_scene(0.5), [plate()]
+    path, out = tmp_path / f"plate{peers.SUFFIXES[peer]}", tmp_path / "image.npy"
+    peers.export(peer, scene, parts, scene.vehicle.cameras[0], np.eye(4), path, spp=16)
+    for _ in range(2):  # an export may be repeated
+        peers.export(peer, scene, parts, scene.vehicle.cameras[0], np.eye(4), path, spp=16)
+    assert {p.name for p in tmp_path.iterdir()} <= {path.name, "plate_files"}
+    moved = path.parent.rename(tmp_path.with_name(tmp_path.name + "_moved"))  # what it refers to goes with it
+    code = EXPORTED[peer].format(path=str(moved / path.name), out=str(moved / out.name))
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, cwd=ROOT)
+    image = render(peer, scene, parts, spp=16)
+    # neither its file formats (six digits and more) nor other random numbers change a smooth image by more
+    np.testing.assert_allclose(np.load(moved / out.name).mean(axis=(0, 1)), image.mean(axis=(0, 1)), rtol=5e-3)
+
+
+@pytest.mark.parametrize(("half_deg", "blend"), [(32.5, 0.15), (20.0, 0.6), (35.0, 1.0), (60.0, 0.3), (75.0, 0.5)])
+def test_a_lamp_mask_is_right_to_what_it_promises(half_deg, blend):
+    """Read between its pixels along a radius, as Mitsuba reads it."""
+    half, pixels = np.radians(half_deg), mask_pixels(np.radians(half_deg), blend)
+    assert MASK_PIXELS[0] <= pixels <= MASK_PIXELS[1]
+    at = (2.0 * np.arange(pixels) + 1.0) / pixels - 1.0
+    mask = soft_edge(np.cos(np.arctan(np.tan(half) * np.abs(at))), half, blend)
+    x = np.linspace(0.0, at[-1], 100_001)
+    exact = soft_edge(np.cos(np.arctan(np.tan(half) * x)), half, blend)
+    assert np.abs(np.interp(x, at, mask) - exact).max() <= 1e-4
+
+
+# ------------------------------------------------------------------------------------------------------------ refusals
+
+
+def view(scene, parts, **bounds):
+    return plain_scene(scene, parts, scene.vehicle.cameras[0], np.eye(4), **bounds)
+
+
+def test_a_material_without_a_counterpart_is_refused_by_its_name():
+    part = plate()
+    metal = Part("objects.0", part.vertices, part.faces, Metal(kind="metal"))
+    with pytest.raises(InputError, match=r"objects\.0\.material.*metal"):
+        view(plate_scene(0.0), [metal])
+
+
+@pytest.mark.parametrize("bounds", [
+    {"max_scatterings": 2}, {"max_bounces": 2}, {"max_scatterings": 2, "max_bounces": 3},
+    {"max_scatterings": 0, "max_bounces": 0}, {"max_events": 0}])
+def test_bounds_that_peers_cannot_count_are_refused(bounds):
+    with pytest.raises(InputError, match="together"):
+        view(plate_scene(0.0), [plate()], **bounds)
+
+
+def test_bounds_that_peers_can_count_become_events():
+    water = {"coefficients": {"sigma_s": [0.1] * 3, "sigma_a": [0.2] * 3}}
+    scene, parts = plate_scene(0.0, water), [plate()]
+    assert view(scene, parts).max_events is None
+    dark = view(scene, parts, max_scatterings=3, max_bounces=0)
+    assert dark.max_events == 3
+    assert dark.meshes[0].reflectance == (0.0, 0.0, 0.0)
+    clear = view(scene, parts, max_scatterings=0, max_bounces=2)
+    assert clear.max_events == 2
+    np.testing.assert_allclose(clear.sigma_a, 0.3)
+    assert not clear.sigma_s.any()
+
+
+def test_a_scene_far_from_the_origin_is_exported_near_it():
+    far = np.array([5e5, 7e6, -80.0])
+    part = plate()
+    moved = Part(part.name, part.vertices + far, part.faces, part.material)
+    T_w_v = np.eye(4)
+    T_w_v[:3, 3] = far
+    scene = plate_scene(0.0)
+    plain, here = plain_scene(scene, [moved], scene.vehicle.cameras[0], T_w_v), view(scene, [part])
+    np.testing.assert_allclose(plain.meshes[0].vertices, here.meshes[0].vertices, atol=1e-8)
+    np.testing.assert_allclose(plain.lights[0].position, here.lights[0].position, atol=1e-8)
+    np.testing.assert_allclose(plain.T_w_c, camera_pose(scene.vehicle.cameras[0], np.eye(4)), atol=1e-8)
+
+
+def test_pixels_that_are_not_square_are_refused_by_mitsuba():
+    if "mitsuba" not in peers.available():
+        pytest.skip("mitsuba is not installed")
+    with pytest.raises(InputError, match="square"):
+        render("mitsuba", plate_scene(0.0, sensor_mm=[4.5, 4.5]), [plate()], spp=1)
+
+
+def test_pixels_that_are_not_square_are_rendered_by_cycles():
+    if "cycles" not in peers.available():
+        pytest.skip("bpy is not installed")
+    scene = plate_scene(0.0, sensor_mm=[4.5, 4.5])
+    image = render("cycles", scene, [plate(right_half=True)], spp=64)
+    assert np.all(np.abs(scores(image, plate_truth(scene, right_half=True), 2e-3)) <= Z)
+
+
+def test_an_unknown_peer_is_refused():
+    scene = plate_scene(0.0)
+    with pytest.raises(InputError, match="no such peer"):
+        peers.render("povray", scene, [plate()], scene.vehicle.cameras[0], np.eye(4), spp=1)
+
+
+def test_importing_the_peers_loads_none_of_them():
+    code = "import sys, benchmarks.peers as p; p.available(); assert not {'bpy', 'mitsuba', 'drjit'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
