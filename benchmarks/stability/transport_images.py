@@ -1,5 +1,201 @@
-"""Sweeps of light transport."""
+"""Sweeps over cameras, films and what becomes of an image: fields of view, samples, memory, half floats, exposure."""
 
-from benchmarks.stability.entry import Sweeps
+import time
+import warnings
 
-SWEEPS: Sweeps = ()
+import numpy as np
+import warp as wp
+
+from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.transport import run
+from benchmarks.stability.transport_surfaces import scene_of, shot, wall
+from varos_warp.kernels.film import Sums, add_sample, variance_of_mean
+from varos_warp.render import exposure, outputs
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.checks import PIXEL_BYTES
+
+TESTS = "tests/stability/test_camera_limits.py::"
+
+
+# -------------------------------------------------------------------------------------------------------- cameras
+
+
+def field_error(angle_deg: float) -> float:
+    """Largest relative error of depth and range of a wall, over a field of view [degrees]."""
+    tangent = np.tan(np.radians(angle_deg) / 2)
+    sensor = max(1e-2, 2e-3 * tangent)
+    scene = scene_of([], sensor_mm=(sensor, sensor), focal_mm=sensor / 2 / tangent, resolution=(16, 16))
+    image = shot(scene, [wall(2.5, 2.5 * tangent * 1.1)]).D
+    x, y = np.meshgrid(*2 * [((np.arange(16) + 0.5) / 8 - 1) * tangent])
+    truth = 2.5 * np.sqrt(1 + x * x + y * y)
+    return float(max(np.abs(image.depth / 2.5 - 1).max(), np.abs(image.range / truth - 1).max()))
+
+
+def field_of_view() -> Sweep:
+    """From a pixel of the moon to everything ahead."""
+    values = [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999]
+    return Sweep(
+        key="field_of_view", title="field of view", method="camera, first hits", parameter="field of view [degrees]",
+        values=values, errors={"depth, range": [field_error(a) for a in values]},
+        measure="Largest relative error of depth and range of a wall, against the pinhole.",
+        limit="1e-5 .. 179.999 degrees", fails="nothing found",
+        program="warns outside 5 .. 130 degrees; refuses sensors and focal lengths outside 1e-3 .. 1e6 mm",
+        test=TESTS + "test_fields_of_view_from_an_arc_second_to_all_ahead", bound=1e-6,
+    )
+
+
+def resolution_seconds(side: int) -> tuple[float, float]:
+    """CPU time of a pixel of A, direct light, and of D [microseconds]."""
+    scene = scene_of([{"kind": "point", "position": (0.1, 0.0, 0.0), "intensity": (1.0, 1.0, 1.0)}],
+                     resolution=(side, side), sensor_mm=(6.0, 6.0))
+    renderer = FrameRenderer(scene, "cpu", parts=[wall(3.0, 20.0)])
+    seconds = []
+    for letter in "AD":
+        start = time.process_time()
+        image = renderer.render(np.eye(4), outputs=letter, spp=1, layers=("direct",), integrator="path")
+        seconds.append((time.process_time() - start) / side**2 * 1e6)
+        values = image.A.radiance if letter == "A" else image.D.depth
+        assert values.shape[:2] == (side, side)
+        assert np.isfinite(values).all()
+    return tuple(seconds)
+
+
+def resolution() -> Sweep:
+    """From one pixel to 16 million."""
+    values = [1, 2, 8, 64, 512, 2048, 4096]
+    seconds = np.array([resolution_seconds(side) for side in values])
+    return Sweep(
+        key="resolution", title="resolution", method="films, first hits", parameter="pixels along a side",
+        values=values,
+        errors={"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()},
+        measure="No error: CPU time of a pixel; every pixel of A and D is a number. Small images are ruled by the "
+                "launch.",
+        limit=f"1 x 1 .. 4096 x 4096 rendered; {PIXEL_BYTES} bytes a pixel, so 8192 x 8192 takes "
+              f"{8192**2 * PIXEL_BYTES / 2**30:.0f} GiB",
+        fails="memory", program="warns from 4 GiB on (varos-warp info, run)",
+        test=TESTS + "test_images_of_one_pixel_and_of_millions_are_numbers",
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------- films
+
+
+@wp.kernel(enable_backward=False)
+def _accumulate(samples: wp.array(dtype=float), repeat: int, out: wp.array(dtype=wp.vec3d)):
+    """Means by the film, by a float32 sum, and by a float32 running mean; then the film's standard error."""
+    sums = Sums()
+    black = wp.vec3(0.0)
+    total = float(0.0)
+    mean = float(0.0)
+    n = samples.shape[0]
+    count = int(0)
+    for _round in range(repeat):
+        k = int(0)
+        while k < n:
+            x = samples[k]
+            sums = add_sample(sums, wp.vec3(x), black, black, black)
+            total += x
+            count += 1
+            mean += (x - mean) / float(count)
+            k += 1
+    m = wp.float64(count)
+    out[0] = wp.vec3d(sums.direct[0] / m, wp.float64(total) / m, wp.float64(mean))
+    out[1] = wp.vec3d(wp.sqrt(variance_of_mean(sums.squares[0], sums.direct[0], count)))
+
+
+def film_errors(count: int) -> list[float]:
+    """Relative errors of means by film, float32 sum, float32 running mean, and of the film's standard error."""
+    samples = np.random.default_rng(1).exponential(size=min(count, 10**6)).astype(np.float32)
+    repeat = max(1, count // 10**6)
+    got = run(_accumulate, [wp.array(samples, dtype=float, device="cpu"), repeat], 2, wp.vec3d)
+    stderr = samples.std(dtype=float) / np.sqrt(count - 1)
+    return [*np.abs(got[0] / samples.mean(dtype=float) - 1), abs(got[1][0] / stderr - 1)]
+
+
+def samples_per_pixel() -> Sweep:
+    """What a million samples of a pixel add up to."""
+    values = [10, 10**3, 10**5, 10**6, 10**7, 10**8]
+    errors = np.array([film_errors(n) for n in values]).T.tolist()
+    names = ("film (float64)", "float32 sum", "float32 running mean", "standard error, film")
+    return Sweep(
+        key="samples_per_pixel", title="samples per pixel", method="film sums", parameter="samples", values=values,
+        errors=dict(zip(names, errors, strict=True)),
+        measure="Relative error of the mean of exponential samples, against the same in numpy's float64. For "
+                "comparison, "
+                "what sums and running means in single precision would give.",
+        limit="10 .. 1e8 (1e-12)", fails="single precision would be off by 9e-5 at 1e6 samples and 1 % at 1e7",
+        program="films are sums in float64", test=TESTS + "test_a_million_samples_add_up_and_would_not_in_float32",
+        bound=1e-9,
+    )
+
+
+def spread_error(spread: float) -> float:
+    """Relative error of the film's standard error for samples that differ by ``spread`` of their mean."""
+    samples = (1 + spread * np.random.default_rng(1).normal(size=10_000)).astype(np.float32)
+    got = run(_accumulate, [wp.array(samples, dtype=float, device="cpu"), 1], 2, wp.vec3d)[1][0]
+    return float(abs(got / (samples.std(dtype=float, ddof=1) / 100) - 1))
+
+
+def spread_of_samples() -> Sweep:
+    """A standard error from a sum of squares."""
+    values = [1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7]
+    return Sweep(
+        key="spread_of_samples", title="standard error of nearly equal samples", method="variance_of_mean (float64)",
+        parameter="standard deviation / mean", values=values,
+        errors={"standard error": [spread_error(x) for x in values]},
+        measure="Relative error of the standard error of 10 000 samples, against numpy's two passes.",
+        limit="1e-5 (8e-5)", fails="the sum of squares cancels: 1 % at 1e-6",
+        program="nothing: single precision rounds the samples themselves to 6e-8 of their mean",
+        test=TESTS + "test_the_standard_error_of_nearly_equal_samples", holds=(1e-5, None), bound=1e-3,
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------- files
+
+
+def half_error(radiance: float) -> float:
+    """Largest relative error of half floats of radiances within a decade; nan where they are cut, and counted."""
+    values = (radiance * np.geomspace(1.0, 9.99, 10_000)).astype(np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns of images as dark as these
+        half, cut = outputs.to_half(values)
+    return np.nan if cut else float(np.abs(half.astype(float) / values - 1).max())
+
+
+def radiance_in_half_floats() -> Sweep:
+    """How dark and bright an image may be."""
+    values = [10.0**p for p in range(-10, 6)]
+    return Sweep(
+        key="radiance_in_half_floats", title="radiance in half floats", method="to_half (EXR of A and B)",
+        parameter="radiance [W/sr/m^2]", values=values, errors={"half float": [half_error(x) for x in values]},
+        measure="Largest relative rounding of radiances from x to 10 x.",
+        limit="6.1e-5 .. 65504 (5e-4)",
+        fails="below 6e-5 digits go, below 6e-8 all light; above 65504 there is no number",
+        program="counts what is cut, and says so; warns of images that are darker everywhere",
+        test=TESTS + "test_half_floats_hold_what_they_promise", holds=(6.1e-5, 6.5e4), bound=5e-4,
+    )
+
+
+def exposure_error(radiance: float) -> float:
+    """How far the exposed value of a constant image is from the key value."""
+    image = np.full((4, 4, 3), radiance, np.float32)
+    gain = exposure.gains("adaptive", "A", np.zeros(1), [exposure.statistics(image)])[0]
+    return float(abs(radiance * gain / exposure.KEY_VALUE - 1))
+
+
+def exposure_of_a_constant_image() -> Sweep:
+    """Adaptive exposure of one grey."""
+    values = [1e-38, 1e-30, 1e-20, 1e-10, 1e-5, 1.0, 1e5, 1e10, 1e20, 1e30, 3e38]
+    return Sweep(
+        key="exposure_of_a_constant_image", title="exposure of a constant image", method="exposure (adaptive)",
+        parameter="radiance [W/sr/m^2]", values=values,
+        errors={"key value": [exposure_error(x) for x in values]},
+        measure="How far the exposed value is from the key value 0.18, relative.",
+        limit="all that single precision holds; 0", fails="nothing found; a black image has no log-average",
+        program="a black image gets the gain of its neighbours in time, or 1", bound=1e-6,
+        test=TESTS + "test_black_and_constant_images_are_exposed",
+    )
+
+
+SWEEPS: Sweeps = (field_of_view, resolution, samples_per_pixel, spread_of_samples, radiance_in_half_floats,
+                  exposure_of_a_constant_image)

@@ -50,7 +50,8 @@ def lamp_beside_the_ray() -> Sweep:
         fails="the truth grows as 1/distance without end; reference: its shadow rays find the lamp's surroundings by "
               "chance, 22 % off at 1e-4 m with its noise",
         program="distances below 1e-6 m count as 1e-6 m: bright, finite, the same in all integrators",
-        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond", holds=(3e-6, None), bound=2e-3,
+        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
+        holds=(3e-6, None), bound=2e-3,
     )
 
 
@@ -63,7 +64,8 @@ def lamp_on_the_camera() -> Sweep:
         measure="As before, the lamp straight beside the camera.",
         limit="1e-6 m (7e-7)", fails="as before",
         program="as before; reference is too noisy to judge below 0.01 m",
-        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond", holds=(1e-6, None), bound=2e-3,
+        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
+        holds=(1e-6, None), bound=2e-3,
     )
 
 
@@ -77,17 +79,20 @@ def lit_error(distance: float, size: float, integrator: str) -> float:
 def distance_to_a_lit_surface() -> Sweep:
     """Lamp and camera against a wall."""
     values = [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8]
+    sizes = {"20 distances": 0.0, "at least 400 m": 200.0}
     return Sweep(
         key="distance_to_a_lit_surface", title="distance to a lit surface", method="path, reference (direct)",
         parameter="distance [m]", values=values,
-        errors={f"{name}, plate of {label}": [lit_error(d, size(d), name) for d in values]
+        errors={f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
                 for name in ("path", "reference")
-                for label, size in (("400 m or 20 distances", lambda d: max(200.0, 20 * d)), ("20 distances", lambda d: 20 * d))},
-        measure="Relative error of direct light off a grey plate with lamp and camera in one place, against the inverse "
+                for label, least in sizes.items()},
+        measure="Relative error of direct light off a grey plate with lamp and camera in one place, against the "
+                "inverse "
                 "square.",
         limit="1e-6 .. 1e8 m (2e-7)", fails="below 1e-6 m the inverse square is cut off; no ray is longer than 1e9 m",
         program="distances below 1e-6 m count as 1e-6 m; beyond 1e9 m nothing is hit",
-        test=TESTS + "test_a_surface_is_lit_as_the_inverse_square_says_from_micrometres_on", holds=(1e-6, None), bound=1e-6,
+        test=TESTS + "test_a_surface_is_lit_as_the_inverse_square_says_from_micrometres_on",
+        holds=(1e-6, None), bound=1e-6,
     )
 
 
@@ -118,7 +123,7 @@ def flux_error(cone_deg: float, blend: float) -> float:
     return float(abs(np.trapezoid(got * np.sin(theta), theta) / truth - 1))
 
 
-CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.0, 359.9, 359.99, 359.999]
+CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
 
 
 def power_of_a_cone() -> Sweep:
@@ -155,7 +160,8 @@ def cone_across_the_view() -> Sweep:
         errors={f"{name}, blend {blend:g}": [cone_error(cone, blend, name) if 10 <= cone <= 179 or name == "path"
                                              else np.nan for cone in values]
                 for name in ("tables", "path") for blend in (0.0, 1.0)},
-        measure="Relative error of single scattering where a spot 0.1 m aside crosses the ray, against quadrature. Noise "
+        measure="Relative error of single scattering where a spot 0.1 m aside crosses the ray, against quadrature. "
+                "Noise "
                 "of path 2e-3.",
         limit="path 1 .. 359.9 degrees; tables 10 .. 179",
         fails="tables: narrow cones are not resolved by their grids, wide ones have no convex nappe",
@@ -188,10 +194,12 @@ def intensity() -> Sweep:
         key="intensity", title="intensity of a lamp", method="tables, path, reference",
         parameter="intensity [W/sr]", values=[10.0**p for p in exponents],
         errors={name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS},
-        measure="How far an image divided by the lamp's intensity is from the one of 1 W/sr with the same random numbers, "
+        measure="How far an image divided by the lamp's intensity is from the one of 1 W/sr with the same random "
+                "numbers, "
                 "in all layers (tables: direct and single).",
         limit="1e-20 .. 1e20 W/sr (1e-7)",
-        fails="path: below 1e-25 W/sr the weights of its lamps drown in the number that keeps them from 0 (2 % at 1e-28, "
+        fails="path: below 1e-25 W/sr the weights of its lamps drown in the number that keeps them from 0 (2 % at "
+              "1e-28, "
               "81 % at 1e-30), above 1e36 they overflow",
         program="refuses intensities outside 1e-20 .. 1e20 W/sr, but for 0 (vehicle.lights.N.intensity)",
         test=TESTS + "test_light_is_in_proportion_to_the_intensity_of_its_lamp", holds=(1e-20, 1e20), bound=1e-6,

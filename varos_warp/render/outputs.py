@@ -5,6 +5,7 @@ C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535
 S: number of the object, 0 where there is none.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ import numpy as np
 
 HALF_MAX = 65504.0
 """Largest finite half float."""
+HALF_NORMAL = 2.0**-14
+"""Smallest half float with all its digits; below 2^-25 there is only 0."""
 SEGMENT_LEVELS = 65535
 """Most objects that S can number."""
 DEPTH_LEVELS = 65535
@@ -32,11 +35,16 @@ def srgb_eotf(encoded: np.ndarray) -> np.ndarray:
 def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     """Half floats of linear radiance, and how many values above 65504 were cut to it.
 
+    Warns of an image that is not black but too dark for half floats, which then is black, or has steps.
+
     Raises:
         ValueError: If a value is NaN.
     """
     _refuse_nan(radiance)
     clamped = int(np.count_nonzero(np.abs(radiance) > HALF_MAX))
+    if 0.0 < np.max(radiance, initial=0.0) < HALF_NORMAL:
+        warnings.warn(f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
+                      "and below 3e-8 its light; give the lamps more intensity", stacklevel=2)
     return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
 
 

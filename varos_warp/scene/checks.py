@@ -16,6 +16,8 @@ from varos_warp.scene.query import clearance, is_inside
 from varos_warp.scene.terrain import join
 from varos_warp.scene.water import optical_properties
 
+PIXEL_BYTES, MANY_BYTES = 300, 4 * 2**30
+"""Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
 """Places on a path that are asked whether they are inside of what they are near to."""
 
@@ -195,6 +197,10 @@ def _check_cameras(scene):
     warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):
         key, K = f"vehicle.cameras.{i} ({camera.id})", intrinsics(camera)
+        width, height = camera.resolution
+        if width * height * PIXEL_BYTES > MANY_BYTES:
+            size = width * height * PIXEL_BYTES / 2**30
+            warnings.append(f"{key}: {width} x {height} pixels take about {size:.0f} GiB of memory while A is rendered")
         if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005:
             warnings.append(f"{key}: pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and "
                             "sensor_mm differ in shape")
