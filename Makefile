@@ -17,7 +17,7 @@ lint: $(VENV)/.installed-test
 
 # write docs/validation.md anew
 validation: $(VENV)/.installed-test
-	$(BIN)/python -m pytest --validation docs/validation.md
+	$(BIN)/python -m pytest --validation=docs/validation.md
 
 $(VENV)/.installed: pyproject.toml
 	@test -n "$(PYTHON)" || { echo "varos_warp needs Python 3.11 or newer: install it, or call make PYTHON=/path/to/python3"; exit 2; }

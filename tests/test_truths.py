@@ -12,7 +12,7 @@ def run(pytester):
 
     def run(tests, *arguments):
         pytester.makepyfile(test_it="import pytest\npytestmark = pytest.mark.subject('dynamics')\n" + tests)
-        result = pytester.runpytest_inprocess("-p", "truths", "--validation", "page.md", *arguments)
+        result = pytester.runpytest_inprocess("-p", "truths", "--validation=page.md", *arguments)
         path = pytester.path / "page.md"
         return result, path.read_text(encoding="utf-8") if path.exists() else None
     return run
