@@ -96,7 +96,7 @@ def test_the_schema_names_every_block():
     ("anisotropy: 0.8", "anisotropy: -1", "water.principled.anisotropy", 8, "at least -0.99"),
     ("mass_kg: 40", "mass_kg: .nan", "vehicle.mass_kg", 10, "finite"),
     ("mass_kg: 40", "mass_kg: heavy", "vehicle.mass_kg", 10, "Give a number"),
-    ("length: 2.0", "length: 0", "objects.0.length", 3, "above 0"),
+    ("length: 2.0", "length: 0", "objects.0.length", 3, "at least 0.0001"),
     (", length: 2.0", "", "objects.0.length", 3, "is missing"),
     ("kind: pipe", "kind: pip", "objects.0", 3, "Did you mean 'pipe'?"),
     ("material: steel", "material: stel", "objects.0.material", 3, "no material named 'stel'"),

@@ -45,7 +45,7 @@ class Preprocess(Block):
     """Vertices nearer than this become one."""
     fill_holes_m: NonNegative | None = None
     """Holes up to this wide are filled; absent: up to ten median edges. A shrinkwrap closes all of them."""
-    shrinkwrap_resolution: Annotated[int, Field(ge=2)] | Literal["auto"] | None = None
+    shrinkwrap_resolution: Annotated[int, Field(ge=2, le=10_000)] | Literal["auto"] | None = None
     """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model."""
     close: Literal["skirt", "solid", "none"] = "skirt"
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
@@ -127,10 +127,14 @@ class MeshObject(Placed):
     shading: Literal["flat", "smooth"] = "flat"
 
 
+Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
+"""Of an object made from its measures [m]; its triangles stay few enough to be made in seconds."""
+
+
 class Parametric(Placed):
     """An object that is made from its measures."""
 
-    chord_error_m: Positive | None = None
+    chord_error_m: Annotated[float, Field(ge=1e-6)] | None = None
     """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
     shading: Literal["flat", "smooth"] = "smooth"
 
@@ -139,10 +143,10 @@ class Pipe(Parametric):
     """A straight pipe along its own z axis, centred at its origin."""
 
     kind: Literal["pipe"]
-    radius: Positive
+    radius: Measure
     """Outer radius [m]."""
-    length: Positive
-    wall: Positive | None = None
+    length: Measure
+    wall: Measure | None = None
     """Wall thickness [m]; 8 % of the radius when absent, the radius or more for a solid rod."""
 
 
@@ -150,10 +154,10 @@ class Elbow(Parametric):
     """A pipe bend in its own xz plane, from the origin along +z towards +x."""
 
     kind: Literal["elbow"]
-    radius: Positive
-    bend_radius: Positive
-    angle_deg: Annotated[float, Field(gt=0.0, le=360.0)] = 90.0
-    wall: Positive | None = None
+    radius: Measure
+    bend_radius: Measure
+    angle_deg: Annotated[float, Field(ge=0.1, le=360.0)] = 90.0
+    wall: Measure | None = None
     """As for a pipe."""
 
 
@@ -161,7 +165,7 @@ class Flange(Parametric):
     """A plate flange (EN 1092-1, PN 16) for a pipe of ``radius`` along its own z axis, from z = 0 up."""
 
     kind: Literal["flange"]
-    radius: Positive
+    radius: Measure
     """Outer radius of the pipe [m]; between the standard's sizes the nearest one, scaled."""
 
 
@@ -169,8 +173,8 @@ class PipeSupport(Parametric):
     """A saddle that carries a pipe of ``radius`` along its own y axis; its origin is on the pipe's axis."""
 
     kind: Literal["pipe_support"]
-    radius: Positive
-    height: Positive | None = None
+    radius: Measure
+    height: Measure | None = None
     """From the pipe's axis down to the foot [m]; twice the radius when absent."""
 
 
@@ -179,7 +183,7 @@ class Bolt(Parametric):
 
     kind: Literal["bolt"]
     size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
-    length: Positive | None = None
+    length: Measure | None = None
     """Shank length [m]; four diameters when absent."""
 
 
@@ -194,14 +198,14 @@ class Valve(Parametric):
     """A flanged valve on a pipe of ``radius`` along its own y axis, its hand wheel above (+z)."""
 
     kind: Literal["valve"]
-    radius: Positive
+    radius: Measure
 
 
 class Boulder(Parametric):
     """A rock, about ``diameter`` wide, centred at its origin; its shape follows from ``seed``."""
 
     kind: Literal["boulder"]
-    diameter: Positive = 0.6
+    diameter: Measure = 0.6
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
 
 

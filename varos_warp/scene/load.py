@@ -236,8 +236,13 @@ def _key_path(loc: tuple, data: Any) -> tuple:
 
 
 def _is_tag(part, rest, data):
-    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too."""
-    return isinstance(data, dict) and data.get("kind") == part and len(rest) > 0 and not isinstance(data[part], dict)
+    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
+
+    A block without ``kind`` may be of the kind ``file``: then the next part is a key beside this one.
+    """
+    if not isinstance(data, dict) or not rest or isinstance(data[part], dict):
+        return False
+    return data["kind"] == part if "kind" in data else rest[0] in data
 
 
 def _is_key(part) -> bool:

@@ -177,8 +177,8 @@ def _check_faces(vertices, faces, path, key):
 
 
 def _check_finite(vertices, path, key):
-    """No vertex is NaN or infinite."""
-    bad = ~np.isfinite(vertices).all(axis=1)
+    """No vertex is NaN, infinite or so far that it must be a fault."""
+    bad = ~(np.abs(vertices) < terrain.repair.FARTHEST).all(axis=1)
     if bad.any():
         number = int(np.flatnonzero(bad)[0])
         raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite (the first is number {number})",

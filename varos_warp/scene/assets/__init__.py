@@ -39,8 +39,8 @@ def make_asset(block: ParametricObject, key: str = "object",
         block: The object.
         key: Where it stands in the scene file, for messages.
         chord_error_m: How far the triangles may lie from the true surface in the world, that is after the object's
-            scale [m]; absent: the block's ``chord_error_m``, or ``default_chord_error``. No less than a
-            millionth of the radius is made of it.
+            scale [m]; absent: the block's ``chord_error_m``, or ``default_chord_error``. No less than
+            4e-6 of the radius is made of it.
 
     Raises:
         InputError: An unknown bolt size, or measures that make no solid.

@@ -29,10 +29,14 @@ VOTERS = 20_000
 SMALLEST_M, LARGEST_M = 0.05, 20_000.0
 """Longer side of a model [m] beyond which its unit is probably not the metre."""
 
+FARTHEST = 1e15
+"""A coordinate beyond is no place but a fault: a million kilometres in micrometres."""
+
 
 def drop_not_finite(vertices, faces):
-    """Without the vertices that are NaN or infinite, and the faces at them."""
-    bad = ~np.isfinite(vertices).all(axis=1)
+    """Without the vertices that are NaN, infinite or farther than any unit of length explains, and their faces."""
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
     if not bad.any():
         return (vertices, faces), {"not_finite_vertices": 0, "faces_at_them": 0}
     kept = faces[~bad[faces].any(axis=1)]
