@@ -1,5 +1,6 @@
 """Peers measured: error against CPU-seconds on ref1, and whether all programs mean the same light."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from benchmarks.errors import measure
 from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import BenchScene, find, references
 from varos_warp.dataset.files import write_json
+from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
 
 HERE = Path(__file__).parent
@@ -43,7 +45,8 @@ def measure_ref1(output: Path, most: int) -> None:
             times = {key: float(np.median([getattr(image, key) for image in made]))
                      for key in ("seconds", "cpu_seconds", "setup_seconds")}
             errors = measure(np.array([image.radiance for image in made], float), reference)
-            rows.append({"method": label, "spp": spp, "repeats": repeats, **times, **errors,
+            load = os.getloadavg()[0]  # beside others a CPU-second is worth down to half of one alone
+            rows.append({"method": label, "spp": spp, "repeats": repeats, **times, "load": load, **errors,
                          "version": made[0].version, "note": made[0].note})
             print(f"{label} {spp} spp: {times['cpu_seconds']:.3g} CPU-s, rmse {errors['rmse']:.3g}, "
                   f"median {errors['median']:.3g}", flush=True)
@@ -103,7 +106,11 @@ def agreement(seconds: float) -> None:
     for bench in AGREEMENT:
         truth = None
         for name, image in programs(bench).items():
-            found = estimate(image, seconds)
+            try:
+                found = estimate(image, seconds)
+            except InputError as error:
+                print(f"| {bench.name} | {name} | refused: {error.problem} | | | | |", flush=True)
+                continue
             truth = truth or found
             off = 100.0 * (found.mean / truth.mean - 1.0)
             error = 100.0 * (np.hypot(found.stderr, truth.stderr if found is not truth else 0.0)) / truth.mean

@@ -1,8 +1,9 @@
 """A plain scene as Blender's Cycles renders it, through ``bpy``.
 
-What makes the two equal: a spot of radius 0 radiates energy / (4 pi) W/sr whatever its cone, and its soft edge is ours;
-the water is the world's volume with its coefficients given directly; flat faces, a box filter of one pixel, no clamping,
-no tone mapping. A bound of n on Cycles' bounces is one of n + 1 events, for it counts none where a lamp is looked for.
+What makes the two equal: a spot of radius 0 radiates energy / (4 pi) W/sr whatever its cone, and its soft edge is
+ours; the water is the world's volume with its coefficients given directly; flat faces, a box filter of one pixel, no
+clamping, no tone mapping. A bound of n on Cycles' bounces is one of n + 1 events, for it counts none where a lamp is
+looked for.
 """
 
 import tempfile
@@ -19,6 +20,8 @@ ALL_BOUNCES = 64
 MOST_BOUNCES = 1024
 """That Cycles can be asked for."""
 LEAST_PIXELS = 4
+SENSOR_MM = 36.0
+"""Width of Blender's sensor, whatever the camera's is: smaller ones than 1 mm would be enlarged without a word."""
 
 
 def build_cycles(plain: PlainScene, *, spp: int = 64, seed: int = 0, threads: int | None = None,
@@ -147,12 +150,14 @@ def _set_camera(plain):
                          value=plain.resolution, remedy="Ask for a larger image.")
     data = bpy.data.cameras.new("camera")
     fx, fy = plain.focal
-    data.sensor_fit, data.lens = "HORIZONTAL", 1e3 * plain.focal_m
-    data.sensor_width = data.lens * width / fx
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM
+    data.lens = SENSOR_MM * fx / width
+    if not np.isclose(data.lens, SENSOR_MM * fx / width, rtol=1e-6):
+        raise InputError("Blender has no lens of that angle", key="cameras.focal_mm", remedy="Use a narrower view.")
     data.clip_start, data.clip_end = 1e-4, 1e5  # what lies before the start has no water
     if plain.aperture > 0.0:
         data.dof.use_dof, data.dof.focus_distance = True, plain.focus
-        data.dof.aperture_fstop = plain.focal_m / (2.0 * plain.aperture)
+        data.dof.aperture_fstop = 1e-3 * data.lens / (2.0 * plain.aperture)
     thing = _link("camera", data)
     thing.matrix_world = Matrix((plain.T_w_c @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist())  # x right, y up, z back
     render = bpy.context.scene.render

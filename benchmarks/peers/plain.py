@@ -65,8 +65,6 @@ class PlainScene:
     """Width, height."""
     focal: tuple[float, float]
     """fx, fy [pixels]; the principal point is the middle of the image."""
-    focal_m: float
-    """Focal length [m]."""
     aperture: float
     """Radius of the lens [m]; 0 is a pinhole."""
     focus: float
@@ -114,7 +112,6 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         T_w_c=T_w_c,
         resolution=camera.resolution,
         focal=(K[0, 0], K[1, 1]),
-        focal_m=1e-3 * camera.focal_mm,
         aperture=0.5e-3 * camera.focal_mm / camera.f_stop if camera.f_stop > 0.0 else 0.0,
         focus=camera.focus_m,
         max_events=events,
