@@ -66,18 +66,18 @@ def _measures(sweeps: list[Sweep]) -> str:
     """What the errors are, and the worst one within the boundary."""
     lines = ["What the panels show:\n"]
     for sweep in sweeps:
-        worst = _worst(sweep)
-        told = f" Worst within: {worst:.2g}." if worst is not None else ""
+        worst = ", ".join(f"{name} {error:.1e}" for name, error in _worst(sweep).items())
+        told = f" Worst within: {worst}." if worst else ""
         lines.append(f"* **{sweep.title}.** {sweep.measure}{told}")
     return "\n".join(lines) + "\n"
 
 
-def _worst(sweep: Sweep) -> float | None:
-    """Largest error at values where the method holds; None if it came to nothing at all of them."""
+def _worst(sweep: Sweep) -> dict[str, float]:
+    """Largest error of each series at values where the method holds."""
     low, high = sweep.holds
     within = [(low is None or low <= value) and (high is None or value <= high) for value in sweep.values]
-    errors = np.array(list(sweep.errors.values()), float)[:, within]
-    return float(np.nanmax(errors)) if np.isfinite(errors).any() else None
+    errors = {name: np.array(series, float)[within] for name, series in sweep.errors.items()}
+    return {name: float(np.nanmax(series)) for name, series in errors.items() if np.isfinite(series).any()}
 
 
 def _made(records: list[dict]) -> str:

@@ -6,9 +6,11 @@ import numpy as np
 import warp as wp
 
 from benchmarks.stability.entry import Sweep, Sweeps
-from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, truth_of, water
+from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, spot, truth_of, water
 from varos_warp.kernels.medium import sample_truncated_exponential
 from varos_warp.kernels.phase import hg_eval, hg_sample_one_minus_cos
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Scene
 
 TESTS = "tests/stability/test_media_limits.py::"
 BESIDE = (0.15, 0.0, -0.1)
@@ -37,7 +39,7 @@ def single_over_sigma_t() -> Sweep:
                 "g = 0.8, albedo 0.5, against adaptive quadrature in float64. tables integrate; path and reference "
                 "have "
                 "noise (64 pixels of 256 samples).",
-        limit="all of 1e-7 .. 50 1/m (tables 1.1e-3 at worst); tables to 100 1/m",
+        limit="1e-7 .. 100 1/m (tables: 1.8e-3 at worst, at 0.01)",
         fails="tables: at an optical distance of more than 40 from lamp to camera the ten nodes miss the shortest way, "
               "where no light is left (1e-17 at 200 1/m); reference: noise below 1e-3 1/m, where hardly any flight "
               "ends",
@@ -134,7 +136,7 @@ def phase_function_over_g() -> Sweep:
         fails="backward: 1 + cos has no digits in 1 - cos, and the peak is 23 % off at -0.999, infinite at -0.9999; "
               "forward: 1 - g has few digits, 0.3 % off at 1 - 1e-5, 20 % at 1 - 1e-7",
         program="refuses g outside -0.99 .. 0.999 (scene file, key phase.g or anisotropy)",
-        test=TESTS + "test_phase_functions_are_right_where_a_scene_may_name_them", holds=(0.001, None), bound=3e-3,
+        test=TESTS + "test_phase_functions_are_right_where_a_scene_may_name_them", holds=(0.01, None), bound=3e-3,
     )
 
 
@@ -191,6 +193,66 @@ def all_orders_over_albedo() -> Sweep:
     )
 
 
+# ------------------------------------------------------------------------------------------- all orders, from tables
+
+
+LAMPS = {"spots of 65 degrees": [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))], "point": [point((0.15, 0, -0.1))]}
+
+
+@cache
+def multiple_errors(sigma_t: float, g: float, lamps: str, spp: int = 4096) -> tuple[float, float]:
+    """Relative error of the layer multiple with tables, and of the standard error of the paths it is judged by.
+
+    Of an image of 12 x 8 pixels of open water, on average over the image; albedo 0.8.
+    """
+    view = {"resolution": (12, 8), "sensor_mm": (6.0, 4.0), "focal_mm": 4.0}
+    medium = water(0.8 * sigma_t, sigma_t, g)
+    scene = Scene(water={"coefficients": medium}, vehicle={"lights": LAMPS[lamps], "cameras": [view]},
+                  trajectory={"poses": [{"position": (0, 0, 0)}]})
+    renderer = FrameRenderer(scene, "cpu", parts=[])
+    how = {"outputs": "A", "layers": ("multiple",), "seed": 5}
+    got = renderer.render(np.eye(4), integrator="tables", spp=16, **how).A
+    truth = renderer.render(np.eye(4), integrator="path", spp=spp, **how).A
+    mean = truth.radiance.mean(dtype=float)
+    noise = np.sqrt((truth.stderr.mean(axis=2, dtype=float) ** 2).sum()) / got.radiance[..., 0].size
+    return float(abs(got.radiance.mean(dtype=float) / mean - 1)), float(noise / mean)
+
+
+def tables_over_sigma_t() -> Sweep:
+    """All orders from two on, thin to thick."""
+    values = [0.03, 0.3, 1.0, 3.0, 10.0, 50.0]
+    errors = np.array([multiple_errors(s, 0.8, "spots of 65 degrees") for s in values]).T.tolist()
+    return Sweep(
+        key="tables_over_sigma_t", title="tables, all orders, thin to thick", method="tables",
+        parameter="sigma_t [1/m]", values=values, errors=dict(zip(("tables", "stderr of path"), errors, strict=True)),
+        measure="Relative error of the layer multiple in open water, on average over an image, two spots beside the "
+                "camera, g = 0.8, albedo 0.8, against path with 4096 samples, whose standard error is the other line.",
+        limit="0.03 .. 50 1/m within the noise of path (0.6 % at 0.03, 1.4 % at 3, 4 % at 10)",
+        fails="with one channel much murkier than another the sum over the orders does not converge: an optical depth "
+              "of 200 on the grid (0.01, 0.1 and 1 1/m), while 100 does",
+        program="auto takes path beyond 100, tables asked for by name are refused",
+        test=TESTS + "test_tables_hold_all_orders_in_thick_water", bound=1e-2,
+    )
+
+
+def tables_over_g() -> Sweep:
+    """All orders from two on, backward to forward."""
+    values = [-0.3, 0.3, 0.85, 0.93]
+    point_values = [g for g in values if g <= 0.85]
+    missing = [np.nan] * (len(values) - len(point_values))
+    spots = np.array([multiple_errors(0.3, g, "spots of 65 degrees") for g in values]).T.tolist()
+    points = np.array([multiple_errors(0.3, g, "point") for g in point_values]).T.tolist()
+    return Sweep(
+        key="tables_over_g", title="tables, all orders, over g", method="tables", parameter="g", values=values,
+        errors={"spots of 65 degrees": spots[0], "stderr of path, spots": spots[1], "point lamp": points[0] + missing,
+                "stderr of path, point lamp": points[1] + missing}, scale="linear",
+        measure="As before, sigma_t = 0.3/m.",
+        limit="-0.3 .. 0.93, for lamps wider than 120 degrees 0.85", fails="single scattering, see above",
+        program="auto takes path", test=TESTS + "test_tables_leave_backward_water_to_paths", bound=1e-2,
+        holds=(-0.3, 0.93),
+    )
+
+
 # ------------------------------------------------------------------------------------------------------ free flights
 
 
@@ -217,10 +279,12 @@ def flights_over_optical_depth() -> Sweep:
         errors={"t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
                 "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values]},
         measure="Largest error of the distribution function at 4096 samples, in float64.",
-        limit="1e-12 .. 1e8, all of it", fails="nothing found", program="below 1e-6 it samples evenly (error 1e-6)",
+        limit="1e-12 .. 1e8 (3e-7), but 87 .. 104 (2e-4)",
+        fails="exp(-x) is denormal there, and its logarithm has few digits; 1e-38 of the light is left",
+        program="below 1e-6 it samples evenly",
         test=TESTS + "test_free_flights_follow_their_law_through_any_water", bound=2e-6,
     )
 
 
 SWEEPS: Sweeps = (single_over_sigma_t, single_over_optical_distance, single_over_g, phase_function_over_g,
-                  all_orders_over_albedo, flights_over_optical_depth)
+                  all_orders_over_albedo, tables_over_sigma_t, tables_over_g, flights_over_optical_depth)

@@ -110,13 +110,13 @@ def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
     return float(1 - hit.mean()), float(np.abs(needles.A.radiance[hit] / whole.A.radiance[hit] - 1).max())
 
 
-def needles() -> Sweep:
+def rays_at_needles() -> Sweep:
     """Triangles a thousand million times as long as wide."""
     values = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9]
     errors = np.array([needle_errors(a) for a in values])
     at_edges = [needle_errors(a, True)[0] for a in values]
     return Sweep(
-        key="needles", title="needle triangles", method="path (direct), first hits", parameter="length over width",
+        key="rays_at_needles", title="needle triangles", method="path (direct), first hits", parameter="length over width",
         values=values, errors={"direct": errors[:, 1].tolist(), "rays lost": errors[:, 0].tolist(),
                                "rays lost, aimed at edges": at_edges},
         measure="A wall of up to 4000 needles, 12 m long, that fills the view: share of rays that pass between them, "
@@ -194,4 +194,4 @@ def place_on_a_map() -> Sweep:
     )
 
 
-SWEEPS: Sweeps = (depth, grazing, needles, scale, place_on_a_map)
+SWEEPS: Sweeps = (depth, grazing, rays_at_needles, scale, place_on_a_map)

@@ -8,6 +8,7 @@ from benchmarks.stability.transport_media import (
     case_zweifel_total,
     flight_error,
     isotropic_total,
+    multiple_errors,
     phase_moment_error,
     phase_value_error,
     single_error,
@@ -102,7 +103,15 @@ def test_all_orders_of_water_that_absorbs_nothing():
     assert 0.04 < 1 - isotropic_total(1.0 - 1e-9, "tables")[0] / case_zweifel_total(1.0 - 1e-9) < 0.07
 
 
+def test_tables_hold_all_orders_in_thick_water():
+    """A mean free path of 33 cm; thicker water is on the page (docs/stability.md)."""
+    error, noise = multiple_errors(3.0, 0.8, "spots of 65 degrees", spp=2048)
+    assert noise < 0.03
+    assert error < 0.003 + 4 * noise
+
+
 @pytest.mark.parametrize("optical_depth", [1e-12, 1e-7, 9e-7, 1.1e-6, 1e-3, 1.0, 1e4, 1e8])
 def test_free_flights_follow_their_law_through_any_water(optical_depth):
     for t_max in (5.0, 1e9):
         assert flight_error(optical_depth / t_max, t_max) < 2e-6
+        assert flight_error(100.0 / t_max, t_max) < 3e-4  # exp(-100) is a denormal float

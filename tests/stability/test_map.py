@@ -1,0 +1,54 @@
+"""The stability map: every entry names a test that there is, and the page says what was measured."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks.stability.entry import Sweep
+from benchmarks.stability.page import write_page
+
+ROOT = Path(__file__).parents[2]
+RESULTS = json.loads((ROOT / "benchmarks" / "results" / "stability.json").read_text())
+
+
+@pytest.mark.parametrize("key", RESULTS)
+def test_every_entry_is_guarded_by_a_test_that_there_is(key):
+    file, name = RESULTS[key]["test"].split("::")
+    assert re.search(rf"^def {re.escape(name.partition('[')[0])}\(", (ROOT / file).read_text(), re.MULTILINE)
+
+
+def entry(**changes):
+    fields = {"key": "sweep", "title": "a sweep", "method": "path", "parameter": "x [m]", "values": [1.0, 2.0, 3.0],
+              "errors": {"path": [1e-3, 2e-3, math.nan]}, "measure": "Relative error.", "limit": "1 .. 2 m",
+              "fails": "everything | all", "program": "refuses", "test": "tests/stability/test_map.py::test_x",
+              "holds": (None, 2.0)}
+    return Sweep(**fields | changes)
+
+
+def test_a_sweep_survives_its_record():
+    again = Sweep.from_record(json.loads(json.dumps(entry().record() | {"group": "g"})))
+    assert math.isnan(again.errors["path"].pop())
+    assert again.errors == {"path": [1e-3, 2e-3]}
+    assert again.holds == (None, 2.0)
+
+
+@pytest.mark.parametrize(("changes", "message"), [({"values": [1.0]}, "error for each"), ({"test": "a test"}, "node"),
+                                                  ({"key": "no key"}, "identifier")])
+def test_a_sweep_that_makes_no_sense_is_none(changes, message):
+    with pytest.raises(ValueError, match=message):
+        entry(**changes)
+
+
+def test_the_page_has_the_boundary_the_worst_error_within_and_a_figure(tmp_path):
+    record = entry().record() | {"group": "water", "commit": "abc", "machine": "a machine", "seconds": 3.0}
+    other = entry(key="other").record() | {"group": "gone", "commit": "abc", "machine": "a machine", "seconds": 3.0}
+    write_page({"sweep": record, "other": other}, {"water": "Water"}, tmp_path / "stability.md")
+    page = (tmp_path / "stability.md").read_text()
+    assert "| path | x [m] | 1 .. 2 m | everything \\| all | refuses |" in page
+    assert "[test_x](../tests/stability/test_map.py)" in page
+    assert "Worst within: path 2.0e-03." in page
+    assert "gone" not in page
+    assert (tmp_path / "images" / "stability_water.png").stat().st_size > 1000
