@@ -10,7 +10,7 @@ TICK_RATE_HZ = 200
 TICK_S = 1.0 / TICK_RATE_HZ
 TICK_NS = 1_000_000_000 // TICK_RATE_HZ
 LONGEST_S = 86_400
-"""Longest sequence [s]: a day, whose trajectory is 17 million rows and 3 GB."""
+"""Longest sequence [s]: a day, whose trajectory is 17 million rows and takes 9 GB to make."""
 MAX_TICKS = LONGEST_S * TICK_RATE_HZ
 
 
