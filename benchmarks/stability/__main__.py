@@ -80,26 +80,25 @@ def main():
     unknown = set(arguments.keys) - set(found)
     if unknown:
         parser.error(f"no such entry: {', '.join(sorted(unknown))}; --list prints them")
-    results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     for key, (group, function) in found.items():
         if (arguments.keys and key not in arguments.keys) or not group.startswith(arguments.only or ""):
             continue
         if arguments.list:
             print(f"{group:20} {key}")
         elif not arguments.page:
-            results[key] = measure(group, function)
-            keep(results, found)
-            print(f"{key}: {results[key]['seconds']} s", flush=True)
+            record = measure(group, function)
+            keep({key: record}, found)
+            print(f"{key}: {record['seconds']} s", flush=True)
     if not arguments.list:
+        keep({}, found)
         write_page(json.loads(RESULTS.read_text()), GROUPS, PAGE)
 
 
-def keep(results: dict, found: dict):
-    """Write the results of entries that there still are, in their order; other runs may have added some meanwhile."""
-    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    kept |= results
-    text = json.dumps({key: kept[key] for key in found if key in kept}, indent=1)
-    RESULTS.with_suffix(".tmp").write_text(text + "\n")
+def keep(measured: dict, found: dict):
+    """Add to the results, which other runs may have added to meanwhile; only entries that there still are stay."""
+    kept = (json.loads(RESULTS.read_text()) if RESULTS.exists() else {}) | measured
+    kept = {key: kept[key] for key, (group, _) in found.items() if key in kept and kept[key]["group"] == group}
+    RESULTS.with_suffix(".tmp").write_text(json.dumps(kept, indent=1) + "\n")
     RESULTS.with_suffix(".tmp").replace(RESULTS)
 
 

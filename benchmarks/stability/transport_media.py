@@ -74,7 +74,7 @@ def single_over_g() -> Sweep:
         measure="As before, sigma_t = 0.1/m; the worse of two point lamps, 0.18 m from the camera and in view 0.5 m "
                 "ahead. "
                 "The noise of path is 1e-3 to 5e-2.",
-        limit="tables -0.3 .. 0.93 (0.85 for lamps wider than 120 degrees); all -0.99 .. 0.999",
+        limit="tables -0.3 .. 0.88 (0.85 for lamps wider than 120 degrees); all -0.99 .. 0.999",
         fails="tables: the backward peak falls between the nodes behind the lamp's foot (2 % at g = -0.85); float32: "
               "see "
               "the phase function",
@@ -227,7 +227,7 @@ def tables_over_sigma_t() -> Sweep:
         parameter="sigma_t [1/m]", values=values, errors=dict(zip(("tables", "stderr of path"), errors, strict=True)),
         measure="Relative error of the layer multiple in open water, on average over an image, two spots beside the "
                 "camera, g = 0.8, albedo 0.8, against path with 4096 samples, whose standard error is the other line.",
-        limit="0.03 .. 50 1/m within the noise of path (0.6 % at 0.03, 1.4 % at 3, 4 % at 10)",
+        limit="0.03 .. 50 1/m within the noise of path (0.6 % at 0.03, 1.4 % at 3, 4 % at 10, 20 % at 50)",
         fails="with one channel much murkier than another the sum over the orders does not converge: an optical depth "
               "of 200 on the grid (0.01, 0.1 and 1 1/m), while 100 does",
         program="auto takes path beyond 100, tables asked for by name are refused",
@@ -237,7 +237,7 @@ def tables_over_sigma_t() -> Sweep:
 
 def tables_over_g() -> Sweep:
     """All orders from two on, backward to forward."""
-    values = [-0.3, 0.3, 0.85, 0.93]
+    values = [-0.3, 0.3, 0.85, 0.88]
     point_values = [g for g in values if g <= 0.85]
     missing = [np.nan] * (len(values) - len(point_values))
     spots = np.array([multiple_errors(0.3, g, "spots of 65 degrees") for g in values]).T.tolist()
@@ -247,9 +247,10 @@ def tables_over_g() -> Sweep:
         errors={"spots of 65 degrees": spots[0], "stderr of path, spots": spots[1], "point lamp": points[0] + missing,
                 "stderr of path, point lamp": points[1] + missing}, scale="linear",
         measure="As before, sigma_t = 0.3/m.",
-        limit="-0.3 .. 0.93, for lamps wider than 120 degrees 0.85", fails="single scattering, see above",
+        limit="-0.3 .. 0.88, for lamps wider than 120 degrees 0.85",
+        fails="sharper phase functions have more harmonics than the grids: 3 % at 0.9, 22 % at 0.924, 40 % at 0.93",
         program="auto takes path", test=TESTS + "test_tables_leave_backward_water_to_paths", bound=1e-2,
-        holds=(-0.3, 0.93),
+        holds=(-0.3, 0.88),
     )
 
 

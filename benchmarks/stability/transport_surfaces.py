@@ -116,9 +116,10 @@ def rays_at_needles() -> Sweep:
     errors = np.array([needle_errors(a) for a in values])
     at_edges = [needle_errors(a, True)[0] for a in values]
     return Sweep(
-        key="rays_at_needles", title="needle triangles", method="path (direct), first hits", parameter="length over width",
-        values=values, errors={"direct": errors[:, 1].tolist(), "rays lost": errors[:, 0].tolist(),
-                               "rays lost, aimed at edges": at_edges},
+        key="rays_at_needles", title="needle triangles", method="path (direct), first hits",
+        parameter="length over width", values=values,
+        errors={"direct": errors[:, 1].tolist(), "rays lost": errors[:, 0].tolist(),
+                "rays lost, aimed at edges": at_edges},
         measure="A wall of up to 4000 needles, 12 m long, that fills the view: share of rays that pass between them, "
                 "and "
                 "largest relative error of direct light against a wall of two triangles.",
