@@ -106,7 +106,8 @@ def course_span() -> Sweep:
         "distance from the middle [m]", halves, {"D [m]": [error(half) for half in halves]},
         "Largest error of D of a wall 3 m away, seen from the end of a course.",
         "3.2 km, where places round by half a step of D",
-        "at 10 km D is off by its step, at 30 km by a millimetre, at 1e7 m by 0.6 m", "warns, and says to divide the course into several scenes",
+        "at 10 km D is off by its step, at 30 km by a millimetre, at 1e7 m by 0.6 m",
+        "warns, and says to divide the course into several scenes",
         f"{COORDINATES}::test_a_course_so_wide_that_depth_loses_its_step_is_reported", holds=(None, 3.2e3),
         bound=25.0 / 65535)
 
