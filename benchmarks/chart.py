@@ -15,7 +15,7 @@ from benchmarks import sensors
 
 COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8", "scatterings_2": "#b07cc6",
            "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "tables": "#ff7f0e",
-           "detail": "#bcbd22", "mitsuba": "#2ca02c", "cycles": "#d62728"}
+           "tables@0.5px": "#bcbd22", "tables@2px": "#17becf", "mitsuba": "#2ca02c", "cycles": "#d62728"}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
 DPI = 110
@@ -74,8 +74,8 @@ def radiance(result: dict, scene: str, path: Path) -> None:
     handles, labels = axes[0].get_legend_handles_labels()
     about = result["scenes"][scene]
     width, height = about["resolution"]
-    figure.suptitle(f"{scene}: {about['title']}; {width} x {height}, light of all orders as truth\n{subtitle(result)}",
-                    fontsize=11)
+    figure.suptitle(f"{scene}: {about['title']}; {width} x {height}, light of all orders as truth; numbers: samples "
+                    f"per pixel of the last point\n{subtitle(result)}", fontsize=11)
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     rows_of_legend = -(-len(labels) // 6)
     figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
@@ -85,10 +85,13 @@ def radiance(result: dict, scene: str, path: Path) -> None:
 def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
     points = [(seconds_of(row, device), row[f"{kind}_limit"]) for row in rows if row[f"{kind}_limit"] > 0.0]
     front = pareto(points)
+    axis.set(xscale="log", yscale="log",
+             xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
     axis.plot(*zip(*front, strict=True), "-", color="#ffe08a", linewidth=9, solid_capstyle="round", zorder=1,
               label="Pareto front")
-    for (_, label), series in _by(rows, "method", "label").items():
-        colour, first = COLOURS.get(series[0]["family"], "#17becf"), series[0]
+    for (name, label), series in _by(rows, "method", "label").items():
+        first = series[0]
+        colour = COLOURS.get(name, COLOURS.get(first["family"], "#e377c2"))
         style = "--" if first["peer"] else ":" if first["denoise"] != "none" else "-"
         x = np.array([seconds_of(row, device) for row in series])
         y = np.array([max(row[f"{kind}_limit"], 1e-9) for row in series])
@@ -97,12 +100,10 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
         axis.plot(x, y, style, color=colour, marker=marker, markersize=6, linewidth=1.3, label=label, zorder=2)
         axis.plot(x[~known], y[~known], linestyle="", marker=marker, markersize=6, color=colour,
                   markerfacecolor="white", zorder=3)
-        for row, at in ((series[0], (x[0], y[0])), (series[-1], (x[-1], y[-1]))):
-            axis.annotate(str(row["spp"]), at, textcoords="offset points", xytext=(4, 4), fontsize=7, color=colour)
-    axis.plot([], [], linestyle="", marker="o", markersize=6, color="#555555", markerfacecolor="white",
+        axis.annotate(str(series[-1]["spp"]), (x[-1], y[-1]), textcoords="offset points", xytext=(5, 4), fontsize=7,
+                      color=colour)
+    axis.plot([1.0], [np.nan], linestyle="", marker="o", markersize=6, color="#555555", markerfacecolor="white",
               label="hollow: within the reference's noise")
-    axis.set(xscale="log", yscale="log",
-             xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
     axis.grid(True, which="major", alpha=0.35)
     axis.grid(True, which="minor", alpha=0.12)
     for one in (axis.xaxis, axis.yaxis):

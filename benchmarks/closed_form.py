@@ -46,7 +46,9 @@ def along_rays(scene: Scene, lamp, origin: np.ndarray, rays: np.ndarray, nodes: 
     axis = None
     if isinstance(lamp, SpotLight) and lamp.cone_deg < 360.0:
         axis = np.asarray(lamp.direction, float) / np.linalg.norm(lamp.direction)
-        ends = np.concatenate([ends, _crossings(v, rays, axis, np.cos(np.radians(lamp.cone_deg) / 2))], axis=1)
+        size = np.cos(np.radians(lamp.cone_deg) / 2)
+        for cosine in (size, size + lamp.blend * (1.0 - size)):  # where the soft edge begins and where it ends
+            ends = np.concatenate([ends, _crossings(v, rays, axis, cosine)], axis=1)
     angles = np.arctan2(np.sort(ends, axis=1) - nearest[:, None], h[:, None])
     x, w = np.polynomial.legendre.leggauss(nodes)
     middle, half = 0.5 * (angles[:, 1:] + angles[:, :-1]), 0.5 * np.diff(angles, axis=1)

@@ -59,6 +59,9 @@ OURS = (
 QUICK = ("direct", "single", "reference", "path", "tables", "tables+oidn")
 
 
+DENOISING_PEERS = ("cycles",)
+
+
 def peers() -> list[Method]:
     """The other programs that are installed, plain and denoised; none where the package of peers is missing."""
     try:
@@ -66,7 +69,8 @@ def peers() -> list[Method]:
     except ImportError:
         return []
     return [Method(f"{name}{'+oidn' * denoised}", f"{name.capitalize()}{', OIDN' * denoised}", name, spp=LADDER[1:],
-                   denoise="oidn" if denoised else "none", peer=name) for name in available() for denoised in (0, 1)]
+                   denoise="oidn" if denoised else "none", peer=name)
+            for name in available() for denoised in range(1 + (name in DENOISING_PEERS))]
 
 
 def find(names, quick: bool = False) -> list[Method]:

@@ -1,0 +1,179 @@
+"""Tables and charts of docs/benchmarks.md from the results of runs: `python -m benchmarks.page [cpu=OUT] [gpu=OUT]`.
+
+``cpu=OUT`` takes over bench.json of a run in folder OUT as benchmarks/results/bench_cpu.json first; the page shows
+whatever runs there are.
+"""
+
+import re
+import sys
+from math import log
+from pathlib import Path
+
+from benchmarks import chart
+from benchmarks.store import load
+from varos_warp.dataset.files import write_bytes, write_json
+from varos_warp.errors import InputError
+
+ROOT = Path(__file__).parents[1]
+RESULTS, PAGE, IMAGES = ROOT / "benchmarks/results", ROOT / "docs/benchmarks.md", ROOT / "docs/images"
+RUNS = ("cpu", "gpu")
+TARGETS = (0.1, 0.03, 0.01)
+"""Relative RMSE that the page asks each method for."""
+
+
+def take_over(run: str, folder: Path) -> None:
+    """Keep the results of a run as those of ``cpu`` or ``gpu``."""
+    if run not in RUNS:
+        raise InputError("is not a run", key="run", value=run, remedy=f"Write one of {', '.join(RUNS)}, as cpu=OUT.")
+    write_json(RESULTS / f"bench_{run}.json", load(folder / "bench.json"))
+
+
+def update(page: Path = PAGE, results: Path = RESULTS, images: Path = IMAGES) -> None:
+    """Draw the charts anew and fill in what stands between ``<!-- name -->`` and ``<!-- end -->`` in the page."""
+    text = page.read_text(encoding="utf-8")
+    for run in RUNS:
+        file = results / f"bench_{run}.json"
+        if not file.exists():
+            continue
+        result = load(file)
+        draw(result, run, images)
+        for name, table in tables(result).items():
+            text = fill(text, f"{run}: {name}", table)
+    write_bytes(page, text.encode())
+
+
+def fill(text: str, name: str, content: str) -> str:
+    """The text with ``content`` between the markers of ``name``, where it has them."""
+    pattern = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    return pattern.sub(lambda match: match[1] + content + match[2], text)
+
+
+def draw(result: dict, run: str, images: Path) -> None:
+    """Charts of a run: the first scene in full, the others beside each other, D and the sensors."""
+    rows = result.get("A", [])
+    if rows:
+        chart.radiance(result, rows[0]["scene"], images / f"bench_{run}.png")
+        chart.scenes(result, images / f"bench_{run}_scenes.png")
+    if len(result.get("D", [])) > 1:
+        chart.depth(result, images / f"bench_{run}_D.png")
+    if result.get("sensors"):
+        chart.steps_and_rates(result, images / f"bench_{run}_sensors.png")
+
+
+def tables(result: dict) -> dict[str, str]:
+    """The page's tables by name, in Markdown."""
+    made = {"machine": _machine(result)}
+    device = result["machine"]["device"]
+    for scene in dict.fromkeys(row["scene"] for row in result.get("A", [])):
+        made[scene] = _methods([row for row in result["A"] if row["scene"] == scene], device)
+    if result.get("A"):
+        made["targets"] = _targets(result["A"], device)
+        made["own truth"] = _own_truth(result["A"])
+        made["left out"] = _left_out(result["scenes"])
+    if result.get("D"):
+        made["D"] = _depth(result["D"])
+    if result.get("sensors"):
+        made["sensors"] = _sensors(result["sensors"])
+    return made
+
+
+def _table(header: list[str], rows: list[list]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
+
+
+def _number(x: float, resolved: bool = True) -> str:
+    return f"{x:.2g}" if resolved else f"(< {x:.2g})"
+
+
+def _machine(result: dict) -> str:
+    facts = result["machine"]
+    compiled = sum(scene.get("compile_seconds", 0.0) for scene in result["scenes"].values())
+    return (f"{chart.subtitle(result)}; {facts['system']}, {facts['date']}. Compilation, counted apart: "
+            f"{compiled:.0f} s in all.\n")
+
+
+def _methods(rows: list[dict], device: str) -> str:
+    """The last point of every method: what its error comes down to and what it costs."""
+    last = {row["method"]: row for row in rows if row["truth"] == "full"}
+    unit = "CPU-s" if device == "cpu" else "s"
+    return _table(["method", "samples", unit, "relative RMSE", "median R / G / B", "1 - SSIM", "set up [s]"], [
+        [row["label"], row["spp"], f"{chart.seconds_of(row, device):.3g}",
+         _number(row["rmse_limit"], row["rmse_resolved"]), " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
+         _number(row["ssim"], row["ssim_resolved"]), f"{row['setup_seconds']:.2g}"] for row in last.values()])
+
+
+def seconds_to(rows: list[dict], target: float, device: str) -> str:
+    """Seconds at which a series first has the RMSE asked for, interpolated in logarithms; > the last where it has not.
+
+    No series is followed beyond its last point.
+    """
+    before = None
+    for row in rows:
+        at, error = chart.seconds_of(row, device), row["rmse_limit"]
+        if error <= target:
+            if before is None:
+                return f"< {at:.2g}" if error < target else f"{at:.2g}"
+            share = _log_share(before[1], error, target)
+            return f"{before[0] * (at / before[0]) ** share:.2g}"
+        before = (at, error)
+    return f"> {before[0]:.2g}"
+
+
+def _log_share(start: float, end: float, target: float) -> float:
+    return log(start / target) / log(start / end)
+
+
+def _targets(rows: list[dict], device: str) -> str:
+    """Seconds to an RMSE, a row for each scene and method that has any."""
+    lines = []
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        for method in dict.fromkeys(row["method"] for row in rows if row["scene"] == scene):
+            series = [row for row in rows if row["scene"] == scene and row["method"] == method
+                      and row["truth"] == "full"]
+            cells = [seconds_to(series, target, device) for target in TARGETS]
+            if not all(cell.startswith(">") for cell in cells):
+                lines.append([scene, series[0]["label"], *cells])
+    unit = "CPU-seconds" if device == "cpu" else "seconds"
+    return _table(["scene", "method", *(f"{unit} to RMSE {target:g}" for target in TARGETS)], lines)
+
+
+def _own_truth(rows: list[dict]) -> str:
+    """Direct light and single scattering against a reference of just these."""
+    last = {row["scene"]: row for row in rows if row["truth"] == "single"}
+    return _table(["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"], [
+        [name, row["spp"], _number(row["rmse_limit"], row["rmse_resolved"]),
+         " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
+         " / ".join(f"{100 * row[f'mean_off_{c}']:.2f}" for c in "rgb")] for name, row in last.items()])
+
+
+def _left_out(scenes: dict[str, dict]) -> str:
+    lines = [f"* {name}: {method}: {why.splitlines()[0]}\n" for name, scene in scenes.items()
+             for method, why in scene.get("left_out", {}).items()]
+    return "".join(lines) or "* nothing\n"
+
+
+def _depth(rows: list[dict]) -> str:
+    return _table(["scene", "tolerance [px]", "depth_steps", "triangles", "D rms [mm]", "95 % [mm]", "C rms [deg]",
+                   "C and D [s]", "memory [MB]", "to reduce [CPU-s]"], [
+        [row["scene"], "all" if row["tolerance_px"] is None else f"{row['tolerance_px']:g}", row["depth_steps"] or "-",
+         row["triangles"], *(f"{row[key]:.3g}" for key in ("rms_mm", "p95_mm", "normal_rms_deg", "seconds_cd",
+                                                           "memory_mb", "reducing_cpu_seconds"))] for row in rows])
+
+
+def _sensors(rows: list[dict]) -> str:
+    steps = [row for row in rows if row["sweep"] == "step" and row["actuator_frame"] == "world"]
+    rates = [row for row in rows if row["sweep"] == "rate"]
+    keys = ("position_m", "attitude_rad", "specific_force", "angular_velocity", "cpu_seconds_per_second")
+    text = _table(["integration step [ms]", "position [m]", "attitude [rad]", "accelerometer [m/s^2]",
+                   "gyroscope [rad/s]", "CPU-s per s"],
+                  [[f"{row['substep_ms']:g}", *(f"{row[key]:.2g}" for key in keys)] for row in steps])
+    return text + "\n" + _table(["IMU rate [Hz]", "dead reckoning: position [m]", "attitude [rad]"], [
+        [row["rate_hz"], *(f"{row[key]:.2g}" for key in keys[:2])] for row in rates])
+
+
+if __name__ == "__main__":
+    for argument in sys.argv[1:]:
+        run, folder = argument.split("=", 1)
+        take_over(run, Path(folder))
+    update()
