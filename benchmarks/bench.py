@@ -11,13 +11,13 @@ from pathlib import Path
 
 from benchmarks import chart, depth, methods, radiance, scenes, sensors
 from benchmarks.machine import machine
-from benchmarks.store import Store
+from benchmarks.store import Store, reopen
 from varos_warp.errors import InputError
 from varos_warp.scene.device import resolve_device
 
 OUTPUTS = ("A", "D", "sensors")
 SECONDS, QUICK_SECONDS = 150.0, 25.0
-"""Of a scene and an output, where nobody says otherwise; compilation comes on top."""
+"""Of a scene and an output, where nobody says otherwise; preparation comes on top."""
 
 
 def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick: bool = False,
@@ -30,8 +30,9 @@ def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick:
         outputs: any of `OUTPUTS`.
         device: auto, cpu or cuda:N.
         quick: to see it work, in two minutes on two cores.
-        seconds: for each scene and output; compilation, and references that must be rendered first, come on top.
-        out: folder for the results; those of an earlier run there are replaced.
+        seconds: for each scene and output; compilation, tables and references that must be made first come on top.
+        out: folder for the results; of those of an earlier run there by the same code on the same machine, the scenes
+            that are measured anew are replaced, of others all.
         quiet: no lines of progress.
 
     Raises:
@@ -46,13 +47,13 @@ def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick:
         raise InputError("must be above 0", key="--seconds", value=seconds)
     chosen = scenes.find(names or (scenes.QUICK if quick else ()))
     ways, device = methods.find(method_names, quick), resolve_device(device)
-    store = Store(Path(out), machine(device))
+    store = reopen(Path(out), machine(device))
 
     def tell(text: str) -> None:
         if not quiet:
             print(text, file=sys.stderr, flush=True)
 
-    store.save()
+    store.forget([bench.name for bench in chosen], outputs)
     if "sensors" in outputs:
         _sensors(store, tell)
     for bench in chosen if "A" in outputs else ():

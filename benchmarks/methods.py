@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.machine import Stopwatch
+from benchmarks.machine import Budget, Stopwatch
 from benchmarks.scenes import BenchScene
 from varos_warp.errors import InputError
 from varos_warp.render.detail import choose_detail
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.launch import usable_cores
 
 LADDER = (1, 4, 16, 64, 256, 1024)
 """Samples per pixel, as far as the time allows."""
@@ -113,8 +112,8 @@ class Workshop:
     device: str
     compile_seconds: float = 0.0
     """On the clock on the wall."""
-    compile_cost: float = 0.0
-    """The same as a `Budget` counts it: compilers run on one core."""
+    cost: float = 0.0
+    """Of all preparation, as a `Budget` counts it."""
     _renderers: dict[float | None, FrameRenderer] = field(default_factory=dict)
 
     def prepare(self, method: Method) -> tuple[Render, float]:
@@ -127,12 +126,13 @@ class Workshop:
             return (lambda spp: self._peer(method, spp)), 0.0
         if method.tolerance_px is not None and not self.bench.parts:
             raise InputError("has no meshes", key="scene", value=self.bench.name)
-        watch, before = Stopwatch(), sum(renderer.compile_seconds for renderer in self._renderers.values())
+        watch, budget = Stopwatch(), Budget(self.device)
+        before = sum(renderer.compile_seconds for renderer in self._renderers.values())
         renderer = self._renderer(method.tolerance_px)
         self._render(renderer, method, spp=1, frame=0)  # compiles, and makes tables
         total = sum(renderer.compile_seconds for renderer in self._renderers.values())
         self.compile_seconds += total - before
-        self.compile_cost = self.compile_seconds / (usable_cores() if self.device == "cpu" else 1)
+        self.cost += budget.seconds
         return (lambda spp: self._ours(renderer, method, spp)), watch.seconds - (total - before)
 
     def _renderer(self, tolerance_px: float | None) -> FrameRenderer:

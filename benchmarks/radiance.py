@@ -50,8 +50,8 @@ def tables_of_its_own():
 def compare(bench: BenchScene, methods: list[Method], device: str, seconds: float, store: Store, tell: Tell) -> int:
     """Render a scene by every method with more and more samples, the cheapest point first, and store a row for each.
 
-    ``seconds`` (of a `Budget`) hold everything but compilation and references that must be made first. Returns the
-    number of points.
+    ``seconds`` (of a `Budget`) hold the rendering and the judging. What comes before is counted apart: compilation,
+    tables, reduced meshes, references that must be made first. Returns the number of points.
     """
     known, workshop, clock = references(bench, device, tell), Workshop(bench, device), Budget(device)
     facts = store.scenes.setdefault(bench.name, {
@@ -61,7 +61,7 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
     with tables_of_its_own():
         while running:
             series = min(running, key=lambda one: one.expected)
-            if clock.seconds - workshop.compile_cost + series.expected > seconds:
+            if clock.seconds - workshop.cost + series.expected > seconds:
                 break
             try:
                 _point(workshop, series, known, clock, store, tell)
@@ -73,7 +73,7 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
             if not series.left:
                 running.remove(series)
     facts["left_out"] |= {series.method.name: "no time was left" for series in running if series.render is None}
-    facts |= {"compile_seconds": workshop.compile_seconds, "seconds": clock.seconds - workshop.compile_cost}
+    facts |= {"compile_seconds": workshop.compile_seconds, "seconds": clock.seconds - workshop.cost}
     store.save()
     return points
 

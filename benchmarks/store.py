@@ -28,6 +28,16 @@ class Store:
         self.rows.setdefault(output, []).append(row)
         self.save()
 
+    def forget(self, scenes: list[str], outputs) -> None:
+        """Drop the rows of these scenes and outputs, which are to be measured anew."""
+        for output in outputs:
+            kept = [row for row in self.rows.pop(output, []) if row.get("scene", scenes[0]) not in scenes]
+            if kept:
+                self.rows[output] = kept
+        if "A" in outputs:
+            self.scenes = {name: facts for name, facts in self.scenes.items() if name not in scenes}
+        self.save()
+
     def save(self) -> None:
         """Write what there is."""
         write_json(self.folder / "bench.json", self.content())
@@ -45,6 +55,17 @@ class Store:
         writer.writeheader()
         writer.writerows(row | self.facts for row in rows)
         return text.getvalue()
+
+
+def reopen(folder: Path, facts: dict) -> Store:
+    """A store that goes on with what is in ``folder``, if that was measured by the same code on the same machine."""
+    file = folder / "bench.json"
+    if not file.exists():
+        return Store(folder, facts)
+    before = load(file)
+    known, scenes = before.pop("machine"), before.pop("scenes")
+    same = {**known, "date": ""} == {**facts, "date": ""}
+    return Store(folder, facts, before, scenes) if same else Store(folder, facts)
 
 
 def load(path: Path) -> dict:

@@ -34,7 +34,7 @@ class Clock:
 class Stage:
     """Stands in for a Workshop: a method's name says how many seconds a sample takes."""
 
-    compile_seconds = compile_cost = 0.0
+    compile_seconds = cost = 0.0
 
     def __init__(self, bench, device):
         self.bench, self.device, self.rng = bench, device, np.random.default_rng(1)
@@ -144,3 +144,14 @@ def test_unknown_names_are_refused():
         scenes.find(["ref2"])
     with pytest.raises(InputError, match="direct, single"):
         methods.find(["fast"])
+
+
+def test_a_run_goes_on_where_an_earlier_one_by_the_same_code_stopped(tmp_path):
+    first = store.Store(tmp_path, MACHINE)
+    for scene in ("one", "two"):
+        first.add("A", {"scene": scene})
+    first.add("sensors", {"sweep": "rate"})
+    again = store.reopen(tmp_path, MACHINE | {"date": "2026-01-02"})
+    again.forget(["two"], ["A"])
+    assert again.rows == {"A": [{"scene": "one"}], "sensors": [{"sweep": "rate"}]}
+    assert store.reopen(tmp_path, MACHINE | {"commit": "def"}).rows == {}
