@@ -120,7 +120,8 @@ def scenes(result: dict, path: Path) -> None:
                                 squeeze=False)
     labels: dict = {}
     for axis, name in zip(axes.flat, names, strict=False):
-        rows = [row for row in result["A"] if row["scene"] == name and row["truth"] == "full" and row["method"] in kept]
+        rows = [row for row in result["A"] if row["scene"] == name and row["truth"] == "full"]
+        rows = [row for row in rows if row["method"] in kept] or rows
         _radiance_panel(axis, rows, "rmse", result["machine"]["device"])
         axis.set(title=f"{name}: {result['scenes'][name]['title']}", ylabel=ERRORS["rmse"])
         axis.title.set_fontsize(10)
