@@ -329,7 +329,7 @@ def gimbal_lock() -> Sweep:
 
 def imu_noise() -> Sweep:
     """Densities from nothing to where readings end."""
-    densities = [1e-300, 1e-100, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e100]
+    densities = [1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12]
     count, rate = 100_000, 200.0
 
     def error(density, walk):

@@ -180,7 +180,7 @@ def sample_rate() -> Sweep:
 
 def saturation() -> Sweep:
     """The force limit towards zero, on a leg that takes 19.5 N."""
-    forces = [1e-300, 1e-6, 1e-3, 0.1, 1.0, 3.0, 10.0, 15.0, 19.0, 20.0, 30.0, 120.0, 1e4, 2e6, 3e6]
+    forces = [1e-6, 1e-3, 0.1, 1.0, 3.0, 10.0, 15.0, 19.0, 20.0, 30.0, 120.0, 1e4, 2e6, 3e6]
 
     def lag(force):
         try:
