@@ -9,7 +9,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axis import Axis
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from benchmarks import sensors
 
@@ -18,6 +18,9 @@ COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8",
            "tables@0.5px": "#bcbd22", "tables@2px": "#17becf", "mitsuba": "#2ca02c", "cycles": "#d62728"}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
+MAIN = ("direct", "single", "reference", "path", "path+oidn", "tables", "tables+oidn", "mitsuba", "cycles",
+        "cycles+oidn")
+"""Methods that differ most: what is drawn where there is little room."""
 DPI = 110
 
 
@@ -47,10 +50,10 @@ def _readable(axis: Axis) -> None:
     """Labels of a logarithmic axis: decades; 1, 2 and 5 where there are few of them."""
     low, high = axis.get_view_interval()
     few = high / max(low, 1e-30) < 50.0
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_locator(MaxNLocator(5) if high < 5.0 * low else LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axis.set_minor_formatter(NullFormatter())
     if few:
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.5g}" if x < 1e4 else f"{x:,.0f}"))
 
 
 def subtitle(result: dict) -> str:
@@ -113,15 +116,13 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
 def scenes(result: dict, path: Path) -> None:
     """RMSE against time of every scene beside each other, the series that differ most."""
     names = list(dict.fromkeys(row["scene"] for row in result["A"]))
-    kept = {"direct", "single", "reference", "path", "tables", "tables+oidn", "path+oidn", "mitsuba", "cycles",
-            "cycles+oidn"}
     columns = min(3, len(names))
     figure, axes = plt.subplots(-(-len(names) // columns), columns, figsize=(15, 4.3 * -(-len(names) // columns) + 0.9),
                                 squeeze=False)
     labels: dict = {}
     for axis, name in zip(axes.flat, names, strict=False):
         rows = [row for row in result["A"] if row["scene"] == name and row["truth"] == "full"]
-        rows = [row for row in rows if row["method"] in kept] or rows
+        rows = [row for row in rows if row["method"] in MAIN] or rows
         _radiance_panel(axis, rows, "rmse", result["machine"]["device"])
         axis.set(title=f"{name}: {result['scenes'][name]['title']}", ylabel=ERRORS["rmse"])
         axis.title.set_fontsize(10)
@@ -145,7 +146,7 @@ def depth(result: dict, path: Path) -> None:
     for row_of_axes, ((scene,), rows) in zip(axes, groups.items(), strict=True):
         exact, levels = rows[0], rows[1:]
         base = exact["seconds_cd"]
-        _depth_panel(row_of_axes[0], levels, "triangles", f"triangles kept, of {exact['triangles']}")
+        _depth_panel(row_of_axes[0], levels, "triangles", f"triangles kept, of {exact['triangles']:,}")
         _depth_panel(row_of_axes[1], levels, "seconds_cd", f"seconds of C and D (every triangle: {base:.3g})")
         _depth_panel(row_of_axes[2], levels, "memory_mb", f"memory of the meshes [MB], of {exact['memory_mb']:.3g}")
         row_of_axes[0].set_ylabel(f"{scene}: error of D [mm]")

@@ -49,10 +49,11 @@ def fill(text: str, name: str, content: str) -> str:
 
 
 def draw(result: dict, run: str, images: Path) -> None:
-    """Charts of a run: the first scene in full, the others beside each other, D and the sensors."""
+    """Charts of a run: ref1 (or the first scene) in full, the others beside each other, D and the sensors."""
     rows = result.get("A", [])
     if rows:
-        chart.radiance(result, rows[0]["scene"], images / f"bench_{run}.png")
+        names = [row["scene"] for row in rows]
+        chart.radiance(result, "ref1" if "ref1" in names else names[0], images / f"bench_{run}.png")
         chart.scenes(result, images / f"bench_{run}_scenes.png")
     if len(result.get("D", [])) > 1:
         chart.depth(result, images / f"bench_{run}_D.png")
@@ -125,13 +126,13 @@ def _log_share(start: float, end: float, target: float) -> float:
 
 
 def _targets(rows: list[dict], device: str) -> str:
-    """Seconds to an RMSE, a row for each scene and method that has any."""
+    """Seconds to an RMSE, a row for each scene and main method that has any."""
     lines = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
-        for method in dict.fromkeys(row["method"] for row in rows if row["scene"] == scene):
+        for method in chart.MAIN:
             series = [row for row in rows if row["scene"] == scene and row["method"] == method
                       and row["truth"] == "full"]
-            cells = [seconds_to(series, target, device) for target in TARGETS]
+            cells = [seconds_to(series, target, device) for target in TARGETS if series]
             if not all(cell.startswith(">") for cell in cells):
                 lines.append([scene, series[0]["label"], *cells])
     unit = "CPU-seconds" if device == "cpu" else "seconds"
