@@ -90,7 +90,7 @@ class FlatFloorRenderer:
     def __init__(self, scene, device="auto", parts=None):
         self.scene, self.calls, self.stop_after = scene, [], None
 
-    def render(self, T_w_v, camera, outputs, *, spp, max_scatterings, max_bounces, layers, frame):
+    def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
         self.calls.append((frame, camera, outputs))
@@ -121,14 +121,17 @@ class FlatFloorRenderer:
 
 
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
-    plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings, "reasons": ["a test"]}
-    return SimpleNamespace(**plan, to_dict=lambda: plan)
+    plan = {"spp": scene.render.spp or 8, "tolerance": None, "max_scatterings": scene.render.max_scatterings,
+            "max_bounces": scene.render.max_bounces, "integrator": "auto", "pinhole": False, "lamps": None,
+            "reasons": ["a test"]}
+    decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)
+    return SimpleNamespace(**plan, error=None, cost=None, decisions=[decision], to_dict=lambda: plan)
 
 
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
     for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
-                          "render.plan": {"plan_render": plan_render},
+                          "render.plan": {"plan_render": plan_render, "planned_renderer": lambda same, lamps: same},
                           "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)
         module.__dict__.update(members)

@@ -101,8 +101,9 @@ def test_simulate_writes_sensors_only_and_render_frames_only(scene_file, tmp_pat
 
 def test_plan_prints_what_the_planner_says(scene_file):
     result = call("plan", scene_file, "--device", "cpu", "--json", "-q")
-    assert json.loads(result.stdout) == {"spp": 8, "max_scatterings": None, "reasons": ["a test"]}
-    assert "  - a test" in call("plan", scene_file, "--device", "cpu", "-q").output
+    found = json.loads(result.stdout)
+    assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["a test"])
+    assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 
 COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "

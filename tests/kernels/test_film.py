@@ -12,28 +12,48 @@ LAYERS = ("direct", "single", "glow", "veil")
 
 @wp.kernel(enable_backward=False)
 def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
-    """Sums as the path tracers keep them; samples [layer, sample, height, width]."""
+    """Sums as the path tracers keep them; samples [layer, half * sample, height, width]."""
     stratum, row, col = wp.tid()
-    spp = samples.shape[1]
-    strata = film.squares.shape[0]
     sums = kernel.Sums()
-    for i in range(kernel.first_sample(stratum, strata, spp), kernel.first_sample(stratum + 1, strata, spp)):
+    half = kernel.half_of(film, stratum)
+    offset = half * (samples.shape[1] / film.count.shape[0])
+    tile_row, tile_col = row / kernel.TILE, col / kernel.TILE
+    for k in range(film.begin[stratum, tile_row, tile_col], film.end[stratum, tile_row, tile_col]):
+        i = offset + k
         direct, single = samples[0, i, row, col], samples[1, i, row, col]
         sums = kernel.add_sample(sums, direct, single, samples[2, i, row, col], samples[3, i, row, col])
     kernel.store(film, stratum, row, col, sums)
 
 
-def develop(samples, strata):
-    """direct, single, multiple, residual, radiance, stderr [H, W, 3] of samples [layer, sample, H, W, 3]."""
-    spp, shape = samples.shape[1], samples.shape[2:4]
+def exposed(samples, strata, takes, halves=1):
+    """Film of samples [layer, half * sample, H, W, 3], of which each half takes so many more, take by take."""
+    shape, tiles = samples.shape[2:4], tuple(-(-side // int(kernel.TILE)) for side in samples.shape[2:4])
     film = kernel.Film()
     for name in (*LAYERS, "squares"):
         setattr(film, name, wp.zeros((strata, *shape), dtype=wp.vec3d, device="cpu"))
+    film.count = wp.zeros((halves, *tiles), dtype=int, device="cpu")
+    film.begin, film.end = (wp.zeros((strata, *tiles), dtype=int, device="cpu") for _ in range(2))
+    film.lost = wp.zeros(1, dtype=int, device="cpu")
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
-    wp.launch(expose, dim=(strata, *shape), inputs=[device_samples, film], device="cpu")
+    for take in takes:
+        wanted = np.ascontiguousarray(np.broadcast_to(np.int32(take), film.count.shape))
+        wanted = wp.array(wanted, dtype=int, device="cpu")
+        wp.launch(kernel.share_samples, dim=film.count.shape, inputs=[wanted, film], device="cpu")
+        wp.launch(expose, dim=(strata, *shape), inputs=[device_samples, film], device="cpu")
+    return film
+
+
+def developed(film):
+    """direct, single, multiple, residual, radiance, stderr [H, W, 3]."""
+    shape = film.squares.shape[1:]
     out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(6)]
-    wp.launch(kernel.develop, dim=shape, inputs=[film, spp, 0], outputs=out, device="cpu")
+    wp.launch(kernel.develop, dim=shape, inputs=[film, 0], outputs=out, device="cpu")
     return [image.numpy() for image in out]
+
+
+def develop(samples, strata):
+    """Of samples [layer, sample, H, W, 3], all taken at once."""
+    return developed(exposed(samples, strata, [samples.shape[1]]))
 
 
 def samples_of(kind, spp, seed=1):
@@ -100,3 +120,30 @@ def test_one_sample_has_an_unknown_error_not_a_small_one():
     radiance, stderr = develop(samples_of("uniform", 1), 1)[4:]
     assert np.isfinite(radiance).all()
     assert np.all(np.isinf(stderr))
+
+
+def test_halves_with_unlike_numbers_of_samples_weigh_the_same():
+    """3 x 4 pixels are one tile, 9 x 17 six; three takes in a row, different in every tile and half."""
+    rng = np.random.default_rng(3)
+    samples = rng.pareto(1.5, (4, 2 * 60, 9, 17, 3))
+    takes = [np.full((2, 2, 3), 8), rng.integers(0, 20, (2, 2, 3)), rng.integers(0, 20, (2, 2, 3))]
+    *_, radiance, stderr = developed(exposed(samples, 6, takes, halves=2))
+    counts = np.sum(takes, axis=0).repeat(8, 1).repeat(8, 2)[:, :9, :17]
+    light = np.float32(samples).astype(float).sum(axis=0).reshape(2, 60, 9, 17, 3)
+    for row, col in ((0, 0), (7, 8), (8, 7), (8, 16)):
+        halves = [light[h, :counts[h, row, col], row, col] for h in range(2)]
+        np.testing.assert_allclose(radiance[row, col], np.mean([h.mean(0) for h in halves], axis=0), rtol=1e-6)
+        variance = sum(h.var(axis=0, ddof=1) / len(h) for h in halves) / 4.0
+        np.testing.assert_allclose(stderr[row, col], np.sqrt(variance), rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_numbers_are_counted_and_black(bad):
+    samples = samples_of("uniform", 10)
+    samples[1, 3, 0, 2, 1] = bad
+    samples[2, 7, 2, 0, 0] = bad
+    film = exposed(samples, 2, [10])
+    samples[:, 3, 0, 2] = samples[:, 7, 2, 0] = 0.0
+    radiance = developed(film)[4]
+    assert film.lost.numpy()[0] == 2
+    np.testing.assert_allclose(radiance, samples.sum(axis=0).mean(axis=0), rtol=1e-6)

@@ -53,7 +53,7 @@ def arrays(frame):
         for name, value in vars(image).items() if image is not None else ():
             if value is None:
                 continue
-            inner = value if isinstance(value, dict) else {"": value}
+            inner = value if isinstance(value, dict) else {"": np.asarray(value)}
             found |= {f"{output}.{name}{key}": array for key, array in inner.items()}
     return found
 

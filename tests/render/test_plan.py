@@ -3,21 +3,14 @@
 import numpy as np
 import pytest
 
+from varos_warp.render import pilot, truncation
 from varos_warp.render import plan as module
+from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
-from varos_warp.render.plan import (
-    FEWEST_SPP,
-    MOST_SPP,
-    View,
-    kappa,
-    pilot_camera,
-    plan_render,
-    sample_noise,
-    surface_path,
-    truncated_light,
-    volume_path,
-)
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.render.pilot import View, pilot_camera
+from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, MOST_SPP, circle_of_confusion, plan_render
+from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
+from varos_warp.scene.description import Camera, Diffuse, Scene
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.water import optical_properties
 
@@ -72,7 +65,7 @@ def test_the_criterion_predicts_the_light_that_was_measured_to_be_lost(case):
     for n, loss in enumerate(measured):
         lost, total = truncated_light(n, direct, single, x_s, x_v)
         error = 100.0 * float(lost / total)
-        assert module.SAFETY * error > loss - 0.01
+        assert truncation.SAFETY * error > loss - 0.01
         if n < 2:
             np.testing.assert_allclose(error, loss, rtol=0.03 if x_s < 1.0 else 0.05, atol=0.01)
 
@@ -86,7 +79,8 @@ def test_path_lengths_give_the_optical_depths_of_the_measurement(case):
     name, metres = case.removesuffix(" m").rsplit(" ", 1)
     sigma_s, sigma_t = WATERS[name]
     water = {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": 0.8}}
-    scene = make_scene(water, camera={"resolution": [2, 2], "sensor_mm": [1e-4, 1e-4], "rotation_euler_deg": [0, 0, 0]})
+    ahead = {"resolution": [2, 2], "sensor_mm": [1e-3, 1e-3], "focal_mm": 34.0, "rotation_euler_deg": [0, 0, 0]}
+    scene = make_scene(water, camera=ahead)
     view = View("", scene.vehicle.cameras[0], POSE, 1, None, np.full((2, 2), float(metres)))
     _, _, x_s, x_v, _ = MEASURED[case]
     np.testing.assert_allclose(0.82 * sigma_s * surface_path(scene, view), x_s, rtol=0.003, atol=0.0006)
@@ -133,16 +127,16 @@ def test_the_truncated_image_agrees_with_the_unbounded_one(planned):
     full, bounded, direct = (places(image.radiance) for image in images)
     assert 2 <= plan.max_scatterings <= 4
     assert np.max(np.abs(full - bounded) / full) < scene.render.tolerance
-    assert abs(bounded.mean() / full.mean() - 1.0) < module.TRUNCATION_SHARE * scene.render.tolerance
+    assert abs(bounded.mean() / full.mean() - 1.0) < MODEL_SHARE * scene.render.tolerance
     assert np.mean((full - direct)[..., 2] / full[..., 2]) > scene.render.tolerance
 
 
 def test_a_tighter_tolerance_takes_more_scatterings_and_samples(planned):
     scene, renderer, loose = planned
-    scene = make_scene(tolerance=0.01)
+    scene = make_scene(tolerance=0.02)
     tight = plan_render(scene, renderer, [POSE])
     assert tight.max_scatterings > loose.max_scatterings
-    assert tight.spp > 10 * loose.spp
+    assert tight.spp > 4 * loose.spp
 
 
 def test_clearer_water_takes_fewer_scatterings(planned):
@@ -174,66 +168,58 @@ NARROW = {"kind": "spot", "cone_deg": 30}
 def test_where_the_criterion_was_not_measured_there_is_no_bound(changes, reason):
     plan = plan_render(make_scene(spp=4, **changes), None, [POSE])
     assert plan.max_scatterings is None
-    assert reason in plan.reasons[0]
+    assert reason in plan.reasons[1]
 
 
 def test_turbid_water_beyond_the_measured_depths_has_no_bound():
     turbid = make_scene({"sigma_s": [0.8] * 3, "sigma_a": [0.01] * 3, "phase": {"g": 0.9}}, spp=4)
     plan = plan_render(turbid, make_renderer(turbid), [POSE])
     assert plan.max_scatterings is None
-    assert "might lose" in plan.reasons[0]
+    assert "might lose" in plan.reasons[1]
 
 
 # ---------------------------------------------------------------------------------------------------------- samples
 
 
-def test_the_planned_samples_reach_the_tolerance(planned):
-    """Of what is rendered with other random numbers, the median error is at most the tolerance, and not needlessly low.
+def rendered(scene, renderer, plan, seed, denoise="none"):
+    """Image A as planned, with other random numbers."""
+    how = {key: getattr(plan, key) for key in ("spp", "tolerance", "max_scatterings", "max_bounces", "integrator")}
+    return renderer.render(POSE, plan.view(scene.vehicle.cameras[0]), "A", seed=seed, denoise=denoise, **how).A
 
-    The squares hold 8 x 8 pixels of ``spp`` samples; their median varies by about 5 %, the pilot's by 10 %.
-    """
+
+def error_of(images, truth):
+    """Relative RMSE [3] of images."""
+    squares = np.mean([(image - truth) ** 2 for image in images], axis=(0, 1, 2))
+    return np.sqrt(squares) / brightness(truth.mean((0, 1)))
+
+
+def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned):
+    """Against 8192 samples, whose own noise is a fifth; 8 images tell their error to about a tenth."""
     scene, renderer, plan = planned
-    image = renderer.render(POSE, outputs="A", spp=plan.spp, max_scatterings=plan.max_scatterings, seed=99).A
-    assert np.max(np.median(image.stderr / image.radiance, axis=(0, 1))) <= scene.render.tolerance
-    pooled = np.max(sample_noise(image, plan.spp)) / np.sqrt(plan.spp)
-    assert 0.75 * scene.render.tolerance < pooled < 1.2 * scene.render.tolerance
-    assert plan.spp % 8 == 0
+    truth = renderer.render(POSE, outputs="A", spp=8192, seed=5).A.radiance.astype(float)
+    found = error_of([rendered(scene, renderer, plan, seed).radiance for seed in range(80, 88)], truth)
+    assert np.all(found <= plan.error)
+    assert 0.6 * scene.render.tolerance < found.max() <= scene.render.tolerance
 
 
-def test_noise_is_that_of_lit_places_whatever_the_size_of_the_image():
-    """Half the image black; 30 x 21 pixels are no whole number of squares. Channels of 10, 20 and 40 %."""
-    radiance = np.ones((30, 21, 3), np.float32)
-    radiance[:15] = 0.0
-    stderr = radiance * np.float32([0.1, 0.2, 0.4]) / np.sqrt(9)
-    np.testing.assert_allclose(sample_noise(RadianceImage(radiance, stderr), 9), [0.1, 0.2, 0.4], rtol=1e-5)
-    np.testing.assert_array_equal(sample_noise(RadianceImage(0 * radiance, stderr), 9), 0.0)
-
-
-def test_four_samples_per_pixel_tell_the_noise_of_rare_bright_ones():
-    """One path in 50 is 20 times as bright, in two tones: within 5 % of the truth, where pixels' medians see 0."""
-    rng = np.random.default_rng(4)
-    mean = np.where(np.arange(160) < 80, 1.0, 0.1)[:, None]
-    samples = mean * np.where(rng.random((4, 90, 160, 3)) < 0.02, 20.0, 1.0)
-    stderr = samples.std(axis=0, ddof=1) / 2.0
-    truth = np.sqrt(0.02 * 0.98) * 19.0 / (0.98 + 0.02 * 20.0)
-    assert np.median(stderr) == 0.0
-    np.testing.assert_allclose(sample_noise(RadianceImage(samples.mean(axis=0), stderr), 4), truth, rtol=0.05)
-
-
-def test_a_denoiser_saves_the_samples_that_its_gain_is_worth(planned):
-    noisy, denoised = (plan_render(make_scene(denoise=method, tolerance=0.02), planned[1], [POSE])
-                       for method in ("none", "nlm"))
-    assert denoised.spp * 2.2**2 == pytest.approx(noisy.spp, abs=8 * 2.2**2)  # rounded up to the next 8
-    assert denoised.max_scatterings == noisy.max_scatterings
-    assert "nlm divides" in denoised.reasons[1]
+def test_the_denoised_image_keeps_the_tolerance():
+    scene = make_scene(denoise="nlm", tolerance=0.06)
+    renderer = make_renderer(scene)
+    plan = plan_render(scene, renderer, [POSE])
+    plain = plan_render(make_scene(tolerance=0.06), renderer, [POSE])
+    truth = renderer.render(POSE, outputs="A", spp=4096, seed=5).A.radiance.astype(float)
+    found = error_of([rendered(scene, renderer, plan, seed, "nlm").denoised for seed in range(80, 84)], truth)
+    assert found.max() <= scene.render.tolerance
+    assert plan.spp < plain.spp
+    assert "after nlm" in plan.reasons[-1]
 
 
 @pytest.mark.parametrize(("tolerance", "spp", "words"), [(1e-4, MOST_SPP, "more than are ever taken"),
-                                                          (10.0, FEWEST_SPP, "no fewer are taken")])
+                                                         (30.0, FEWEST_SPP, "no fewer are taken")])
 def test_samples_stay_within_limits_and_the_plan_says_so(planned, tolerance, spp, words):
     plan = plan_render(make_scene(tolerance=tolerance), planned[1], [POSE])
     assert plan.spp == spp
-    assert words in plan.reasons[1]
+    assert words in plan.reasons[-1]
 
 
 def test_a_scene_without_light_takes_the_fewest_samples():
@@ -249,8 +235,85 @@ def test_the_noisiest_of_the_poses_rules(planned):
     up[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     alone = plan_render(scene, renderer, [up])
     both = plan_render(scene, renderer, [POSE, up])
-    assert alone.spp != plan.spp
-    assert both.spp >= max(plan.spp, alone.spp) - 16  # other random numbers: a frame's are keyed by its number
+    assert max(alone.spp, plan.spp) > 1.5 * min(alone.spp, plan.spp)
+    assert both.spp == pytest.approx(max(plan.spp, alone.spp), rel=0.3)  # what the pilot's chance leaves open
+
+
+# -------------------------------------------------------------------------------------------- errors without reference
+
+
+def images_of(truth, sigma, count, seed=1):
+    """Images [H, W, 3] with independent noise."""
+    rng = np.random.default_rng(seed)
+    return [RadianceImage((truth + rng.normal(scale=sigma, size=truth.shape)).astype(np.float32),
+                          np.full(truth.shape, sigma, np.float32)) for _ in range(count)]
+
+
+def test_an_error_is_found_without_a_reference_by_images_that_are_noisier():
+    """Of a blur of 3 x 3 pixels on a checker: the same as against the truth, within 5 %."""
+    from scipy.ndimage import uniform_filter
+
+    truth = 1.0 + 0.2 * (np.indices((90, 160)).sum(0) // 4 % 2)[..., None] * np.ones(3)
+    blurred = [uniform_filter(image.radiance, (3, 3, 1)) for image in images_of(truth, 0.05, 4)]
+    judges = [image.radiance for image in images_of(truth, 0.1, 2, seed=9)]
+    np.testing.assert_allclose(pilot.error(blurred, judges), error_of(blurred, truth), rtol=0.05)
+
+
+def test_what_is_left_out_is_found_under_noise_of_the_same_size():
+    """Its upper end: not below the truth, and not above it by more than chance leaves open."""
+    truth = np.ones((90, 160, 3))
+    full, other = images_of(truth, 0.02, 2), images_of(truth, 0.02, 2, seed=2)
+    less = [RadianceImage(image.radiance - np.float32(0.02), image.stderr) for image in other]
+    found = pilot.omission_error(full, less)
+    assert np.all((found >= 0.0195) & (found < 0.023))
+    same = pilot.omission_error(full, full)
+    np.testing.assert_array_equal(same, 0.0)
+
+
+def test_the_blur_of_a_lens_is_that_of_its_disk():
+    """A disk 1.5 pixels wide over a wave 16 pixels long: against its transfer function 2 J1(x) / x, within 5 %."""
+    from scipy.special import j1
+
+    wave = 1.0 + 0.3 * np.cos(2 * np.pi * (np.arange(160) + 0.5) / 16)[None, :, None] * np.ones((90, 1, 3))
+    x = 2 * np.pi / 16 * 1.5 / 2
+    expected = 0.3 / np.sqrt(2) * (1.0 - 2.0 * j1(x) / x)
+    np.testing.assert_allclose(pilot.blur_error(wave, 1.5), expected, rtol=0.05)
+
+
+def test_the_circle_of_confusion_is_that_of_a_thin_lens():
+    """A focal length of 3.4 mm, f/1.7: an aperture of 2 mm, 985.5 pixels; focused at 3 m, a point at 1 m."""
+    camera = Camera(f_stop=1.7, focus_m=3.0)
+    diameter = 0.002 * (1.0 - 1.0 / 3.0) * 3.4 / 4.416 * 1280
+    assert circle_of_confusion(camera, np.full((5, 5), 1.0)) == pytest.approx(diameter, rel=1e-6)
+    assert circle_of_confusion(camera, np.full((5, 5), 3.0)) == 0.0
+    assert circle_of_confusion(Camera(f_stop=0.0), np.full((5, 5), 1.0)) == 0.0
+
+
+# ------------------------------------------------------------------------------------------------- lens, reflections
+
+
+def test_a_small_aperture_is_left_out_and_a_large_one_is_not():
+    plans = {}
+    for f_stop in (1.0, 60.0):
+        scene = make_scene(camera={"resolution": [64, 36], "f_stop": f_stop, "focus_m": 5.0}, tolerance=0.2)
+        plans[f_stop] = plan_render(scene, make_renderer(scene), [POSE])
+    assert plans[60.0].pinhole
+    assert plans[60.0].view(scene.vehicle.cameras[0]).f_stop == 0.0
+    assert not plans[1.0].pinhole or "0.0" in plans[1.0].reasons[2]
+
+
+def test_reflections_are_left_out_over_a_dark_floor_and_not_inside_a_bright_tank():
+    """A flat floor sends hardly any light back to itself; five walls of reflectance 0.8 do."""
+    walls = np.array([[x, y, z] for x in (-2.0, 2) for y in (-2.0, 3) for z in (-1.5, 1.5)])
+    quads = [(0, 4, 6, 2), (0, 2, 3, 1), (4, 5, 7, 6), (2, 6, 7, 3), (0, 1, 5, 4), (1, 3, 7, 5)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+    tank = Part("tank", walls, faces, Diffuse(reflectance=[0.8] * 3))
+    scene = make_scene(tolerance=0.1)
+    floor, inside = (plan_render(scene, renderer, [POSE]) for renderer in
+                     (make_renderer(scene), FrameRenderer(scene, "cpu", parts=[tank])))
+    assert floor.max_bounces == 1
+    assert inside.max_bounces is None
+    assert "would lose" in inside.reasons[2]
 
 
 # ------------------------------------------------------------------------------------------------- what is promised
@@ -259,20 +322,29 @@ def test_the_noisiest_of_the_poses_rules(planned):
 def test_what_the_scene_fixes_is_taken_as_it_is_and_nothing_is_rendered():
     plan = plan_render(make_scene(spp=37, max_scatterings=5), None, [POSE])
     assert (plan.spp, plan.max_scatterings) == (37, 5)
-    assert plan.reasons == ["max_scatterings 5: given", "spp 37: given"]
+    assert plan.reasons == ["integrator path: given", "max_scatterings 5: given", "spp 37: given"]
+    assert plan.error is None
     assert "at most 5 scatterings" in plan.models["A"]
 
 
-def test_samples_are_planned_for_the_bound_that_is_given(planned):
-    plan = plan_render(make_scene(max_scatterings=0), planned[1], [POSE])
-    assert plan.max_scatterings == 0
-    assert plan.spp < planned[2].spp / 2  # direct light alone, at the edges of the cones, has less noise
+def test_samples_are_planned_for_the_bounds_that_are_given(planned):
+    plan = plan_render(make_scene(max_scatterings=0, max_bounces=1), planned[1], [POSE])
+    assert (plan.max_scatterings, plan.max_bounces) == (0, 1)
+    assert plan.spp < planned[2].spp  # direct light alone, at the edges of the cones, has less noise
 
 
 def test_the_plan_does_not_depend_on_threads_or_time(planned):
     scene, _, plan = planned
     again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
+    assert again.cost["seconds_per_frame"] > 0.0
     assert plan.to_dict() == {key: value for key, value in again.to_dict().items() if key != "cost"}
+
+
+def test_errors_of_models_add_up_and_noise_adds_in_squares(planned):
+    plan = planned[2]
+    *models, samples = [np.array(decision.error) for decision in plan.decisions]
+    np.testing.assert_allclose(plan.error, np.sqrt(np.sum(models, axis=0) ** 2 + samples**2))
+    assert np.all(np.sum(models, axis=0) <= MODEL_SHARE * planned[0].render.tolerance)
 
 
 def test_the_pilot_keeps_the_field_of_view():
@@ -283,8 +355,11 @@ def test_the_pilot_keeps_the_field_of_view():
     assert pilot_camera(small) == small
 
 
+OVERHEAD = 50_000
+
+
 class Clockwork:
-    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond."""
+    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond, and 50 ms."""
 
     device, device_name, compile_seconds = "cpu", "clockwork", 0.0
 
@@ -293,18 +368,19 @@ class Clockwork:
 
     def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
         pixels = camera.resolution[0] * camera.resolution[1]
-        self.now += 1e-6 * pixels * {"A": spp, "B": spp_b, "CDS": 1}[outputs]
+        self.now += 1e-6 * (pixels * {"A": spp, "B": spp_b, "CDS": 1}[outputs] + OVERHEAD)
         self.compile_seconds += 5.0
         self.now += 5.0
 
 
-@pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 100 + 20 + 1), (["D"], 1), (["A"], 100)])
+@pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 16 + 20 + 1), (["D"], 1), (["A"], 16)])
 def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
     clockwork = Clockwork()
     monkeypatch.setattr(module.time, "perf_counter", lambda: clockwork.now)
-    scene = make_scene(camera={"resolution": [1280, 720]}, spp=100, max_scatterings=1, outputs=outputs)
+    scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, max_scatterings=1, outputs=outputs)
     cost = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
-    assert cost["seconds_per_frame"] == pytest.approx(1280 * 720 * microseconds * 1e-6, rel=0.005)
+    expected = 1e-6 * (1280 * 720 * microseconds + OVERHEAD * (3 if len(outputs) > 1 else 1))
+    assert cost["seconds_per_frame"] == pytest.approx(expected, rel=0.005)  # three digits
     assert cost["seconds_in_all"] == pytest.approx(50 * cost["seconds_per_frame"], rel=0.005)
     assert cost["frames"] == 50
 
@@ -316,9 +392,9 @@ def test_with_tables_no_scattering_is_left_out_and_fewer_samples_are_needed():
     """The same floor: the plan says so, and its samples reach the tolerance by the spread of renderings."""
     plans = {name: plan_render(scene, make_renderer(scene), [POSE]) for name in ("path", "tables", "auto")
              for scene in [make_scene(integrator=name)]}
-    assert plans["tables"] == plans["auto"]
+    assert plans["tables"].spp == plans["auto"].spp
     assert plans["tables"].max_scatterings is None
-    assert "tables hold all orders" in plans["tables"].reasons[0]
+    assert "tables hold all orders" in plans["tables"].reasons[1]
     assert plans["tables"].models["A"].startswith("tables of open water")
     assert plans["tables"].spp < plans["path"].spp
 

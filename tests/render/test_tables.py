@@ -141,7 +141,8 @@ def plate(p, n, size=5e-4):
 
 def traced_irradiance(light, coefficients, p, n, spp):
     """Scattered irradiance of a white plate of a square millimetre, seen from 2 mm: mean and standard error [3]."""
-    view = {"position": list(p + 2e-3 * n), "look_at": list(p), "resolution": [16, 16], "sensor_mm": [1e-4, 1e-4]}
+    view = {"position": list(p + 2e-3 * n), "look_at": list(p), "resolution": [16, 16], "sensor_mm": [1e-3, 1e-3],
+            "focal_mm": 34.0}
     scene = Scene(
         water={"coefficients": coefficients},
         vehicle={"lights": [light], "cameras": [{"focal_mm": 1e3, **view}]},

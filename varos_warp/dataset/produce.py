@@ -29,6 +29,8 @@ from varos_warp.scene.load import scene_to_dict
 
 BACKGROUND = max(2, min(8, (os.cpu_count() or 2) // 2))
 """Frames that are denoised and written while the next one is rendered."""
+PLANNED = ("spp", "tolerance", "max_scatterings", "max_bounces", "integrator")
+"""What a plan says of every frame."""
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
 
@@ -256,6 +258,7 @@ class _Job:
             self.note_device()
             self.write_segments()
             self.plan = self.plan or self.make_plan()
+            self.renderer = self.as_planned()
 
     def write_segments(self) -> None:
         """Write what the numbers of S stand for, where S is asked for.
@@ -351,6 +354,12 @@ class _Job:
 
         return plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes).to_dict()
 
+    def as_planned(self):
+        """The renderer, without the lamps that the plan leaves out."""
+        from varos_warp.render.plan import planned_renderer
+
+        return planned_renderer(self.renderer, self.plan["lamps"])
+
     def render_all(self, progress: Progress) -> None:
         """Render, and finish the last frames in the background meanwhile."""
         render = self.scene.render
@@ -359,9 +368,8 @@ class _Job:
             for frame, camera, letters in self.work:
                 start, compiled = time.monotonic(), self.renderer.compile_seconds
                 image = self.renderer.render(
-                    self.T_w_v(frame), camera=camera, outputs=letters, spp=self.plan["spp"],
-                    max_scatterings=self.plan["max_scatterings"], max_bounces=render.max_bounces,
-                    layers=tuple(render.layers), frame=frame, **self.denoise_at_once())
+                    self.T_w_v(frame), camera=self.view(camera), outputs=letters, layers=tuple(render.layers),
+                    frame=frame, **{key: self.plan[key] for key in PLANNED}, **self.denoise_at_once())
                 seconds = time.monotonic() - start - (self.renderer.compile_seconds - compiled)
                 self.timings.append({"frame": frame, "camera": camera, "outputs": letters,
                                      "seconds": round(seconds, 4)})
@@ -371,6 +379,13 @@ class _Job:
                 progress.advance()
             for future in pending:
                 self.clamped += future.result()
+
+    def view(self, camera: str):
+        """The camera to render with, as planned: by its name, or without its lens."""
+        if not self.plan["pinhole"]:
+            return camera
+        named = {view.id: view for view in self.scene.vehicle.cameras}
+        return named[camera].model_copy(update={"f_stop": 0.0})
 
     def denoise_at_once(self) -> dict[str, str]:
         """What the renderer is to denoise: what a GPU can; the CPU's part is done beside the next frame."""

@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
+from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import uniforms
@@ -65,7 +65,6 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         scene: SceneData,
         camera: Camera,
         first_row: int,
-        spp: int,
         max_bounces: int,
         key: wp.uint32,
         # out
@@ -74,13 +73,14 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
         tile_row, col, stratum = wp.tid()
         row = first_row + tile_row
-        strata, width = film.squares.shape[0], film.squares.shape[2]
+        width = film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
-            u = uniforms(key, pixel, sample, 0)
+        stream = half_key(film, key, stratum)
+        for sample in range(film.begin[stratum, row / TILE, col / TILE], film.end[stratum, row / TILE, col / TILE]):
+            u = uniforms(stream, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
-            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
+            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, stream, pixel, sample)
             sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
         store(film, stratum, row, col, sums)
 

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film
+from varos_warp.kernels.film import Film, is_finite
 from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -96,6 +96,9 @@ def add_residual(
     """Add samples of the residual to the film."""
     row, col = wp.tid()
     for k in range(light.shape[0]):
-        L = wp.vec3d(light[k, row, col])
-        film.residual[0, row, col] += L
-        film.residual_squares[0, row, col] += wp.cw_mul(L, L)
+        if is_finite(light[k, row, col]):
+            L = wp.vec3d(light[k, row, col])
+            film.residual[0, row, col] += L
+            film.residual_squares[0, row, col] += wp.cw_mul(L, L)
+        else:
+            wp.atomic_add(film.lost, 0, 1)

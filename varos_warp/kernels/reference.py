@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film, Sums, add_sample, first_sample, store
+from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import transmittance
@@ -92,7 +92,6 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         scene: SceneData,
         camera: Camera,
         first_row: int,
-        spp: int,
         max_scatterings: int,
         max_bounces: int,
         key: wp.uint32,
@@ -101,16 +100,17 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     ):
         tile_row, col, stratum = wp.tid()
         row = first_row + tile_row
-        strata, width = film.squares.shape[0], film.squares.shape[2]
+        width = film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        for sample in range(first_sample(stratum, strata, spp), first_sample(stratum + 1, strata, spp)):
+        stream = half_key(film, key, stratum)
+        for sample in range(film.begin[stratum, row / TILE, col / TILE], film.end[stratum, row / TILE, col / TILE]):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_glow = wp.vec3(0.0)
             L_veil = wp.vec3(0.0)
             from_surface = bool(False)
-            u = uniforms(key, pixel, sample, 0)
+            u = uniforms(stream, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
             o = ray.o
             d = ray.d
@@ -120,8 +120,8 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             alive = bool(True)
             while alive:
                 events = scatterings + bounces
-                u = uniforms(key, pixel, sample, 2 * events + 1)
-                v = uniforms(key, pixel, sample, 2 * events + 2)
+                u = uniforms(stream, pixel, sample, 2 * events + 1)
+                v = uniforms(stream, pixel, sample, 2 * events + 2)
 
                 # to the next vertex: in the water or on a surface, and the light of the lamps there
                 L = wp.vec3(0.0)

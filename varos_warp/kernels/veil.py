@@ -12,6 +12,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.film import is_finite
 from varos_warp.kernels.intersect import SceneData, make_rays
 from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.residual import draw
@@ -104,6 +105,7 @@ def average_slabs(
     light: wp.array4d(dtype=wp.vec3),
     # out
     slabs: wp.array3d(dtype=wp.vec4),  # radiance, and 1 or, without a sample in the water, 0; [slab, row, column]
+    lost: wp.array(dtype=int),  # counts samples that are not numbers, as of a film
 ):
     """Mean of the samples in the water."""
     k, row, col = wp.tid()
@@ -112,7 +114,10 @@ def average_slabs(
     for sample in range(light.shape[0]):
         if starts[sample, row, col, k].scatterings > 0:
             found += 1
-            L += light[sample, row, col, k]
+            if is_finite(light[sample, row, col, k]):
+                L += light[sample, row, col, k]
+            else:
+                wp.atomic_add(lost, 0, 1)
     slabs[k, row, col] = wp.vec4(0.0)
     if found > 0:
         L /= float(found)

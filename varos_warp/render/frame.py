@@ -8,14 +8,16 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
+from varos_warp.kernels.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
-from varos_warp.kernels.film import Film, develop
+from varos_warp.kernels.film import TILE, Film, develop, share_samples
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import make_tables_kernel
+from varos_warp.render.adapt import first_samples, more_samples
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.launch import Launcher
 from varos_warp.render.residual import Residual, empty_veil_grid
@@ -51,6 +53,10 @@ class RadianceImage:
     world as in C; zeros where nothing is hit."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
+    spp: float | None = None
+    """Samples per pixel, mean over the image."""
+    lost_samples: int = 0
+    """Samples that were infinite or not a number; they count as black. A warning tells of any."""
 
 
 @dataclass(frozen=True)
@@ -148,13 +154,15 @@ class FrameRenderer:
             from varos_warp.scene.meshes import build_parts
 
             parts = build_parts(scene)
+        self.parts = parts
         self.world = DeviceScene(scene, parts, self.device)
         self.origin = self.world.origin
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
         self.launcher = Launcher(self.device, threads)
         self.open_water = OpenWater(scene, self.launcher)
-        self._films: dict[tuple[int, int, int], Film] = {}
+        self._films: dict[tuple[int, ...], Film] = {}
+        self._lost = wp.zeros(1, dtype=int, device=self.device)
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
     @property
@@ -169,6 +177,7 @@ class FrameRenderer:
         outputs="ABCD",
         *,
         spp: int | None = None,
+        tolerance: float | None = None,
         spp_b: int | None = None,
         max_scatterings: int | None = None,
         max_bounces: int | None = None,
@@ -186,6 +195,9 @@ class FrameRenderer:
             camera: id of a camera of the scene, or a camera that is not in it; absent: the first.
             outputs: any of A, B, C, D and S.
             spp: samples per pixel of A; absent: the scene's, or 64.
+            tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
+                image, is below it, between a quarter of ``spp`` and four times that (render/adapt.py); absent: all
+                take ``spp``.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.
@@ -209,7 +221,7 @@ class FrameRenderer:
             integrator = resolve_integrator(self.scene, view, integrator, max_scatterings)
             bounds = (ALL if bound is None else bound for bound in bounds.values())
             how = (layers, integrator, denoise, key)
-            images["A"] = self._render_water(view, T_w_v, spp, *bounds, *how)
+            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, *how)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, denoise_b, key)
@@ -232,7 +244,7 @@ class FrameRenderer:
     # ------------------------------------------------------------------------------------------------- the images
 
     def _render_water(
-        self, view, T_w_v, spp, max_scatterings, max_bounces, layers, integrator, denoise, key
+        self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, layers, integrator, denoise, key
     ) -> RadianceImage:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
@@ -245,14 +257,19 @@ class FrameRenderer:
         self.world.pose_lights(T_w_v)
         if integrator == "tables":
             return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, denoise, key)
-        film = self._film(view, spp)
+        film = self._film(view, spp, halves=1 if tolerance is None else 2)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
         else:
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
-        how = [spp, max_scatterings, max_bounces, wp.uint32(key), film]
-        self._launch(kernel, film, [self.world.data, self.world.camera(view, T_w_v)], how)
-        return self._develop(film, spp, layers, denoise)
+        before = [self.world.data, self.world.camera(view, T_w_v)]
+        how = [max_scatterings, max_bounces, wp.uint32(key), film]
+        first = spp if tolerance is None else first_samples(spp)
+        self._take_samples(film, kernel, before, how, first)
+        if tolerance is not None:
+            more = more_samples(*self._tile_statistics(film), first, tolerance, spp)
+            self._take_samples(film, kernel, before, how, more)
+        return self._develop(film, layers, denoise)
 
     def _render_with_tables(self, view, T_w_v, spp, max_bounces, layers, denoise, key) -> RadianceImage:
         """The pixels, after the grid of the veil and the residual of the glow if there is anything to make them."""
@@ -267,17 +284,17 @@ class FrameRenderer:
             filtered = (denoise or self.scene.render.denoise) != "none"
             spp_residual = -(-spp // (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES))
         reflects = spp_residual > 0 and max_bounces > 0
-        film = self._film(view, spp, int(reflects))
+        film = self._film(view, spp, residual=int(reflects))
         if spp_residual:
-            residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0])
+            residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0], self._lost)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
             if reflects:
                 residual.add_glow(film, view, camera, spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
-        how = [tables, grid, spp, max_bounces, wp.uint32(keys[1]), film]
-        self._launch(kernel, film, [self.world.data, camera], how)
+        how = [tables, grid, max_bounces, wp.uint32(keys[1]), film]
+        self._take_samples(film, kernel, [self.world.data, camera], how, spp)
         guides = self._trace_guides(view, T_w_v) if spp_residual and denoise != "none" else {}
-        return self._develop(film, spp, layers, denoise, spp_residual, guides, tables=True)
+        return self._develop(film, layers, denoise, spp_residual, guides, tables=True)
 
     def _render_ambient(self, view, T_w_v, spp, denoise, key) -> RadianceImage:
         if not self.world.has_surfaces:
@@ -287,8 +304,8 @@ class FrameRenderer:
         film = self._film(view, spp)
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
-        self._launch(kernel, film, [self.world.data, camera], [spp, ALL, wp.uint32(key), film])
-        return self._develop(film, spp, (), denoise)
+        self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
+        return self._develop(film, (), denoise)
 
     def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
@@ -309,35 +326,50 @@ class FrameRenderer:
 
     # ---------------------------------------------------------------------------------------------- films, launches
 
-    def _film(self, view, spp: int, residual: int = 0) -> Film:
-        """Buffers for an image, kept from frame to frame; strata depend on nothing but device kind, size and spp."""
+    def _film(self, view, spp: int, halves: int = 1, residual: int = 0) -> Film:
+        """Buffers for an image, kept from frame to frame, and black.
+
+        Strata depend on nothing but device kind, size and spp.
+        """
         width, height = view.resolution
-        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)))
-        key = (strata, residual, height, width)
+        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)) // halves)
+        key = (halves, strata * halves, residual, height, width)
         if key not in self._films:
             film = Film()
             for name in ("direct", "single", "glow", "veil", "squares"):
-                setattr(film, name, self._buffer(strata, height, width))
+                setattr(film, name, self._buffer(strata * halves, height, width))
             for name in ("residual", "residual_squares"):
                 setattr(film, name, self._buffer(residual, height, width))
+            tiles = (-(-height // TILE), -(-width // TILE))
+            film.count = wp.empty((halves, *tiles), dtype=int, device=self.device)
+            film.begin, film.end = (wp.empty((strata * halves, *tiles), dtype=int, device=self.device) for _ in "be")
+            film.lost = self._lost
             self._films[key] = film
-        return self._films[key]
+        film = self._films[key]
+        for buffer in (film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.lost):
+            buffer.zero_()
+        return film
 
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
     def _develop(
-        self, film: Film, spp: int, layers, denoise, spp_residual: int = 0, guides=None, tables: bool = False
+        self, film: Film, layers, denoise, spp_residual: int = 0, guides=None, tables: bool = False
     ) -> RadianceImage:
         shape = film.squares.shape[1:]
         names = (*LAYERS, "residual", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        self.launcher.run(develop, shape, [film, spp, spp_residual], list(images.values()))
+        self.launcher.run(develop, shape, [film, spp_residual], list(images.values()))
         kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
         # what a denoiser works on, still on the device
         work = {"radiance": images["radiance"]} | ({"residual": images["residual"], **guides} if tables else {})
         on_host = {name: image.numpy() for name, image in work.items()}
-        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept)
+        lost = int(film.lost.numpy()[0])
+        if lost:
+            warnings.warn(f"{lost} samples of an image were infinite or not a number; they count as black, and the "
+                          "image is darker there", stacklevel=5)
+        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, lost_samples=lost,
+                              spp=_mean_over_pixels(film.count.numpy().sum(0), shape))
         return self._denoised(image, work, denoise)
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
@@ -373,7 +405,25 @@ class FrameRenderer:
         self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
         return guides
 
-    def _launch(self, kernel, film, before, after):
-        """Run a kernel over the pixels and strata of a film."""
+    def _take_samples(self, film: Film, kernel, before, after, samples):
+        """Run a kernel over the pixels and strata of a film, for ``samples`` more: a number, or [half, tiles ...]."""
         strata, height, width = film.squares.shape
+        wanted = np.broadcast_to(np.int32(samples), film.count.shape)
+        wanted = wp.array(np.ascontiguousarray(wanted), dtype=int, device=self.device)
+        self.launcher.run(share_samples, film.count.shape, [wanted], [film])
         self.launcher.rows(kernel, (height, width, strata), before, after)
+
+    def _tile_statistics(self, film: Film) -> list[np.ndarray]:
+        """Mean and variance of one sample, [half, tile row, tile column, 3]."""
+        shape = (film.count.shape[0], *film.squares.shape[1:])
+        pixels, tiles = ([wp.empty(size, dtype=wp.vec3d, device=self.device) for _ in "mv"]
+                         for size in (shape, film.count.shape))
+        self.launcher.run(pixel_statistics, shape, [film], pixels)
+        for fine, coarse in zip(pixels, tiles, strict=True):
+            self.launcher.run(average_tiles, coarse.shape, [fine], [coarse])
+        return [tile.numpy() for tile in tiles]
+
+
+def _mean_over_pixels(tiles: np.ndarray, shape: tuple[int, int]) -> float:
+    """Mean over the pixels of an image [H, W] of what is known of its tiles."""
+    return float(tiles.repeat(TILE, 0).repeat(TILE, 1)[:shape[0], :shape[1]].mean())

@@ -35,9 +35,12 @@ LEAVING = Directions.ends(48, 13, power=2)
 """Directions in which light leaves a scattering."""
 NORMALS = Directions.ends(41, 13, power=1)
 """Of the planes whose irradiance is tabulated; one is at 90 degrees, where light from the lamp begins to graze them."""
-TOLERANCE, GROWTH = 3e-6, 0.7
-"""Of the sum over all orders. Errors count exp(-GROWTH x optical depth) times as much as at the lamp: light near by
-hardly knows of what lies far away, and far light follows from it."""
+TOLERANCE, ENOUGH, GROWTH = 3e-6, 1e-4, 0.7
+"""Of the sum over all orders: what is asked, and what is taken where rounding allows no more. Errors count
+exp(-GROWTH x optical depth) times as much as at the lamp: light near by hardly knows of what lies far away, and far
+light follows from it."""
+RESTART, RESTARTS, PROGRESS = 12, 17, 0.5
+"""Steps between restarts, at most so many of them, and as long as each leaves at most so much of the residual."""
 
 
 def shines_everywhere(light: Light) -> bool:
@@ -92,15 +95,29 @@ class LampField:
             return ((x - self._scattered_again(self._refined(self._source(x, self._again_to)))) / scale).ravel()
 
         operator = LinearOperator((twice.size, twice.size), matvec=without_next, dtype=np.float32)
-        x, left = gmres(operator, (twice / scale).ravel(), rtol=TOLERANCE, restart=40, maxiter=5)
-        if left != 0:
-            remedy = "Render with integrator path."
-            raise InputError("the light in open water did not converge", key="water", value=self.water, remedy=remedy)
-        x = x.reshape(shape).astype(np.float32) * scale
+        x = self._converged(operator, (twice / scale).ravel()).reshape(shape).astype(np.float32) * scale
         irradiance = _applied(self._once_to["irradiance"], once)
         irradiance += self._refined(_applied(self._again_to["irradiance"], x))
         source = first + self._refined(self._source(x, self._again_to))
         return {"irradiance": _as_grid(irradiance, NORMALS), "source": _as_grid(source, LEAVING)}
+
+    def _converged(self, operator: LinearOperator, b: np.ndarray) -> np.ndarray:
+        """Solution of operator x = b, as right as float32 lets it be.
+
+        Raises:
+            InputError: If it does not converge.
+        """
+        size = np.linalg.norm(b)
+        x, residual = np.zeros_like(b), size
+        for _ in range(RESTARTS):
+            x, left = gmres(operator, b, x0=x, rtol=TOLERANCE, restart=RESTART, maxiter=1)
+            before, residual = residual, np.linalg.norm(b - operator.matvec(x))
+            if left == 0 or residual > PROGRESS * before:  # turbid water: rounding stops it before the tolerance
+                break
+        if not residual <= ENOUGH * size:
+            raise InputError("the light in open water did not converge", key="water", value=self.water,
+                             remedy="Render with integrator path.")
+        return x
 
     # ------------------------------------------------------------------------------------------ from node to node
 

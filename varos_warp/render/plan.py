@@ -1,50 +1,86 @@
-"""The cheapest model that meets the tolerance: how many scatterings A needs, how many samples, and what that will cost.
+"""The cheapest model that meets the tolerance: what A needs, what it can do without, how many samples it takes.
 
-Everything follows from a pilot: a few poses of the sequence at low resolution with a few samples. Its layers tell how
-much light a bound on the scatterings would lose (a measured Poisson law over the orders of scattering), its standard
-errors how many samples the tolerance needs. Times are measured for the cost only; nothing that is chosen depends on
-them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
+Everything follows from a pilot (pilot.py): a few poses at low resolution. A decision names what is left out and the
+error that this makes, per channel, as relative RMSE of an image. Errors of models add up and may take a quarter of the
+tolerance; noise, and what a denoiser leaves, has the rest. Times are measured for the cost only; nothing that is chosen
+depends on them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
 """
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
-from scipy.ndimage import uniform_filter
-from scipy.special import pdtrc
 
-from varos_warp.render.denoise import available_method
+from varos_warp.render import pilot
+from varos_warp.render.adapt import brightness
+from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.frame import resolve_integrator
+from varos_warp.render.pilot import View, pilot_camera
+from varos_warp.render.reach import lamp_bounds, with_lamps
+from varos_warp.render.tables import unavailable
+from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Camera, Scene
-from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.water import OpticalProperties, optical_properties
+from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.water import optical_properties
 
 CHANNELS = ("red", "green", "blue")
 
-TRUNCATION_SHARE = 0.25
-"""Share of the tolerance that the light lost to ``max_scatterings`` may take; the rest is for noise."""
-SAFETY = 1.5
-"""The criterion under-predicts by up to a third where wide-angle orders rule the tail."""
-MOST_SCATTERINGS = 6
-"""Beyond so many scatterings the Poisson law has not been measured."""
-DEEPEST = 3.0
-"""Largest x_s at which the Poisson law of surface light has been measured."""
-FARTHEST_LAMP_M = 1.5
-"""The law of volume light has been measured for lamps beside the camera, at most a metre off."""
-DARK = 0.1
-"""Places darker than this share of the image's mean are judged as if they had it: their error is an absolute one."""
+MODEL_SHARE = 0.25
+"""Share of the tolerance that models may take; errors add up."""
+MARGIN = 1.1
+"""Samples are chosen for an error smaller by this factor: that of the pilot is known to about a tenth."""
+TABLES_ERROR = 0.002
+"""Relative RMSE of tables without noise: measured, docs/transport.md."""
+FEWEST_SPP, MOST_SPP = 2, 4096
+FIRST_GUESS = {"tables": 2, "path": 4, "reference": 16}
+"""Samples per pixel of the first images that are judged; if far from what is needed, others are."""
+LEVELS = (1, 2, 4)
+"""Images are judged with so many times as many samples,"""
+JUDGE_LEVEL = 8
+"""by others with so many times as many,"""
+FEWEST_JUDGES, MOST_JUDGES = 2, 8
+"""of which there are more where they have few pixels: together they tell an error to about a tenth."""
+IMAGES = 2
+"""Images that are judged at each level: what a denoiser leaves varies from one to the next."""
+REACH = 3
+"""Up to so many times more samples than were judged, their error may be extrapolated."""
+MOST_JUDGED = 32
+"""Samples per pixel of the first image that is judged, at most."""
+ROUNDS = 3
+MATCHED = 2
+"""Pairs of images with and without something, to see what it does."""
+INDEPENDENT, STEEPEST, FLATTEST = -0.5, -0.75, -0.15
+"""Exponents of the error in the number of samples: of independent samples, the most that a low-discrepancy sequence
+and the least that a denoiser has shown."""
+FEWEST_ADAPTIVE = 16
+"""With fewer samples per pixel, there is nothing to adapt."""
+LAMP_SHARE = 0.05
+"""Share of the tolerance that lamps which are left out may have had."""
+BOUNCES = (1, 2)
+"""Bounds on the reflections that are tried; with three or more, walks end by roulette as early."""
+SHARPEST_LENS_PX = 1.0
+"""Depth of field is looked at where the circle of confusion is at most this wide everywhere."""
 
-PILOT_POSES = 5
-PILOT_PIXELS, PILOT_SPP = 160 * 90, 4
-"""Size of an image of the pilot; smaller ones get more samples per pixel, the same in all."""
-POOLED_SAMPLES = 256
-"""Relative variances are those of squares of pixels with so many samples, mean over 3 x 3 of them. Fewer samples miss
-the rare bright ones: the median over pixels of a 4-sample standard error is half of the right one; that of these
-squares is 10 % below what 256 samples per pixel find in them."""
-FEWEST_SPP, MOST_SPP, SPP_STEP = 8, 4096, 8
+
+@dataclass(frozen=True)
+class Decision:
+    """One choice of the planner."""
+
+    what: str
+    choice: str
+    reason: str
+    error: tuple[float, float, float] | None = None
+    """Predicted relative RMSE of the choice, per channel; None where it is not known."""
+    cost: float | None = None
+    """Time of an image with the choice over that of one with everything, where both were rendered."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, without the cost, which differs from machine to machine."""
+        error = None if self.error is None else [float(f"{e:.3g}") for e in self.error]
+        return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": error}
 
 
 @dataclass(frozen=True)
@@ -55,8 +91,16 @@ class Plan:
     """Samples per pixel of A."""
     max_scatterings: int | None
     """Most scatterings in the water on a path; None: no bound."""
-    reasons: list[str]
-    """One sentence for each choice."""
+    max_bounces: int | None = None
+    """Most reflections on surfaces; None: no bound."""
+    integrator: str = "auto"
+    pinhole: bool = False
+    """Whether the depth of field is left out."""
+    lamps: list[int] | None = None
+    """Numbers of the lamps that reach an image, from 0; None: all."""
+    tolerance: float | None = None
+    """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
+    decisions: list[Decision] = field(default_factory=list)
     models: dict[str, str] = field(default_factory=dict)
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
@@ -64,16 +108,38 @@ class Plan:
     meshes: dict[str, Any] | None = None
     """What was kept of every mesh, why, and what that costs; from `varos_warp.render.detail`."""
 
+    @property
+    def reasons(self) -> list[str]:
+        """One sentence for each decision."""
+        return [f"{d.what} {d.choice}: {d.reason}" for d in self.decisions]
+
+    @property
+    def error(self) -> np.ndarray | None:
+        """Predicted relative RMSE [3] of an image: noise, and the sum of what models leave out; None: not predicted."""
+        samples = [d.error for d in self.decisions if d.what == "spp"]
+        if samples in ([], [None]):
+            return None
+        models = [d.error for d in self.decisions if d.what != "spp" and d.error is not None]
+        return np.hypot(samples[0], np.sum([np.zeros(3), *models], axis=0))
+
+    def view(self, camera: Camera) -> Camera:
+        """The camera to render with."""
+        return camera.model_copy(update={"f_stop": 0.0}) if self.pinhole else camera
+
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
-        content = {"spp": self.spp, "max_scatterings": self.max_scatterings, "models": self.models}
+        names = ("spp", "max_scatterings", "max_bounces", "integrator", "pinhole", "lamps", "tolerance", "models")
+        content = {name: getattr(self, name) for name in names}
+        error = self.error
+        content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
         content |= {} if self.cost is None else {"cost": self.cost}
-        return content | {"reasons": self.reasons} | ({} if self.meshes is None else {"meshes": self.meshes})
+        content |= {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
+        return content | ({} if self.meshes is None else {"meshes": self.meshes})
 
 
 def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
                 meshes: dict | None = None) -> Plan:
-    """Choose samples and scatterings for a sequence; what the scene file fixes stays as it is.
+    """Choose models and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
         scene: The scene.
@@ -82,340 +148,350 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         measure_cost: Also measure how long it will take on this device.
         meshes: What was kept of the meshes, for the plan.
     """
-    settled = _settled_scatterings(scene)
-    views = [] if settled and scene.render.spp is not None else list(_pilot(scene, renderer, poses))
-    max_scatterings, why_scatterings = settled or _fewest_scatterings(scene, views)
-    spp, why_spp = _fewest_spp(scene, views)
-    cost = _cost(scene, renderer, poses, spp, max_scatterings) if measure_cost else None
-    reasons = [why_scatterings, why_spp, *_why_meshes(meshes)]
-    return Plan(spp, max_scatterings, reasons, _models(scene, spp, max_scatterings), cost, meshes)
+    plan = _Planner(scene, renderer, poses, _why_meshes(meshes)).plan()
+    cost = _cost(scene, planned_renderer(renderer, plan.lamps), poses, plan) if measure_cost else None
+    return replace(plan, models=_models(scene, plan), meshes=meshes, cost=cost)
 
 
-def _why_meshes(meshes: dict | None) -> list[str]:
-    """A sentence on the meshes where any were reduced."""
-    if meshes is None or meshes["level_of_detail"] is None:
-        return []
-    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
-    depth = meshes.get("depth_error", {})
-    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
-    return [f"level_of_detail {asked}: {meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"]
+def planned_renderer(renderer, lamps: Sequence[int] | None):
+    """The renderer of a plan: without the lamps that it leaves out."""
+    return renderer if lamps is None else with_lamps(renderer, lamps)
+
+
+class _Planner:
+    """Takes one decision after the other; each knows what those before it left out."""
+
+    def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
+        self.scene, self.renderer, self.poses = scene, renderer, poses
+        self.render = scene.render
+        self.decisions = decisions
+        self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)
+        """Sum of the errors of models so far."""
+        self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
+        self.integrator, self.pinhole, self.lamps = self.render.integrator, False, None
+
+    def plan(self) -> Plan:
+        """All decisions."""
+        if self.render.spp is None and self.lit:
+            self.choose_lamps()
+        self.choose_integrator()
+        self.choose_scatterings()
+        if self.render.spp is None and self.lit:
+            self.choose_lens()
+            self.choose_bounces()
+        spp, tolerance = self.choose_samples()
+        return Plan(spp, self.max_scatterings, self.max_bounces, self.integrator, self.pinhole, self.lamps,
+                    tolerance, self.decisions)
+
+    def decide(self, what: str, choice, reason: str, error=None, cost: float | None = None) -> None:
+        """Keep a decision about a model."""
+        words = "any" if choice is None else ("no", "yes")[choice] if isinstance(choice, bool) else str(choice)
+        self.decisions.append(Decision(what, words, reason, None if error is None else tuple(map(float, error)), cost))
+        if error is not None:
+            self.models = self.models + error
+
+    def affordable(self, error: np.ndarray) -> bool:
+        """Whether leaving something out keeps the models within their share of the tolerance."""
+        return bool(np.all(self.models + error <= MODEL_SHARE * self.render.tolerance))
+
+    # ------------------------------------------------------------------------------------------------------ the pilot
+
+    @cached_property
+    def views(self) -> list[View]:
+        """What the scout found."""
+        return list(pilot.scout(self.scene, self.renderer, self.poses))
+
+    @property
+    def lit(self) -> bool:
+        """Whether any pose that was looked at sees light."""
+        return max(view.image.radiance.max() for view in self.views) > 0.0
+
+    @cached_property
+    def worst(self) -> View:
+        """The noisiest view."""
+        return max(self.views, key=lambda view: pilot.scouted_noise(view).max())
+
+    @property
+    def integrators(self) -> set[str]:
+        """What renders A, over the cameras."""
+        return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
+                for camera in self.scene.vehicle.cameras}
+
+    def image(self, spp: int, number: int = 0, **changes):
+        """An image A of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
+        view, cameras = self.worst, self.scene.vehicle.cameras
+        camera = pilot_camera(cameras[self.views.index(view) % len(cameras)], pilot.PIXELS)
+        camera = camera.model_copy(update={"f_stop": 0.0}) if self.pinhole else camera
+        how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
+               "integrator": self.integrator, "layers": tuple(self.render.layers), "spp": spp} | changes
+        return self.renderer.render(view.T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
+
+    def timed(self, spp: int, **changes) -> tuple[list, float]:
+        """``MATCHED`` images, and the seconds that one took."""
+        start, compiled = time.perf_counter(), self.renderer.compile_seconds
+        images = [self.image(spp, number, **changes) for number in range(MATCHED)]
+        return images, (time.perf_counter() - start - (self.renderer.compile_seconds - compiled)) / MATCHED
+
+    @property
+    def first_spp(self) -> int:
+        """Samples per pixel of the first images: far fewer than will be needed."""
+        return FIRST_GUESS[max(self.integrators)]
+
+    # ------------------------------------------------------------------------------------------------------ decisions
+
+    def choose_lamps(self) -> None:
+        """Without those that are too weak or too far away for any pose to see their light."""
+        shares = np.zeros((len(self.scene.vehicle.lights), 3))
+        for view in self.views:
+            level = np.maximum(brightness(view.image.radiance.astype(float).mean((0, 1))), 1e-30)
+            bounds = lamp_bounds(self.scene, view, view_rays(view))
+            shares = np.maximum(shares, np.sqrt(np.mean(bounds**2, axis=(1, 2))) / level)
+        order = np.argsort(shares.max(1), kind="stable")
+        lost = np.cumsum(shares[order], axis=0)
+        count = int(np.count_nonzero(lost.max(1) <= LAMP_SHARE * self.render.tolerance))
+        if not 0 < count < len(shares):
+            return
+        self.lamps = sorted(order[count:].tolist())
+        self.decide("lamps", f"{len(self.lamps)} of {len(shares)}", f"the light of the others is at most "
+                    f"{lost[count - 1].max():.2%} of any image", lost[count - 1])
+        self.renderer = with_lamps(self.renderer, self.lamps)
+        self.scene = self.renderer.scene
+        del self.views
+
+    def choose_integrator(self) -> None:
+        """Paths where tables cannot be had, or are not right enough."""
+        asked, found = self.render.integrator, self.integrators
+        words = " and ".join(sorted(found))
+        if asked == "auto" and "tables" in found and 2.0 * TABLES_ERROR > self.render.tolerance:
+            self.integrator = "path"
+            self.decide("integrator", "path", f"tables are right to {TABLES_ERROR:.1%} only", np.zeros(3))
+        elif "tables" in found:
+            self.decide("integrator", words, "light in open water is known beforehand", np.full(3, TABLES_ERROR))
+        else:
+            self.decide("integrator", words, "given" if asked == words else self.why_no_tables(), np.zeros(3))
+
+    def why_no_tables(self) -> str:
+        """In words."""
+        if self.max_scatterings is not None:
+            return "tables hold all orders of scattering, and a bound is given"
+        why = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
+        return "; ".join(sorted(why))
+
+    def choose_scatterings(self) -> None:
+        """The fewest that lose less light than models may."""
+        bound, layers = self.render.max_scatterings, self.render.layers
+        decide = partial(self.decide, "max_scatterings")
+        if bound is not None:
+            return decide(bound, "given")
+        if not optical_properties(self.scene).sigma_s.any():
+            self.max_scatterings = 0
+            return decide(0, "the water does not scatter", np.zeros(3))
+        if "multiple" not in layers:
+            self.max_scatterings = int("single" in layers)
+            return decide(self.max_scatterings, "the layers asked for have no more", np.zeros(3))
+        if self.integrators == {"tables"}:
+            return decide(None, "the tables hold all orders", np.zeros(3))
+        why = unmeasured(self.scene)
+        if why is None and not self.lit:
+            why = "none of the poses looked at sees any light"
+        return decide(None, why, np.zeros(3)) if why else self.truncate()
+
+    def truncate(self) -> None:
+        """Find the bound from the law of truncation."""
+        worst = np.max([truncation_errors(self.scene, view) for view in self.views], axis=0)
+        bound = next((n for n, error in enumerate(worst) if self.affordable(error)), None)
+        allowed = MODEL_SHARE * self.render.tolerance
+        if bound is None:
+            return self.decide("max_scatterings", None, f"{MOST_SCATTERINGS} might lose {worst[-1].max():.2%} of the "
+                               f"light somewhere, and {allowed:.2%} is allowed", np.zeros(3))
+        self.max_scatterings = bound
+        fewer = f"; {bound - 1} might lose {worst[bound - 1].max():.2%}" if bound else ""
+        return self.decide("max_scatterings", bound, f"loses at most {worst[bound].max():.2%} of the light anywhere, "
+                           f"and {allowed:.2%} is allowed{fewer}", worst[bound])
+
+    def choose_lens(self) -> None:
+        """A pinhole where the depth of field would hardly be missed."""
+        error, widest = np.zeros(3), 0.0
+        for k, view in enumerate(self.views):
+            camera = self.scene.vehicle.cameras[k % len(self.scene.vehicle.cameras)]
+            blur = circle_of_confusion(camera, view.range)
+            error = np.maximum(error, pilot.blur_error(view.image.radiance, blur))
+            widest = max(widest, blur)
+        if widest == 0.0:
+            return
+        words = f"points blur to at most {widest:.2g} pixels; a pinhole is at most {error.max():.2%} off"
+        self.pinhole = widest < SHARPEST_LENS_PX and self.affordable(error)
+        self.decide("depth of field", not self.pinhole, words, error if self.pinhole else np.zeros(3))
+
+    def choose_bounces(self) -> None:
+        """The fewest reflections on surfaces that lose less light than models may."""
+        decide = partial(self.decide, "max_bounces")
+        if self.max_bounces is not None:
+            return decide(self.max_bounces, "given")
+        lost = []
+        full, seconds = self.timed(2 * self.first_spp)
+        for bound in BOUNCES:
+            less, seconds_less = self.timed(2 * self.first_spp, max_bounces=bound)
+            error = pilot.omission_error(full, less)
+            lost.append(f"{bound} would lose up to {error.max():.2%}")
+            if self.affordable(error):
+                self.max_bounces = bound
+                return decide(bound, f"loses at most {error.max():.2%}", error, seconds_less / max(seconds, 1e-9))
+            if error.max() ** 2 > MODEL_SHARE * self.render.tolerance:  # the next would lose about its square
+                break
+        return decide(None, f"{', '.join(lost)}, and {MODEL_SHARE * self.render.tolerance:.2%} is allowed in all",
+                      np.zeros(3))
+
+    # -------------------------------------------------------------------------------------------------------- samples
+
+    def choose_samples(self) -> tuple[int, float | None]:
+        """Samples per pixel, and the standard error at which tiles stop."""
+        if self.render.spp is not None:
+            self.decide("spp", self.render.spp, "given")
+            return self.render.spp, None
+        if not self.lit:
+            self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
+            return FEWEST_SPP, None
+        target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
+        law = self.error_law(target / MARGIN)
+        needed = law.samples(target / MARGIN)
+        spp = int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
+        self.decide("spp", spp, self.why_spp(law, needed, target), MARGIN * law.error(spp))
+        adaptive = "tables" not in self.integrators and spp >= FEWEST_ADAPTIVE
+        return spp, float(law.noise(spp).max()) if adaptive else None
+
+    def error_law(self, target: float) -> "ErrorLaw":
+        """How the error falls with the samples: from images with about as many as are needed."""
+        spp = self.first_spp
+        for _ in range(ROUNDS):
+            law = self.judged(spp)
+            needed = law.samples(target)
+            better = min(max(needed // LEVELS[-1], self.first_spp), MOST_JUDGED)
+            if needed <= REACH * law.spp[-1] or better <= spp:
+                break
+            spp = better
+        return law
+
+    def judged(self, first: int) -> "ErrorLaw":
+        """Errors of images with a few times ``first`` samples, as other images judge them."""
+        method = available_method(self.render.denoise)
+        levels = [first * level for level in LEVELS]
+        images = [[self.image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
+        few = np.sqrt(pilot.PIXELS / images[0][0].radiance[..., 0].size)
+        count = int(np.clip(round(FEWEST_JUDGES * few), FEWEST_JUDGES, MOST_JUDGES))
+        judges = [self.image(JUDGE_LEVEL * first, IMAGES * len(levels) + k).radiance for k in range(count)]
+        noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
+        left = noisy if method == "none" else np.array(
+            [pilot.error([denoise_image(image, method) for image in level], judges) for level in images])
+        return ErrorLaw(levels, left, noisy)
+
+    def why_spp(self, law: "ErrorLaw", needed: int, target: float) -> str:
+        """The choice in words."""
+        channel = CHANNELS[int(np.argmax(law.measured[-1]))]
+        method = available_method(self.render.denoise)
+        left = f" after {method}" if method != "none" else ""
+        words = (f"{law.spp[-1]} leave {law.measured[-1].max():.2%}{left} ({channel}, {self.worst.label}), "
+                 f"{target:.2%} is what models leave of {self.render.tolerance:.2%}")
+        if needed > MOST_SPP:
+            return f"{words}; that would need {needed}, more than are ever taken: the error will be larger"
+        return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
+
+
+def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
+    """Largest diameter [pixels] of the image of a point at the distances [m] that a camera sees; 0 for a pinhole."""
+    seen = distance[np.isfinite(distance)]
+    if not camera.f_stop or not seen.size:
+        return 0.0
+    aperture = 1e-3 * camera.focal_mm / camera.f_stop
+    nearest, farthest = np.quantile(seen, (0.01, 0.99))
+    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (nearest, farthest))
+    return float(aperture * defocus * intrinsics(camera)[0, 0])
+
+
+# ------------------------------------------------------------------------------------------------------ the error's law
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel."""
+
+    spp: list[int]
+    measured: np.ndarray
+    """Errors [level, 3]."""
+    noisy: np.ndarray
+    """The same before denoising."""
+
+    def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
+        x, y = np.log(self.spp), np.log(np.maximum(errors, 1e-12))
+        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), STEEPEST, FLATTEST)
+        return np.exp(y.mean(0) - exponent * x.mean()), exponent
+
+    def error(self, spp: int) -> np.ndarray:
+        """Error [3] with a number of samples."""
+        one, exponent = self._fit(self.measured)
+        return np.where(self.measured.any(0), one * float(spp) ** exponent, 0.0)
+
+    def noise(self, spp: int) -> np.ndarray:
+        """Error [3] before denoising."""
+        one, exponent = self._fit(self.noisy)
+        return np.where(self.noisy.any(0), one * float(spp) ** exponent, 0.0)
+
+    def samples(self, target: float) -> int:
+        """The fewest samples whose error is below ``target`` in every channel."""
+        one, exponent = self._fit(self.measured)
+        needed = np.where(self.measured.any(0), (target / one) ** (1.0 / exponent), 0.0)
+        return int(np.ceil(min(needed.max(), 1e9)))
+
+
+# ------------------------------------------------------------------------------------------------------------ in words
+
+
+def _why_meshes(meshes: dict | None) -> list[Decision]:
+    """Decisions on the meshes where any were reduced."""
+    decisions = []
+    if meshes is not None and meshes["level_of_detail"] is not None:
+        asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
+        depth = meshes.get("depth_error", {})
+        cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
+        decisions.append(Decision("meshes", f"level_of_detail {asked}",
+                                  f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"))
+    if meshes is not None and meshes.get("out_of_reach"):
+        cut = meshes["out_of_reach"]
+        decisions.append(Decision("triangles", f"without {cut['triangles']}", "they are far from what any frame looks "
+                                  f"at, and send at most {cut['light']:.2%} of its light", (cut["light"],) * 3))
+    return decisions
 
 
 TRACERS = {"reference": "reference path tracer", "path": "path tracer", "tables": "tables of open water"}
 
 
-def _integrators(scene: Scene, max_scatterings: int | None) -> set[str]:
-    """What renders A, over the cameras."""
-    render = scene.render
-    return {resolve_integrator(scene, camera, render.integrator, max_scatterings) for camera in scene.vehicle.cameras}
-
-
-def _models(scene: Scene, spp: int, max_scatterings: int | None) -> dict[str, str]:
+def _models(scene: Scene, plan: Plan) -> dict[str, str]:
     """What makes each output, in words."""
     render = scene.render
-    bounds = ((max_scatterings, "scattering", "in the water"), (render.max_bounces, "reflection", "on surfaces"))
+    bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
     words = [f"any number of {noun}s {where}" if bound is None else
              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
-    tracer = " or ".join(TRACERS[name] for name in sorted(_integrators(scene, max_scatterings)))
-    return {"A": f"{tracer}, paths with {' and '.join(words)}, {spp} samples per pixel, denoise {render.denoise}",
+    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
+            for camera in scene.vehicle.cameras}
+    tracer = " or ".join(TRACERS[name] for name in sorted(used))
+    stop = "" if plan.tolerance is None else f" (tiles stop at a standard error of {plan.tolerance:.2%})"
+    return {"A": f"{tracer}, paths with {' and '.join(words)}, {plan.spp} samples per pixel{stop}, "
+                 f"denoise {render.denoise}",
             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
             "S": "first hits of pixel centres"}
 
 
-# ------------------------------------------------------------------------------------------------------------ the pilot
+# ---------------------------------------------------------------------------------------------------------------- cost
 
 
-@dataclass(frozen=True)
-class View:
-    """One image of the pilot, and where it was taken."""
-
-    label: str
-    camera: Camera
-    """With the resolution of the pilot."""
-    T_w_v: np.ndarray
-    spp: int
-    image: Any
-    """`RadianceImage` of A."""
-    range: np.ndarray
-    """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
-
-
-def pilot_camera(camera: Camera, pixels: int = PILOT_PIXELS) -> Camera:
-    """The same field of view with at most so many pixels."""
-    scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
-    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
-
-
-def pilot_frames(count: int) -> list[int]:
-    """A few frames of ``count``, evenly spread and with the first and the last."""
-    return np.unique(np.linspace(0, count - 1, PILOT_POSES).round().astype(int)).tolist()
-
-
-def _pilot(scene: Scene, renderer, poses) -> Iterator[View]:
-    """Render a few poses, evenly spread and with the first and the last, through every camera."""
-    render = scene.render
-    for frame in pilot_frames(len(poses)):
-        for camera in map(pilot_camera, scene.vehicle.cameras):
-            spp = round(PILOT_SPP * PILOT_PIXELS / np.prod(camera.resolution))
-            made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,
-                                   max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame)
-            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range)
-
-
-# ---------------------------------------------------------------------------------------------------------- scatterings
-
-
-def _settled_scatterings(scene: Scene) -> tuple[int | None, str] | None:
-    """``max_scatterings`` and its reason where they do not depend on how the scene looks."""
-    bound, layers = scene.render.max_scatterings, scene.render.layers
-    if bound is not None:
-        return bound, f"max_scatterings {bound}: given"
-    if not optical_properties(scene).sigma_s.any():
-        return 0, "max_scatterings 0: the water does not scatter"
-    if "multiple" not in layers:
-        bound = int("single" in layers)
-        return bound, f"max_scatterings {bound}: the layers asked for have no more"
-    if _integrators(scene, None) == {"tables"}:
-        return None, "max_scatterings null: the tables hold all orders"
-    why = _unknown(scene)
-    return None if why is None else (None, f"max_scatterings null: {why}")
-
-
-def _fewest_scatterings(scene: Scene, views: Sequence[View]) -> tuple[int | None, str]:
-    """The fewest scatterings that lose less light than ``TRUNCATION_SHARE`` of the tolerance, and why."""
-    if not max(view.image.radiance.max() for view in views) > 0.0:
-        return None, "max_scatterings null: none of the poses looked at sees any light"
-    allowed = TRUNCATION_SHARE * scene.render.tolerance
-    worst = SAFETY * np.max([truncation_errors(scene, view) for view in views], axis=0)
-    bound = next((n for n, error in enumerate(worst) if error < allowed), None)
-    if bound is None:
-        return None, (f"max_scatterings null: {MOST_SCATTERINGS} might lose {worst[-1]:.2%} of the light somewhere, "
-                      f"and {allowed:.2%} is allowed")
-    fewer = f"; {bound - 1} might lose {worst[bound - 1]:.2%}" if bound else ""
-    return bound, (f"max_scatterings {bound}: loses at most {worst[bound]:.2%} of the light anywhere, and "
-                   f"{allowed:.2%} is allowed (a quarter of the tolerance){fewer}")
-
-
-def _unknown(scene: Scene) -> str | None:
-    """Why the truncation criterion says nothing about a scene that scatters; None where it has been measured."""
-    water, vehicle = optical_properties(scene), scene.vehicle
-    if len(scene.render.layers) < 3:
-        return "the criterion is about the whole light, and a layer is left out"
-    if not vehicle.lights:
-        return "there are no lamps"
-    if water.g < KAPPA_G[0]:
-        return f"the criterion is known for g from {KAPPA_G[0]}, not for {water.g:g}"
-    narrow, wide = (end(map(half_angle_deg, vehicle.lights)) for end in (min, max))
-    low, high = KAPPA_HALF_ANGLE_DEG[0], KAPPA_HALF_ANGLE_DEG[-1]
-    if narrow < low or wide > high or wide > 1.5 * narrow:
-        return (f"the criterion is known for lamps of one kind with cones of {2 * low:g} to {2 * high:g} degrees, "
-                f"not for {2 * narrow:g} to {2 * wide:g}")
-    if any(camera.mount == "world" or np.linalg.norm(np.subtract(camera.position, light.position)) > FARTHEST_LAMP_M
-           for camera in vehicle.cameras for light in vehicle.lights):
-        return f"the criterion is known for lamps within {FARTHEST_LAMP_M} m of the camera"
-    return None
-
-
-def half_angle_deg(light) -> float:
-    """Half the cone of a lamp; 180 for one that shines everywhere."""
-    return light.cone_deg / 2 if light.kind == "spot" else 180.0
-
-
-KAPPA_G = (0.5, 0.8, 0.9, 0.95, 1.0)
-KAPPA_HALF_ANGLE_DEG = (10.0, 20.0, 32.5, 60.0)
-KAPPA = ((0.245, 0.419, 0.550, 0.667),
-         (0.54, 0.74, 0.82, 0.87),
-         (0.75, 0.87, 0.91, 0.93),
-         (0.88, 0.94, 0.97, 0.99),
-         (1.0, 1.0, 1.0, 1.0))
-"""Share of the scattered light that still arrives, by g and half angle of the lamps' cone. Fitted to order-resolved
-Monte Carlo, spread 2 % over waters and distances; g = 1 does not deflect, so there it is 1."""
-
-
-def kappa(g: float, half_angle_deg: float) -> float:
-    """``KAPPA`` between its nodes, linearly."""
-    return float(RegularGridInterpolator((KAPPA_G, KAPPA_HALF_ANGLE_DEG), KAPPA)((g, half_angle_deg)))
-
-
-def truncated_light(n: int, direct, single, x_s, x_v) -> tuple[np.ndarray, np.ndarray]:
-    """Radiance lost by paths of at most ``n`` scatterings, and radiance of all orders, as the Poisson law has them.
-
-    Light of order k off the surface is x_s^k/k! of the direct light; light of order k that never met a surface is
-    x_v^(k-1)/(k-1)! of single scattering. Where x_s is beyond what was measured, all surface light counts as lost.
-
-    Args:
-        n: Bound on the scatterings.
-        direct: Radiance of direct surface light S_0, any shape.
-        single: Radiance of single scattering V_1.
-        x_s: kappa sigma_s (distance from the camera + distance from the lamp).
-        x_v: sigma_s <l>, with <l> the mean path length of singly scattered light.
-    """
-    surface, volume = direct * np.exp(np.minimum(x_s, 80.0)), single * np.exp(np.minimum(x_v, 80.0))
-    surface_lost = np.where(x_s > DEEPEST, 1.0, pdtrc(n, x_s))
-    volume_lost = pdtrc(n - 1, x_v) if n > 0 else 1.0
-    return surface * surface_lost + volume * volume_lost, surface + volume
-
-
-def truncation_errors(scene: Scene, view: View) -> np.ndarray:
-    """Largest share of the light that a bound of 0, 1, 2 ... scatterings loses in a view, over places and channels.
-
-    Light scattered forward comes from around a pixel, so what is lost and what there is are averaged over an eighth of
-    the image before they are compared. Approximations: <l> is that of unoccluded lamps, the lens is a pinhole.
-    """
-    water, layers = optical_properties(scene), view.image.layers
-    widest = max(half_angle_deg(light) for light in scene.vehicle.lights)
-    x_s = kappa(water.g, widest) * water.sigma_s * surface_path(scene, view)[..., None]
-    x_v = water.sigma_s * volume_path(scene, view, water)
-    size = (*(max(1, side // 8) for side in view.range.shape), 1)
-    errors = []
-    for n in range(MOST_SCATTERINGS + 1):
-        lost, total = (uniform_filter(light.astype(float), size)
-                       for light in truncated_light(n, layers["direct"], layers["single"], x_s, x_v))
-        judged = np.maximum(total, DARK * total.mean((0, 1)))
-        errors.append(np.max(np.divide(lost, judged, out=np.zeros_like(lost), where=judged > 0.0)))
-    return np.array(errors)
-
-
-def _rays(view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Origin [3] and directions [H, W, 3] of the rays through the pixel centres, world axes."""
-    T_w_c, K = camera_pose(view.camera, view.T_w_v), intrinsics(view.camera)
-    row, col = np.indices(view.range.shape) + 0.5
-    d = np.stack([col, row, np.ones_like(col)], axis=-1) @ (T_w_c[:3, :3] @ np.linalg.inv(K)).T
-    return T_w_c[:3, 3], d / np.linalg.norm(d, axis=-1, keepdims=True)
-
-
-def surface_path(scene: Scene, view: View) -> np.ndarray:
-    """Length [H, W] of the way lamp - surface - camera [m], mean over the lamps by I/d^2; 0 where nothing is hit."""
-    origin, d = _rays(view)
-    t = np.where(np.isfinite(view.range), view.range, 0.0)
-    weights, lengths = np.zeros(t.shape), np.zeros(t.shape)
-    for light in scene.vehicle.lights:
-        lamp = view.T_w_v[:3, :3] @ light.position + view.T_w_v[:3, 3]
-        distance = np.maximum(np.linalg.norm(origin + t[..., None] * d - lamp, axis=-1), 1e-3)
-        weight = sum(light.intensity) / distance**2
-        weights, lengths = weights + weight, lengths + weight * (t + distance)
-    return np.where(t > 0.0, lengths / np.maximum(weights, 1e-30), 0.0)
-
-
-def volume_path(scene: Scene, view: View, water: OpticalProperties) -> np.ndarray:
-    """Mean path length <l> [H, W, 3] [m] of light scattered once on the way, by quadrature along every ray.
-
-    The mean of t + d with the integrand of single scattering, I p(theta) exp(-sigma_t (t + d))/d^2 inside the lamps'
-    cones, at a distance t from the camera and d from the lamp; 0 where no lamp reaches the ray.
-    """
-    origin, direction = _rays(view)
-    end = np.minimum(view.range, _FAR_M)
-    weights, lengths = np.zeros((*end.shape, 3)), np.zeros((*end.shape, 3))
-    for u in (np.arange(_NODES) + 0.5) / _NODES:
-        t = _NEAR_M * np.expm1(u * np.log1p(end / _NEAR_M))  # evenly in log(near + t): dt is in proportion to near + t
-        p = origin + t[..., None] * direction
-        for light in scene.vehicle.lights:
-            to_p = p - (view.T_w_v[:3, :3] @ light.position + view.T_w_v[:3, 3])
-            d = np.maximum(np.linalg.norm(to_p, axis=-1), 1e-3)
-            weight = (t + _NEAR_M) * _lit(light, view.T_w_v, to_p, d) / d**2
-            cosine = -np.einsum("...i,...i", to_p, direction) / d
-            weight = weight * (1.0 + water.g**2 - 2.0 * water.g * cosine) ** -1.5
-            length = (t + d)[..., None]
-            weight = weight[..., None] * light.intensity * np.exp(-water.sigma_t * length)
-            weights += weight
-            lengths += weight * length
-    return np.divide(lengths, weights, out=np.zeros_like(lengths), where=weights > 0.0)
-
-
-_NODES, _NEAR_M, _FAR_M = 32, 0.1, 100.0
-
-
-def _lit(light, T_w_v: np.ndarray, to_p: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Whether points [H, W] at ``to_p``, ``d`` from a spot light, are inside its cone."""
-    axis = T_w_v[:3, :3] @ light.direction / np.linalg.norm(light.direction)
-    return to_p @ axis > d * np.cos(np.radians(half_angle_deg(light)))
-
-
-# -------------------------------------------------------------------------------------------------------------- samples
-
-
-DENOISED_TO = (0.006, 0.01, 0.02, 0.03, 0.04)
-DENOISER_GAIN = (1.0, 1.5, 2.2, 2.7, 3.5)
-"""Factor by which a denoiser lowers the relative error, by the error that it arrives at: what is left in the end is its
-own blur, which more samples lower slowly. Open Image Denoise and non-local means are alike. Measured at 320 x 180, full
-transport, against two independent references (so that their noise cancels), worst channel, median over places:
-
-    spp   demo, frame 6: noisy -> oidn, nlm   spp   a sea floor without textures
-      4   0.190 -> 0.044, 0.046                 4   0.167 -> 0.033, 0.034
-     16   0.102 -> 0.034, 0.032                16   0.094 -> 0.023, 0.021
-     64   0.056 -> 0.022, 0.022                64   0.049 -> 0.015, 0.016
-    600   0.018 -> 0.011, 0.009               256   0.026 -> 0.011, 0.011
-
-The table stays a little below the lesser gain; under 0.006, where nothing was measured, denoising does not count."""
-
-
-TABLES_TO = (0.006, 0.0071, 0.0084, 0.0115, 0.017)
-TABLES_GAIN = (1.0, 2.8, 3.6, 4.2, 4.4)
-"""The same with tables, where only the residual is denoised: relative RMSE on ref1, 16 to 2 samples per pixel."""
-
-
-def _fewest_spp(scene: Scene, views: Sequence[View]) -> tuple[int, str]:
-    """Samples per pixel that bring the median relative error of the noisiest view and channel to the tolerance."""
-    render = scene.render
-    if render.spp is not None:
-        return render.spp, f"spp {render.spp}: given"
-    noise = np.array([sample_noise(view.image, view.spp) for view in views])
-    if not np.any(noise > 0.0):
-        return FEWEST_SPP, f"spp {FEWEST_SPP}: no noise was found, and no fewer are taken"
-    view, channel = np.unravel_index(np.argmax(noise), noise.shape)
-    method = available_method(render.denoise)
-    gains = (TABLES_TO, TABLES_GAIN) if _integrators(scene, render.max_scatterings) == {"tables"} else (
-        DENOISED_TO, DENOISER_GAIN)
-    gain = 1.0 if method == "none" else np.interp(render.tolerance, *gains)
-    needed = (noise.max() / (render.tolerance * gain)) ** 2
-    spp = int(np.clip(SPP_STEP * np.ceil(needed / SPP_STEP), FEWEST_SPP, MOST_SPP))
-    helped = f"{method} divides the error of their mean by {gain:.1f}, " if gain > 1.0 else ""
-    why = (f"spp {spp}: one sample has a relative error of {noise.max():.2f} ({CHANNELS[channel]}, "
-           f"{views[view].label}), {helped}and {render.tolerance:g} is asked")
-    if needed > MOST_SPP:
-        why += f"; that would need {needed:.0f}, more than are ever taken: the error will be larger"
-    elif needed <= FEWEST_SPP:
-        why += "; no fewer are taken"
-    return spp, why
-
-
-def sample_noise(image, spp: int) -> np.ndarray:
-    """Relative standard error [3] of one sample: the median over places of an image, 0 where there is no light.
-
-    Args:
-        image: `RadianceImage`.
-        spp: Its samples per pixel, 2 at least.
-    """
-    side = max(1, round(np.sqrt(POOLED_SAMPLES / spp)))
-    variance = spp * _pool(np.square(image.stderr, dtype=np.float64), side)
-    radiance = _pool(image.radiance.astype(np.float64), side)
-    lit = radiance > 0.0
-    relative = np.divide(variance, radiance**2, out=np.zeros_like(variance), where=lit)
-    weight = uniform_filter(lit.astype(float), (3, 3, 1))
-    relative = uniform_filter(relative, (3, 3, 1)) / np.maximum(weight, 1e-30)
-    return np.array([np.sqrt(np.median(relative[..., c][lit[..., c]])) if lit[..., c].any() else 0.0 for c in range(3)])
-
-
-def _pool(image: np.ndarray, side: int) -> np.ndarray:
-    """Means over squares of ``side`` pixels, less at the right and lower edge: [H, W, 3] to [h, w, 3]."""
-    for axis in (0, 1):
-        starts = np.arange(0, image.shape[axis], side)
-        count = np.diff(np.append(starts, image.shape[axis]))
-        image = np.add.reduceat(image, starts, axis) / np.expand_dims(count, (1 - axis, 2))
-    return image
-
-
-# ----------------------------------------------------------------------------------------------------------------- cost
-
-
-def _cost(scene: Scene, renderer, poses, spp: int, max_scatterings: int | None) -> dict[str, Any]:
+def _cost(scene: Scene, renderer, poses, plan: Plan) -> dict[str, Any]:
     """Seconds that rendering takes on this device, from the middle pose; denoising and writing go on beside it."""
     asked = scene.render.outputs
-    groups = {"A": (spp, "A" in asked), "B": (scene.render.spp_b, "B" in asked), "CDS": (1, set("CDS") & set(asked))}
-    seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, samples, max_scatterings)
-                            for camera in scene.vehicle.cameras)
-               for letters, (samples, wanted) in groups.items() if wanted}
+    groups = {letters: bool(set(letters) & set(asked)) for letters in ("A", "B", "CDS")}
+    seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, plan)
+                            for camera in scene.vehicle.cameras) for letters, wanted in groups.items() if wanted}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
             "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
@@ -423,12 +499,29 @@ def _cost(scene: Scene, renderer, poses, spp: int, max_scatterings: int | None) 
             "seconds_in_all": float(f"{a_frame * len(poses):.3g}")}
 
 
-def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, spp: int, max_scatterings) -> float:
-    """Seconds for one image: of a small one with few samples on a CPU, where time is in proportion to both."""
-    small = pilot_camera(camera) if renderer.device == "cpu" else camera  # a GPU is not full with a small image
-    few = min(spp, PILOT_SPP if renderer.device == "cpu" else 8 * PILOT_SPP)
-    start, compiled = time.perf_counter(), renderer.compile_seconds
-    renderer.render(T_w_v, small, letters, spp=few, spp_b=few, max_scatterings=max_scatterings,
-                    max_bounces=scene.render.max_bounces, layers=tuple(scene.render.layers))
-    seconds = time.perf_counter() - start - (renderer.compile_seconds - compiled)
-    return seconds * spp / few * np.prod(camera.resolution) / np.prod(small.resolution)
+MOST_COSTED = 16
+"""Samples per pixel that are rendered to measure a cost on a CPU."""
+
+
+def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan: Plan) -> float:
+    """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
+    def measured(view: Camera, factor: float) -> float:
+        few = {"spp": max(1, round(plan.spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
+        start, compiled = time.perf_counter(), renderer.compile_seconds
+        renderer.render(T_w_v, plan.view(view), letters, max_scatterings=plan.max_scatterings,
+                        max_bounces=plan.max_bounces, integrator=plan.integrator, layers=tuple(scene.render.layers),
+                        **few)
+        return time.perf_counter() - start - (renderer.compile_seconds - compiled)
+
+    measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
+    if renderer.device != "cpu":  # a GPU is not full with a small image
+        return measured(camera, 1.0)
+    samples = {"A": plan.spp, "B": scene.render.spp_b, "CDS": 1}[letters]
+    factor = min(1.0, MOST_COSTED / samples)
+    large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
+    at_large = measured(large, factor)
+    if large.resolution == camera.resolution:
+        return at_large / factor
+    pixels = [np.prod(view.resolution) for view in (camera, large, small)]
+    a_pixel = max(at_large - measured(small, factor), 0.0) / (pixels[1] - pixels[2])
+    return (at_large + a_pixel * (pixels[0] - pixels[1])) / factor

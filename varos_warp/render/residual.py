@@ -62,10 +62,13 @@ class Residual:
         tables: of the camera.
         max_bounces: most reflections on surfaces.
         key: of the random numbers.
+        lost: counts samples that are not numbers, as of a film.
     """
 
-    def __init__(self, launcher: Launcher, world: DeviceScene, tables: Tables, max_bounces: int, key: int):
+    def __init__(self, launcher: Launcher, world: DeviceScene, tables: Tables, max_bounces: int, key: int,
+                 lost: wp.array):
         self.launcher, self.world, self.tables, self.max_bounces = launcher, world, tables, max_bounces
+        self.lost = lost
         self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
         self.kinds = (world.has_instances, world.has_textures)
         self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
@@ -84,7 +87,7 @@ class Residual:
         light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
         self._walk(starts, slabs, int(np.prod(nodes)), 0, key, light, pinhole.position, halo_width(pinhole, view))
         means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
-        self.launcher.run(average_slabs, means.shape, [starts, light], [means])
+        self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
         self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
 
     def add_glow(self, film: Film, view: Camera, camera: CameraData, spp: int):

@@ -1,0 +1,97 @@
+"""Adaptive sampling: no bias, the tolerance kept, and few samples where there is little noise."""
+
+import numpy as np
+import pytest
+
+from varos_warp.render.adapt import DARK, brightness, first_samples, more_samples
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.geometry import Part
+
+FIRST, SPP, TILES = 4, 64, (12, 16)
+RARE = 0.02
+
+
+
+
+def halves(rng, count):
+    """Mean and variance of one sample of the tiles, [half, rows, columns, 1], from 16 pixels of ``count`` samples."""
+    hits = rng.binomial(count, RARE, (2, *TILES, 16))
+    mean = hits / RARE / count
+    variance = (hits / RARE**2 - count * mean**2) / (count - 1)
+    return hits, mean.mean(-1)[..., None], variance.mean(-1)[..., None]
+
+
+def trial(rng, own):
+    """Mean of the image when the number of samples of a half follows from the other, or (wrongly) from its own."""
+    hits, mean, variance = halves(rng, FIRST)
+    statistics = (mean[::-1], variance[::-1]) if own else (mean, variance)
+    more = more_samples(*statistics, FIRST, 2.0, SPP)
+    total = hits + rng.binomial(more[..., None], RARE)
+    return (total / RARE / (FIRST + more)[..., None]).mean()
+
+
+def test_the_mean_is_unbiased_and_would_not_be_if_a_half_decided_for_itself():
+    """400 images of 3072 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
+    rng = np.random.default_rng(5)
+    for own in (False, True):
+        means = np.array([trial(rng, own) for _ in range(400)])
+        sigmas = abs(means.mean() - 1.0) / (means.std(ddof=1) / np.sqrt(len(means)))
+        assert (sigmas > 20.0) if own else (sigmas < 4.0)
+
+
+def test_tiles_get_the_samples_that_their_noise_needs():
+    """Known variances: N = v / (2 tolerance^2 mean^2) in each half, within the limits."""
+    mean = np.full((2, 30, 30, 3), 2.0)
+    variance = np.full((2, 30, 30, 3), 4.0 * 0.01)
+    variance[:, :10] *= 100.0
+    variance[:, 20:] = 0.0
+    more = more_samples(mean, variance, 4, 0.05, 400) + 4
+    assert np.all(more[:, :9] == 200)
+    assert np.all(more[:, 12:19] == 4)
+    assert np.all(more[:, 22:] == 4)
+    assert more_samples(mean, variance, 4, 0.01, 400).max() + 4 == 800  # four times 400 in all
+
+
+def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
+    np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
+    black = np.zeros((2, 3, 3, 3))
+    assert not more_samples(black, black, 4, 0.01, 64).any()
+
+
+# --------------------------------------------------------------------------------------------------------- an image
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    """Half a floor in turbid water: one side of the image is noisier than the other; paths only."""
+    water = {"sigma_s": [0.05, 0.1, 0.2], "sigma_a": [0.1, 0.05, 0.05], "phase": {"g": 0.8}}
+    view = {"resolution": [40, 28], "rotation_euler_deg": [-35, 0, 0]}
+    lamps = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (-0.15, 0.15)]
+    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "path"})
+    corners = np.array([[-9.0, -9, -1.5], [0.2, -9, -1.5], [0.2, 9, -1.5], [-9, 9, -1.5]])
+    floor = Part("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[0.4] * 3))
+    return FrameRenderer(scene, "cpu", parts=[floor])
+
+
+def test_an_image_keeps_its_tolerance_with_fewer_samples_and_the_same_mean(renderer):
+    """Against 2048 samples: RMSE within the tolerance, the mean of 12 images within 4 standard errors of it."""
+    tolerance, spp = 0.3, 256
+    truth = renderer.render(np.eye(4), outputs="A", spp=2048, seed=7).A
+    images = [renderer.render(np.eye(4), outputs="A", spp=spp, tolerance=tolerance, seed=100 + k).A for k in range(12)]
+    level = brightness(truth.radiance.astype(float).mean((0, 1)))
+    errors = [np.sqrt(np.mean((image.radiance - truth.radiance) ** 2, axis=(0, 1))) / level for image in images]
+    assert np.mean(errors, axis=0).max() < tolerance
+    assert all(first_samples(spp) * 2 <= image.spp < 0.95 * spp for image in images)
+    means = np.array([image.radiance.astype(float).mean((0, 1)) for image in images])
+    spread = np.sqrt(means.var(axis=0, ddof=1) / len(means) + np.square(truth.stderr, dtype=float).mean((0, 1)) / 1120)
+    assert np.all(np.abs(means.mean(0) - truth.radiance.astype(float).mean((0, 1))) < 4.0 * spread)
+
+
+def test_the_standard_error_is_that_of_the_spread_between_images(renderer):
+    """Mean square over pixels and 12 images; its own spread with heavy tails is about 10 %."""
+    images = [renderer.render(np.eye(4), outputs="A", spp=64, tolerance=0.3, seed=200 + k).A for k in range(12)]
+    found = np.mean([np.square(image.stderr, dtype=float) for image in images])
+    assert np.mean(np.var([image.radiance.astype(float) for image in images], axis=0, ddof=1)) == pytest.approx(
+        found, rel=0.3)

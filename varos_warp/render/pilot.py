@@ -1,0 +1,135 @@
+"""A look at a few poses before a sequence is rendered: what the planner's predictions follow from.
+
+Errors are relative RMSE per channel: the root of the mean square of what is wrong in an image, over its mean radiance
+(see `adapt.brightness` for channels that are nearly black). None needs a reference: an image that is independent of
+another one tells, on average, how far that one is from the truth.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import laplace, uniform_filter
+
+from varos_warp.render.adapt import DARK, brightness
+from varos_warp.scene.description import Camera, Scene
+
+SCOUT_POSES = 5
+SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4
+"""Size of an image that tells where the noise is; smaller ones get more samples per pixel, the same in all."""
+PIXELS = 320 * 180
+"""Most pixels of an image in which errors are measured. A larger one has more pixels for the same detail, which a
+denoiser then finds easier: its error is less than predicted."""
+SEED = 1 << 31
+"""Random numbers of the pilot's images: a scene's seed is below."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One image of the pilot, and where it was taken."""
+
+    label: str
+    camera: Camera
+    """With the resolution of the pilot."""
+    T_w_v: np.ndarray
+    spp: int
+    image: Any
+    """`RadianceImage` of A."""
+    range: np.ndarray
+    """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
+
+
+def pilot_camera(camera: Camera, pixels: int = SCOUT_PIXELS) -> Camera:
+    """The same field of view with at most so many pixels."""
+    scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
+    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+
+
+def pilot_frames(count: int) -> list[int]:
+    """A few frames of ``count``, evenly spread and with the first and the last."""
+    return np.unique(np.linspace(0, count - 1, SCOUT_POSES).round().astype(int)).tolist()
+
+
+def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]:
+    """A small image of a few poses through every camera."""
+    render = scene.render
+    for frame in pilot_frames(len(poses)):
+        for camera in map(pilot_camera, scene.vehicle.cameras):
+            spp = round(SCOUT_SPP * SCOUT_PIXELS / np.prod(camera.resolution))
+            made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,
+                                   max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame)
+            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range)
+
+
+def scouted_noise(view: View) -> np.ndarray:
+    """Relative standard error [3] of one sample, from the scout's own estimates: for comparing views."""
+    variance = view.spp * np.square(view.image.stderr, dtype=np.float64).mean((0, 1))
+    level = brightness(view.image.radiance.astype(np.float64).mean((0, 1)))
+    return np.divide(np.sqrt(variance), level, out=np.zeros(3), where=level > 0.0)
+
+
+# ------------------------------------------------------------------------------------------ errors without reference
+
+
+FIREFLY = 10.0
+"""A pixel of a judge that is brighter than so many times its surroundings in what it judges is cut to that: what one
+path in a million carries is beyond a pilot, and alone would decide."""
+AROUND = 9
+"""Side [pixels] of these surroundings."""
+SIGMAS = 2.0
+
+
+def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: float = SIGMAS) -> np.ndarray:
+    """Relative RMSE [3] of images, from others that know nothing of them, nor of each other.
+
+    With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
+    error, noise, blur and all, however noisy the two are: what is wrong with them cancels. The upper end of what chance
+    leaves open is taken.
+
+    Args:
+        images: Radiance [H, W, 3] of each D.
+        judges: Radiance of the others, two or more.
+        sigmas: That end, in standard errors.
+    """
+    judges = np.array(judges, np.float64)
+    squares, unsure = [], []
+    for image in np.asarray(images, np.float64):
+        around = uniform_filter(image, (AROUND, AROUND, 1))
+        limit = FIREFLY * np.maximum(around, DARK * image.mean((0, 1)))
+        sane = np.clip(judges, -limit, limit)
+        square = (image - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
+        squares.append(square.mean((0, 1)))
+        unsure.append(square.std((0, 1)) / np.sqrt(square[..., 0].size))
+    return _relative(np.mean(squares, axis=0) + sigmas * np.mean(unsure, axis=0), judges)
+
+
+def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
+    """Relative RMSE [3] of leaving something out, at the upper end of what chance leaves open (two standard errors).
+
+    Args:
+        full: Images with everything, each with its own random numbers.
+        less: Images without it, with the same random numbers as their partners, so that most of the noise cancels.
+    """
+    first, second = (np.mean([a.radiance.astype(np.float64) - b.radiance for a, b in zip(full[k::2], less[k::2],
+                                                                                         strict=True)], axis=0)
+                     for k in range(2))
+    product = first * second  # of independent differences: its mean is the square of what they have in common
+    square = product.mean((0, 1)) + SIGMAS * product.std((0, 1)) / np.sqrt(product[..., 0].size)
+    return _relative(square, np.array([image.radiance for image in full], np.float64))
+
+
+def blur_error(radiance: np.ndarray, diameter: float) -> np.ndarray:
+    """Relative RMSE [3] of an image without the blur of a lens, a disk of a few pixels at most.
+
+    To second order a disk of diameter c adds c^2 / 32 times the Laplacian. A larger image of the same view has no more
+    of it per pixel, and noise only adds to it, so this is an upper bound.
+    """
+    bend = laplace(radiance.astype(np.float64), axes=(0, 1), mode="nearest")
+    return _relative(((diameter**2 / 32.0 * bend) ** 2).mean((0, 1)), radiance[None].astype(np.float64))
+
+
+def _relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """Root of mean squares [3] over the brightness of images [count, H, W, 3]; 0 where all is black."""
+    level = brightness(radiance.mean((0, 1, 2)))
+    return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(3), where=level > 0.0)
