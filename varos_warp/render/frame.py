@@ -31,6 +31,8 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
+ADAPTIVE_THREADS = 8
+"""So many times as many where tiles get different numbers of samples."""
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
 """With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured)."""
 
@@ -332,7 +334,9 @@ class FrameRenderer:
         Strata depend on nothing but device kind, size and spp.
         """
         width, height = view.resolution
-        strata = 1 if self.device == "cpu" else max(1, min(spp, GPU_THREADS // (width * height)) // halves)
+        # with tiles that end early, more strata keep a GPU busy to the end
+        threads = GPU_THREADS * (1 if halves == 1 else ADAPTIVE_THREADS)
+        strata = 1 if self.device == "cpu" else max(1, min(spp, threads // (width * height)) // halves)
         key = (halves, strata * halves, residual, height, width)
         if key not in self._films:
             film = Film()

@@ -72,12 +72,12 @@ def scouted_noise(view: View) -> np.ndarray:
 # ------------------------------------------------------------------------------------------ errors without reference
 
 
-FIREFLY = 10.0
-"""A pixel of a judge that is brighter than so many times its surroundings in what it judges is cut to that: what one
+FIREFLY = 3.0
+"""A pixel of a judge that is brighter than so many times what it judges, there and around, is cut to that: what one
 path in a million carries is beyond a pilot, and alone would decide."""
 AROUND = 9
-"""Side [pixels] of these surroundings."""
-SIGMAS = 2.0
+"""Side [pixels] of what is around."""
+SIGMAS = 1.0
 
 
 def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: float = SIGMAS) -> np.ndarray:
@@ -92,16 +92,22 @@ def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: fl
         judges: Radiance of the others, two or more.
         sigmas: That end, in standard errors.
     """
+    square, unsure = squared_error(images, judges)
+    return _relative(square + sigmas * unsure, np.asarray(judges, np.float64))
+
+
+def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the judges."""
     judges = np.array(judges, np.float64)
     squares, unsure = [], []
     for image in np.asarray(images, np.float64):
         around = uniform_filter(image, (AROUND, AROUND, 1))
-        limit = FIREFLY * np.maximum(around, DARK * image.mean((0, 1)))
+        limit = FIREFLY * np.maximum(np.maximum(image, around), DARK * image.mean((0, 1)))
         sane = np.clip(judges, -limit, limit)
         square = (image - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
         squares.append(square.mean((0, 1)))
         unsure.append(square.std((0, 1)) / np.sqrt(square[..., 0].size))
-    return _relative(np.mean(squares, axis=0) + sigmas * np.mean(unsure, axis=0), judges)
+    return np.mean(squares, axis=0), np.mean(unsure, axis=0)
 
 
 def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
@@ -115,7 +121,7 @@ def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
                                                                                          strict=True)], axis=0)
                      for k in range(2))
     product = first * second  # of independent differences: its mean is the square of what they have in common
-    square = product.mean((0, 1)) + SIGMAS * product.std((0, 1)) / np.sqrt(product[..., 0].size)
+    square = product.mean((0, 1)) + 2.0 * product.std((0, 1)) / np.sqrt(product[..., 0].size)
     return _relative(square, np.array([image.radiance for image in full], np.float64))
 
 

@@ -30,8 +30,9 @@ CHANNELS = ("red", "green", "blue")
 
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
-MARGIN = 1.1
-"""Samples are chosen for an error smaller by this factor: that of the pilot is known to about a tenth."""
+MARGIN, MARGIN_DENOISED = 1.05, 1.2
+"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact, and what a denoiser
+leaves varies from image to image."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
 FEWEST_SPP, MOST_SPP = 2, 4096
@@ -41,12 +42,16 @@ LEVELS = (1, 2, 4)
 """Images are judged with so many times as many samples,"""
 JUDGE_LEVEL = 8
 """by others with so many times as many,"""
-FEWEST_JUDGES, MOST_JUDGES = 2, 8
-"""of which there are more where they have few pixels: together they tell an error to about a tenth."""
+FEWEST_JUDGES, MOST_JUDGES, MOST_JUDGING = 2, 16, 512
+"""of which there are more until they tell the square of an error to ``JUDGED_TO``, or have so many samples per pixel
+together."""
+JUDGED_TO = 0.2
 IMAGES = 2
 """Images that are judged at each level: what a denoiser leaves varies from one to the next."""
 REACH = 3
 """Up to so many times more samples than were judged, their error may be extrapolated."""
+MANY_SPP = 48
+"""If tables need more, paths are looked at, too: a sample of either costs about the same."""
 MOST_JUDGED = 32
 """Samples per pixel of the first image that is judged, at most."""
 ROUNDS = 3
@@ -149,8 +154,23 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         meshes: What was kept of the meshes, for the plan.
     """
     plan = _Planner(scene, renderer, poses, _why_meshes(meshes)).plan()
+    cameras = scene.vehicle.cameras
+    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings) for camera in cameras}
+    if scene.render.spp is None and plan.spp > MANY_SPP and plan.integrator == "auto" and "tables" in used:
+        plan = _fewer_by_paths(scene, renderer, poses, meshes, plan)
     cost = _cost(scene, planned_renderer(renderer, plan.lamps), poses, plan) if measure_cost else None
     return replace(plan, models=_models(scene, plan), meshes=meshes, cost=cost)
+
+
+def _fewer_by_paths(scene: Scene, renderer, poses, meshes, plan: Plan) -> Plan:
+    """The plan, or that of paths if tables need more: in turbid water what surfaces block is rare and bright."""
+    forced = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "path"})})
+    paths = _Planner(forced, renderer, poses, _why_meshes(meshes)).plan()
+    if paths.spp >= plan.spp:
+        return plan
+    why = f"{paths.spp} samples do, and tables would need {plan.spp}"
+    decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in paths.decisions]
+    return replace(paths, decisions=decisions)
 
 
 def planned_renderer(renderer, lamps: Sequence[int] | None):
@@ -353,10 +373,11 @@ class _Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        law = self.error_law(target / MARGIN)
-        needed = law.samples(target / MARGIN)
+        margin = MARGIN if available_method(self.render.denoise) == "none" else MARGIN_DENOISED
+        law = self.error_law(target / margin)
+        needed = law.samples(target / margin)
         spp = int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
-        self.decide("spp", spp, self.why_spp(law, needed, target), MARGIN * law.error(spp))
+        self.decide("spp", spp, self.why_spp(law, needed, target), margin * law.error(spp))
         adaptive = "tables" not in self.integrators and spp >= FEWEST_ADAPTIVE
         return spp, float(law.noise(spp).max()) if adaptive else None
 
@@ -377,13 +398,24 @@ class _Planner:
         method = available_method(self.render.denoise)
         levels = [first * level for level in LEVELS]
         images = [[self.image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
-        few = np.sqrt(pilot.PIXELS / images[0][0].radiance[..., 0].size)
-        count = int(np.clip(round(FEWEST_JUDGES * few), FEWEST_JUDGES, MOST_JUDGES))
-        judges = [self.image(JUDGE_LEVEL * first, IMAGES * len(levels) + k).radiance for k in range(count)]
+        filtered = images if method == "none" else [
+            [replace(image, radiance=denoise_image(image, method)) for image in level] for level in images]
+        judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
         noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
-        left = noisy if method == "none" else np.array(
-            [pilot.error([denoise_image(image, method) for image in level], judges) for level in images])
+        left = np.array([pilot.error([image.radiance for image in level], judges) for level in filtered])
         return ErrorLaw(levels, left, noisy)
+
+    def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
+        """Independent images of ``spp`` samples, as many as it takes to judge the given ones."""
+        taken, judges = IMAGES * len(LEVELS), []
+        while len(judges) < FEWEST_JUDGES or (len(judges) < MOST_JUDGES and len(judges) * spp < MOST_JUDGING):
+            judges.append(self.image(spp, taken + len(judges)).radiance)
+            if len(judges) >= FEWEST_JUDGES:
+                square, unsure = pilot.squared_error(images, judges)
+                worst = np.argmax(square / np.maximum(brightness(np.mean(judges[0], axis=(0, 1))), 1e-30) ** 2)
+                if unsure[worst] <= JUDGED_TO * square[worst]:
+                    break
+        return judges
 
     def why_spp(self, law: "ErrorLaw", needed: int, target: float) -> str:
         """The choice in words."""

@@ -1,0 +1,208 @@
+"""The planner held to its word: on many scenes, is the error within what it predicts, and the time near the best?
+
+    python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
+
+For each scene: the plan, an image with it, its error as far better images judge it, and its time; and the same for
+settings picked by hand (integrator, samples, bounds on scatterings and reflections), of which the fastest that keeps
+the tolerance is the best. Tables take their building time, and kernels their compiling, before the clock starts. Writes
+a row per scene, as they come, and a chart beside the JSON.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.machine import Stopwatch, machine
+from benchmarks.scenes import HERE
+from varos_warp.render import pilot
+from varos_warp.render.adapt import brightness
+from varos_warp.render.frame import FrameRenderer, resolve_integrator
+from varos_warp.render.plan import plan_render
+from varos_warp.scene.load import demo_scene_path, load_scene
+from varos_warp.scene.meshes import build_parts
+from varos_warp.sim.trajectory import simulate
+
+SIZE = "vehicle.cameras.0.resolution=[320,180]"
+CLEAR, REF1 = HERE / "scenes/floor_clear.yaml", HERE / "scenes/ref1/scene.yaml"
+PAPER = ("water={principled: {density: 0.125, color: [0.014, 0.146, 0.345], absorption_color: [0.0, 0.394, 1.0], "
+         "anisotropy: 0.8}}")
+ABOVE = "trajectory.poses=[{position: [0, 0, 6], look_at: [0, 3, 0]}]"
+NEAR = "trajectory.poses=[{position: [-0.4, 3.0, 0.9], look_at: [0, 5, 0.2]}]"
+
+
+def jerlov(kind: str, g: float) -> str:
+    """Water of a Jerlov type."""
+    return f"water={{jerlov: {{type: {kind}, phase: {{g: {g}}}}}}}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and what it differs in."""
+
+    title: str
+    path: Path
+    changes: tuple[str, ...] = ()
+    frame: int = 0
+
+
+CASES = {
+    "clear": Case("Jerlov IA", CLEAR, (jerlov("IA", 0.8),)),
+    "oceanic": Case("Jerlov II", CLEAR, (jerlov("II", 0.85),)),
+    "paper": Case("the paper's water", CLEAR, (PAPER,)),
+    "paper_above": Case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
+    "ref1": Case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
+    "ref1_plain": Case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
+    "ref1_tight": Case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
+    "ref1_loose": Case("ref1, 5 %, 1280 x 720", REF1, ("render.denoise=oidn", "render.tolerance=0.05",
+                                                       "vehicle.cameras.0.resolution=[1280,720]")),
+    "demo": Case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
+    "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C", 0.85),)),
+    "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C", 0.85),)),
+    "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C", 0.85), NEAR)),
+    "boom": Case("lamps a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
+                                                       enumerate((-1.0, 1.0))))),
+    "peaked": Case("g = 0.95: paths", CLEAR, (jerlov("II", 0.95), "render.tolerance=0.03")),
+    "fixed_camera": Case("a camera in the world: paths", CLEAR,
+                         (PAPER, "vehicle.cameras.0.mount=world", "vehicle.cameras.0.position=[-1.5,1,1.3]",
+                          "vehicle.cameras.0.look_at=[0,5,0.2]", "render.tolerance=0.03")),
+    "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
+}
+
+TABLES_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+PATH_SPP = (4, 8, 16, 32, 64, 128, 256, 512)
+SEEDS, RUNS = 9000, 3
+JUDGE_SPP = {"tables": 512, "path": 2048}
+JUDGES, JUDGE_SECONDS = 4, 8.0
+"""At least so many images, and more in so much time until their noise is a fifth of the tolerance."""
+
+
+def noise(images: list[np.ndarray]) -> float:
+    """Relative RMSE of the mean of independent images, worst channel."""
+    variance = np.var(images, axis=0, ddof=1).mean((0, 1)) / len(images)
+    return float(np.max(np.sqrt(variance) / brightness(np.mean(images, axis=(0, 1, 2)))))
+
+
+@dataclass
+class Bench:
+    """One case on one device."""
+
+    case: Case
+    device: str
+
+    def __post_init__(self):
+        self.scene = load_scene(self.case.path, (SIZE, "render.spp=null", *self.case.changes))
+        trajectory = simulate(self.scene)
+        self.T_w_v = trajectory.trajectory.T_w_v(trajectory.frame_ticks[self.case.frame])
+        self.camera = self.scene.vehicle.cameras[0]
+        self.renderer = FrameRenderer(self.scene, self.device, build_parts(self.scene))
+        self.denoise = self.scene.render.denoise
+
+    def image(self, seed: int, camera=None, **how):
+        """One image A."""
+        return self.renderer.render(self.T_w_v, camera or self.camera, "A", seed=SEEDS + seed, **how).A
+
+    def judges(self) -> list[np.ndarray]:
+        """Independent images by tables, whose own error `plan.TABLES_ERROR` states, or else by paths."""
+        return self.many(resolve_integrator(self.scene, self.camera, "auto", None))
+
+    def many(self, integrator: str) -> list[np.ndarray]:
+        """Independent images with many samples each."""
+        watch, images = Stopwatch(), []
+        while len(images) < JUDGES or (noise(images) > 0.2 * self.scene.render.tolerance
+                                       and watch.seconds < JUDGE_SECONDS):
+            image = self.image(-1 - len(images), integrator=integrator, spp=JUDGE_SPP[integrator]).radiance
+            images.append(image.astype(float))
+        return images
+
+    def measure(self, judges: list, runs: int = RUNS, camera=None, **how) -> dict:
+        """Error per channel, as the planner means it, and median seconds of an image."""
+        self.image(0, camera, denoise=self.denoise, **how)
+        images, seconds = [], []
+        for k in range(runs):
+            watch = Stopwatch()
+            image = self.image(1 + k, camera, denoise=self.denoise, **how)
+            seconds.append(watch.seconds if self.device != "cpu" else watch.cpu_seconds)
+            images.append((image.radiance if self.denoise == "none" else image.denoised).astype(float))
+        error = pilot.error(images, judges, sigmas=0.0)
+        return {"error": error.tolist(), "seconds": float(np.median(seconds)), "spp": image.spp}
+
+    def by_hand(self, judges: list, tolerance: float) -> list[dict]:
+        """The fewest samples that keep the tolerance, by each integrator with each bound."""
+        tries = [("path", {"max_scatterings": n}) for n in (None, 2)]
+        if resolve_integrator(self.scene, self.camera, "auto", None) == "tables":
+            tries = [("tables", {"max_bounces": n}) for n in (None, 2, 1)] + tries[:1]
+        rows = []
+        for integrator, bounds in tries:
+            for spp in TABLES_SPP if integrator == "tables" else PATH_SPP:
+                row = self.measure(judges, 2, integrator=integrator, spp=spp, **bounds)
+                if max(row["error"]) <= tolerance:
+                    rows.append({"integrator": integrator, **bounds, **row})
+                    break
+                if rows and row["seconds"] > 3.0 * min(r["seconds"] for r in rows):
+                    break
+        return rows
+
+
+def check(name: str, device: str) -> dict:
+    """One row."""
+    bench = Bench(CASES[name], device)
+    judges, tolerance = bench.judges(), bench.scene.render.tolerance
+    bench.image(0, spp=1)
+    watch, compiled = Stopwatch(), bench.renderer.compile_seconds
+    plan = plan_render(bench.scene, bench.renderer, [bench.T_w_v])
+    planning = watch.seconds - (bench.renderer.compile_seconds - compiled)
+    how = {key: getattr(plan, key) for key in ("spp", "tolerance", "max_scatterings", "max_bounces", "integrator")}
+    made = bench.measure(judges, camera=plan.view(bench.camera), **how)
+    hand = bench.by_hand(judges, tolerance)
+    best = min(hand, key=lambda row: row["seconds"], default=None)
+    return {"case": name, "title": bench.case.title, "tolerance": tolerance, "plan": plan.to_dict(),
+            "predicted": plan.error.tolist(), "measured": made["error"], "seconds": made["seconds"],
+            "spp": made["spp"], "planning_s": planning, "judges_noise": noise(judges), "best": best,
+            "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
+            "kept": bool(max(made["error"]) <= tolerance),
+            "time_ratio": None if best is None else made["seconds"] / best["seconds"], "by_hand": hand}
+
+
+def chart(rows: list[dict], path: Path):
+    """Measured against predicted error, and the time against the best."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), constrained_layout=True)
+    for c, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
+        left.loglog([100 * r["predicted"][c] for r in rows], [100 * r["measured"][c] for r in rows], "o", color=colour)
+    ends = np.array(left.get_xlim())
+    left.plot(ends, ends, "k-", linewidth=0.8)
+    left.set(xlabel="predicted relative RMSE [%]", ylabel="measured [%]", title="on or below the line: bounded")
+    left.grid(True, which="both", alpha=0.3)
+    timed = [r for r in rows if r["time_ratio"]]
+    right.barh([r["case"] for r in timed], [r["time_ratio"] for r in timed], color="tab:gray")
+    right.axvline(1.5, color="k", linestyle="--", linewidth=0.8)
+    right.set(xlabel="time of the plan over the best setting picked by hand", title="lower is better")
+    right.invert_yaxis()
+    figure.savefig(path, dpi=110)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", choices=[*CASES, []])
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("-o", "--output", type=Path, default=Path("planned.json"))
+    arguments = parser.parse_args()
+    rows: list[dict] = json.loads(arguments.output.read_text())["rows"] if arguments.output.exists() else []
+    for name in arguments.names or CASES:
+        row = check(name, arguments.device)
+        rows = [old for old in rows if old["case"] != name] + [row]
+        arguments.output.write_text(json.dumps({**machine(arguments.device), "rows": rows}, indent=1) + "\n")
+        print({key: row[key] for key in ("case", "predicted", "measured", "spp", "seconds", "time_ratio", "best",
+                                         "planning_s", "judges_noise")}, flush=True)
+    chart(rows, arguments.output.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
