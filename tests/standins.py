@@ -110,7 +110,7 @@ class FlatFloorRenderer:
         rng = np.random.default_rng([self.scene.seed, frame, *camera.encode()])
         noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
         error = (clean / np.sqrt(spp)).astype(np.float32)
-        plain = {"residual": None, "denoised": None}
+        plain = {"residual": None, "denoised": None, "spp": float(spp), "lost_samples": 0}
         A = SimpleNamespace(**plain, radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
         B = SimpleNamespace(**plain, radiance=grey, stderr=error * 0, layers={})
@@ -123,7 +123,7 @@ class FlatFloorRenderer:
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
     plan = {"spp": scene.render.spp or 8, "tolerance": None, "max_scatterings": scene.render.max_scatterings,
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "pinhole": False, "lamps": None,
-            "reasons": ["a test"]}
+            "hidden": True, "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)
     return SimpleNamespace(**plan, error=None, cost=None, decisions=[decision], to_dict=lambda: plan)
 
@@ -131,7 +131,7 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
     for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
-                          "render.plan": {"plan_render": plan_render, "planned_renderer": lambda same, lamps: same},
+                          "render.plan": {"plan_render": plan_render, "planned_renderer": lambda same, *_: same},
                           "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)
         module.__dict__.update(members)

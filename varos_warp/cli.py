@@ -398,6 +398,9 @@ def bench(names: Annotated[list[str] | None, typer.Argument(
           seconds: Annotated[float | None, typer.Option(help="Budget of each scene and chart.")] = None,
           json_: Json = False, quiet: Quiet = False):
     """Chart the error of every method against its time (in a checkout of the source)."""
+    root = Path(varos_warp.__file__).parents[1]
+    if (root / "benchmarks" / "bench.py").exists():
+        sys.path.insert(0, str(root))  # a script does not look there
     try:
         from benchmarks import bench as benchmark
     except ModuleNotFoundError as error:

@@ -110,8 +110,7 @@ def test_tables_hold_all_orders_in_thick_water():
     assert error < 0.003 + 4 * noise
 
 
-@pytest.mark.parametrize("optical_depth", [1e-12, 1e-7, 9e-7, 1.1e-6, 1e-3, 1.0, 1e4, 1e8])
+@pytest.mark.parametrize("optical_depth", [1e-12, 1e-7, 9e-7, 1.1e-6, 1e-3, 1.0, 17.4, 17.6, 100.0, 1e4, 1e8])
 def test_free_flights_follow_their_law_through_any_water(optical_depth):
     for t_max in (5.0, 1e9):
         assert flight_error(optical_depth / t_max, t_max) < 2e-6
-        assert flight_error(100.0 / t_max, t_max) < 3e-4  # exp(-100) is a denormal float

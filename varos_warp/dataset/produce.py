@@ -355,10 +355,10 @@ class _Job:
         return plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes).to_dict()
 
     def as_planned(self):
-        """The renderer, without the lamps that the plan leaves out."""
+        """The renderer, without what the plan leaves out."""
         from varos_warp.render.plan import planned_renderer
 
-        return planned_renderer(self.renderer, self.plan["lamps"])
+        return planned_renderer(self.renderer, self.plan, self.poses())
 
     def render_all(self, progress: Progress) -> None:
         """Render, and finish the last frames in the background meanwhile."""
@@ -372,13 +372,24 @@ class _Job:
                     frame=frame, **{key: self.plan[key] for key in PLANNED}, **self.denoise_at_once())
                 seconds = time.monotonic() - start - (self.renderer.compile_seconds - compiled)
                 self.timings.append({"frame": frame, "camera": camera, "outputs": letters,
-                                     "seconds": round(seconds, 4)})
+                                     "seconds": round(seconds, 4)} | self.samples_of(frame, camera, image))
                 pending.append(pool.submit(self.store, frame, camera, letters, image))
                 if len(pending) > BACKGROUND:
                     self.clamped += pending.popleft().result()
                 progress.advance()
             for future in pending:
                 self.clamped += future.result()
+
+    def samples_of(self, frame: int, camera: str, image) -> dict:
+        """What the log says of an image's samples; tells the user of any that were not numbers."""
+        lost = {letter: made.lost_samples for letter in "AB" if (made := getattr(image, letter, None)) is not None}
+        for letter, count in lost.items():
+            if count:
+                self.say(f"frame {frame}, camera {camera}: at least {count} samples of {letter} were infinite or not a "
+                         "number and count as black")
+        spp = getattr(getattr(image, "A", None), "spp", None)
+        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
+            lost.values()) else {})
 
     def view(self, camera: str):
         """The camera to render with, as planned: by its name, or without its lens."""

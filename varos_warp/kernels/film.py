@@ -161,7 +161,7 @@ def develop(
     """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width]."""
     row, col = wp.tid()
     # the halves weigh the same however many samples each has: their numbers follow from each other's samples, never
-    # from their own (kernels/adapt.py), so the mean of each is unbiased
+    # from their own (render/adapt.py), so the mean of each is unbiased
     mean = Sums()
     variance = wp.vec3d(wp.float64(0.0))
     halves = film.count.shape[0]

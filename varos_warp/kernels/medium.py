@@ -30,8 +30,10 @@ def transmittance(medium: Medium, t: float):
 def expm1(x: float):
     """exp(x) - 1 without cancellation (Kahan's form: the rounding of exp is taken back by the logarithm)."""
     w = wp.exp(x)
-    if w == 1.0 or w == 0.0:
-        return wp.where(w == 1.0, x, -1.0)
+    if w == 1.0:
+        return x
+    if x < -17.5:  # it rounds to -1; and beyond -87 w has few digits, or none
+        return -1.0
     return (w - 1.0) * x / wp.log(w)
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import correlate1d, maximum_filter
 
-from varos_warp.render.reach import cut_parts
 from varos_warp.scene.description import LevelOfDetail, Scene
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.lod import Kept, depth_step, keep_parts, reduce_parts
@@ -18,8 +17,6 @@ PIXELS = 640 * 360
 EDGE = 0.05
 """Where 1 / z, which is linear on a plane, bends by more than this share of it from pixel to pixel is an outline: what
 pixels hit there, before or behind, is decided by less than a pixel and tells nothing of the surface."""
-CUT_SHARE = 0.05
-"""Share of the tolerance that the light of triangles which are left out may have."""
 BYTES = {False: 119, True: 165}
 """Device memory per triangle with its BVH, without and with normals for shading (measured: 524 288 triangles, CPU)."""
 
@@ -48,21 +45,13 @@ def choose_detail(scene: Scene, parts: Sequence[Part | Instances], poses: Sequen
     """
     detail = scene.render.level_of_detail
     if detail is None and not propose:
-        return _within_reach(scene, parts, poses, _meshes(parts, parts, keep_parts(scene, parts, poses), None))
+        return Detail(list(parts), _meshes(parts, parts, keep_parts(scene, parts, poses), None))
     made, kept = reduce_parts(scene, parts, poses, detail or LevelOfDetail())
     meshes = _meshes(parts, made, kept, detail)
     if compare and parts and any(part is not other for part, other in zip(parts, made, strict=True)):
         errors, seconds = compare_images(scene, parts, made, poses, device)
         meshes |= errors | ({"seconds_per_million_rays": seconds} if measure_cost else {})
-    return _within_reach(scene, parts if detail is None else made, poses, meshes)
-
-
-def _within_reach(scene: Scene, parts, poses, meshes: dict[str, Any]) -> Detail:
-    """Where a tolerance is given, without the triangles that no image of the sequence would miss."""
-    if scene.render.spp is not None:
-        return Detail(list(parts), meshes)
-    made, light, cut = cut_parts(scene, parts, poses, CUT_SHARE * scene.render.tolerance)
-    return Detail(made, meshes | ({"out_of_reach": {"triangles": cut, "light": _rounded(light)}} if cut else {}))
+    return Detail(made if detail is not None else list(parts), meshes)
 
 
 def _meshes(given, made, kept: list[Kept], detail) -> dict[str, Any]:

@@ -31,7 +31,7 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
-ADAPTIVE_THREADS = 8
+ADAPTIVE_THREADS = 4
 """So many times as many where tiles get different numbers of samples."""
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
 """With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured)."""
@@ -58,7 +58,7 @@ class RadianceImage:
     spp: float | None = None
     """Samples per pixel, mean over the image."""
     lost_samples: int = 0
-    """Samples that were infinite or not a number; they count as black. A warning tells of any."""
+    """Samples that were infinite or not a number, at least so many; they count as black. A warning tells of any."""
 
 
 @dataclass(frozen=True)
@@ -198,8 +198,8 @@ class FrameRenderer:
             outputs: any of A, B, C, D and S.
             spp: samples per pixel of A; absent: the scene's, or 64.
             tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
-                image, is below it, between a quarter of ``spp`` and four times that (render/adapt.py); absent: all
-                take ``spp``.
+                image, is below it, between a quarter of ``spp`` (8 at least) and four times that
+                (render/adapt.py); absent: all take ``spp``.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.
@@ -370,8 +370,8 @@ class FrameRenderer:
         on_host = {name: image.numpy() for name, image in work.items()}
         lost = int(film.lost.numpy()[0])
         if lost:
-            warnings.warn(f"{lost} samples of an image were infinite or not a number; they count as black, and the "
-                          "image is darker there", stacklevel=5)
+            warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, and "
+                          "the image is darker there", stacklevel=5)
         image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, lost_samples=lost,
                               spp=_mean_over_pixels(film.count.numpy().sum(0), shape))
         return self._denoised(image, work, denoise)

@@ -39,7 +39,7 @@ TOLERANCE, ENOUGH, GROWTH = 3e-6, 1e-4, 0.7
 """Of the sum over all orders: what is asked, and what is taken where rounding allows no more. Errors count
 exp(-GROWTH x optical depth) times as much as at the lamp: light near by hardly knows of what lies far away, and far
 light follows from it."""
-RESTART, RESTARTS, PROGRESS = 12, 17, 0.5
+RESTART, RESTARTS, PROGRESS = 12, 17, 0.8
 """Steps between restarts, at most so many of them, and as long as each leaves at most so much of the residual."""
 
 

@@ -44,7 +44,7 @@ def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     clamped = int(np.count_nonzero(np.abs(radiance) > HALF_MAX))
     if 0.0 < np.max(radiance, initial=0.0) < HALF_NORMAL:
         warnings.warn(f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
-                      "and below 3e-8 its light; give the lamps more intensity", stacklevel=2)
+                      "and below 3e-8 its light; brighter lamps would help", stacklevel=2)
     return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
 
 

@@ -38,6 +38,8 @@ class View:
     """`RadianceImage` of A."""
     range: np.ndarray
     """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
+    given_camera: Camera | None = None
+    """With the resolution of the scene."""
 
 
 def pilot_camera(camera: Camera, pixels: int = SCOUT_PIXELS) -> Camera:
@@ -55,11 +57,13 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
     """A small image of a few poses through every camera."""
     render = scene.render
     for frame in pilot_frames(len(poses)):
-        for camera in map(pilot_camera, scene.vehicle.cameras):
+        for given in scene.vehicle.cameras:
+            camera = pilot_camera(given)
             spp = round(SCOUT_SPP * SCOUT_PIXELS / np.prod(camera.resolution))
             made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,
-                                   max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame)
-            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range)
+                                   max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame,
+                                   integrator=render.integrator)
+            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range, given)
 
 
 def scouted_noise(view: View) -> np.ndarray:
@@ -97,7 +101,10 @@ def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: fl
 
 
 def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the judges."""
+    """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the judges.
+
+    As if pixels were independent, which those of tables are not quite: they share the grid of the veil.
+    """
     judges = np.array(judges, np.float64)
     squares, unsure = [], []
     for image in np.asarray(images, np.float64):

@@ -8,7 +8,7 @@ depends on them, so machines that share the work choose alike. docs/models.md sa
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from varos_warp.render.adapt import brightness
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.frame import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
-from varos_warp.render.reach import lamp_bounds, with_lamps
+from varos_warp.render.reach import lamp_light, reduced_renderer, without_hidden
 from varos_warp.render.tables import unavailable
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Camera, Scene
@@ -31,8 +31,8 @@ CHANNELS = ("red", "green", "blue")
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
-"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact, and what a denoiser
-leaves varies from image to image."""
+"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. What a denoiser leaves
+varies from image to image; but where samples adapt, it gets a more even noise than in the pilot."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
 FEWEST_SPP, MOST_SPP = 2, 4096
@@ -57,13 +57,16 @@ MOST_JUDGED = 32
 ROUNDS = 3
 MATCHED = 2
 """Pairs of images with and without something, to see what it does."""
-INDEPENDENT, STEEPEST, FLATTEST = -0.5, -0.75, -0.15
-"""Exponents of the error in the number of samples: of independent samples, the most that a low-discrepancy sequence
-and the least that a denoiser has shown."""
+STEEPEST, FLATTEST = -0.75, -0.15
+"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence and the least that a
+denoiser has shown; it is -0.5 for independent samples."""
 FEWEST_ADAPTIVE = 16
 """With fewer samples per pixel, there is nothing to adapt."""
-LAMP_SHARE = 0.05
-"""Share of the tolerance that lamps which are left out may have had."""
+WORTH = 0.1
+"""Triangles are left out where they are at least this share of all."""
+MOST_REHEARSED, ADAPTED = 1024, 1.2
+"""Up to so many samples an image that adapts them is tried; beyond, its error is taken to be so many times larger than
+with the same number everywhere (measured: up to 1.17)."""
 BOUNCES = (1, 2)
 """Bounds on the reflections that are tried; with three or more, walks end by roulette as early."""
 SHARPEST_LENS_PX = 1.0
@@ -103,6 +106,8 @@ class Plan:
     """Whether the depth of field is left out."""
     lamps: list[int] | None = None
     """Numbers of the lamps that reach an image, from 0; None: all."""
+    hidden: bool = True
+    """Whether triangles far from all that is seen are kept."""
     tolerance: float | None = None
     """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
     decisions: list[Decision] = field(default_factory=list)
@@ -133,8 +138,8 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
-        names = ("spp", "max_scatterings", "max_bounces", "integrator", "pinhole", "lamps", "tolerance", "models")
-        content = {name: getattr(self, name) for name in names}
+        apart = ("decisions", "cost", "meshes")
+        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
         error = self.error
         content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
         content |= {} if self.cost is None else {"cost": self.cost}
@@ -153,29 +158,30 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         measure_cost: Also measure how long it will take on this device.
         meshes: What was kept of the meshes, for the plan.
     """
-    plan = _Planner(scene, renderer, poses, _why_meshes(meshes)).plan()
-    cameras = scene.vehicle.cameras
-    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings) for camera in cameras}
-    if scene.render.spp is None and plan.spp > MANY_SPP and plan.integrator == "auto" and "tables" in used:
-        plan = _fewer_by_paths(scene, renderer, poses, meshes, plan)
-    cost = _cost(scene, planned_renderer(renderer, plan.lamps), poses, plan) if measure_cost else None
-    return replace(plan, models=_models(scene, plan), meshes=meshes, cost=cost)
+    planner = _Planner(scene, renderer, poses, _why_meshes(meshes))
+    plan = planner.plan()
+    many = scene.render.spp is None and plan.spp > MANY_SPP
+    if many and plan.integrator == "auto" and "tables" in planner.integrators:
+        planner, plan = _fewer_by_paths(planner, plan, _why_meshes(meshes))
+    cost = _cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
+    return replace(plan, models=_models(planner.scene, plan), meshes=meshes, cost=cost)
 
 
-def _fewer_by_paths(scene: Scene, renderer, poses, meshes, plan: Plan) -> Plan:
+def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -> tuple["_Planner", Plan]:
     """The plan, or that of paths if tables need more: in turbid water what surfaces block is rare and bright."""
-    forced = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "path"})})
-    paths = _Planner(forced, renderer, poses, _why_meshes(meshes)).plan()
-    if paths.spp >= plan.spp:
-        return plan
-    why = f"{paths.spp} samples do, and tables would need {plan.spp}"
-    decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in paths.decisions]
-    return replace(paths, decisions=decisions)
+    render = tables.render.model_copy(update={"integrator": "path"})
+    paths = _Planner(tables.given.model_copy(update={"render": render}), tables.given_renderer, tables.poses, decisions)
+    other = paths.plan()
+    if other.spp >= plan.spp:
+        return tables, plan
+    why = f"{other.spp} samples do, and tables would need {plan.spp}"
+    decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in other.decisions]
+    return paths, replace(other, decisions=decisions)
 
 
-def planned_renderer(renderer, lamps: Sequence[int] | None):
-    """The renderer of a plan: without the lamps that it leaves out."""
-    return renderer if lamps is None else with_lamps(renderer, lamps)
+def planned_renderer(renderer, plan: dict[str, Any], poses: Sequence[np.ndarray]):
+    """The renderer of a plan (as `Plan.to_dict` has it): without the lamps and triangles that it leaves out."""
+    return reduced_renderer(renderer, plan["lamps"], not plan["hidden"], poses)
 
 
 class _Planner:
@@ -183,17 +189,19 @@ class _Planner:
 
     def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
         self.scene, self.renderer, self.poses = scene, renderer, poses
+        self.given, self.given_renderer = scene, renderer
         self.render = scene.render
         self.decisions = decisions
         self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)
         """Sum of the errors of models so far."""
         self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
-        self.integrator, self.pinhole, self.lamps = self.render.integrator, False, None
+        self.integrator, self.pinhole, self.lamps, self.hidden = self.render.integrator, False, None, True
 
     def plan(self) -> Plan:
         """All decisions."""
         if self.render.spp is None and self.lit:
             self.choose_lamps()
+            self.choose_triangles()
         self.choose_integrator()
         self.choose_scatterings()
         if self.render.spp is None and self.lit:
@@ -201,7 +209,7 @@ class _Planner:
             self.choose_bounces()
         spp, tolerance = self.choose_samples()
         return Plan(spp, self.max_scatterings, self.max_bounces, self.integrator, self.pinhole, self.lamps,
-                    tolerance, self.decisions)
+                    self.hidden, tolerance, self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None, cost: float | None = None) -> None:
         """Keep a decision about a model."""
@@ -237,14 +245,14 @@ class _Planner:
         return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
                 for camera in self.scene.vehicle.cameras}
 
-    def image(self, spp: int, number: int = 0, **changes):
-        """An image A of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
-        view, cameras = self.worst, self.scene.vehicle.cameras
-        camera = pilot_camera(cameras[self.views.index(view) % len(cameras)], pilot.PIXELS)
+    def image(self, spp: int, number: int = 0, output: str = "A", **changes):
+        """An image of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
+        camera = pilot_camera(self.worst.given_camera, pilot.PIXELS)
         camera = camera.model_copy(update={"f_stop": 0.0}) if self.pinhole else camera
-        how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
-               "integrator": self.integrator, "layers": tuple(self.render.layers), "spp": spp} | changes
-        return self.renderer.render(view.T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
+        how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
+               "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
+        frame = self.renderer.render(self.worst.T_w_v, camera, output, seed=pilot.SEED + number, **how)
+        return getattr(frame, output)
 
     def timed(self, spp: int, **changes) -> tuple[list, float]:
         """``MATCHED`` images, and the seconds that one took."""
@@ -255,28 +263,47 @@ class _Planner:
     @property
     def first_spp(self) -> int:
         """Samples per pixel of the first images: far fewer than will be needed."""
-        return FIRST_GUESS[max(self.integrators)]
+        return min(FIRST_GUESS[name] for name in self.integrators)
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def choose_lamps(self) -> None:
-        """Without those that are too weak or too far away for any pose to see their light."""
+        """Without those whose light hardly shows."""
         shares = np.zeros((len(self.scene.vehicle.lights), 3))
         for view in self.views:
             level = np.maximum(brightness(view.image.radiance.astype(float).mean((0, 1))), 1e-30)
-            bounds = lamp_bounds(self.scene, view, view_rays(view))
-            shares = np.maximum(shares, np.sqrt(np.mean(bounds**2, axis=(1, 2))) / level)
+            light = lamp_light(self.scene, view, view_rays(view))
+            shares = np.maximum(shares, np.sqrt(np.mean(light**2, axis=(1, 2))) / level)
         order = np.argsort(shares.max(1), kind="stable")
-        lost = np.cumsum(shares[order], axis=0)
-        count = int(np.count_nonzero(lost.max(1) <= LAMP_SHARE * self.render.tolerance))
-        if not 0 < count < len(shares):
-            return
-        self.lamps = sorted(order[count:].tolist())
-        self.decide("lamps", f"{len(self.lamps)} of {len(shares)}", f"the light of the others is at most "
-                    f"{lost[count - 1].max():.2%} of any image", lost[count - 1])
-        self.renderer = with_lamps(self.renderer, self.lamps)
-        self.scene = self.renderer.scene
-        del self.views
+        lost = np.cumsum(shares[order], axis=0).max(1)
+        count = int(np.count_nonzero(lost <= MODEL_SHARE * self.render.tolerance))
+        if 0 < count < len(shares):
+            kept = sorted(order[count:].tolist())
+            if self.leave_out("lamps", f"{len(kept)} of {len(shares)}", "the others hardly shine into any view", kept):
+                self.lamps = kept
+
+    def choose_triangles(self) -> None:
+        """Without those far from all that is seen, if they are many and their light hardly shows."""
+        given = sum(len(part.faces) for part in self.renderer.parts)
+        _, gone = without_hidden(self.scene, self.renderer.parts, self.poses)
+        if gone >= WORTH * max(given, 1):
+            words = f"{gone} of {given} are far from all that any frame sees"
+            self.hidden = not self.leave_out("triangles", f"without {gone}", words, None, hidden=True)
+
+    def leave_out(self, what: str, choice: str, reason: str, lamps, hidden: bool = False) -> bool:
+        """Leave out lamps or hidden triangles if images A and B show that it is affordable."""
+        spp = 2 * FIRST_GUESS["path"]
+        outputs = [letter for letter in "AB" if letter in self.render.outputs]
+        full = {letter: [self.image(spp, k, output=letter) for k in range(MATCHED)] for letter in outputs}
+        before, self.renderer = self.renderer, reduced_renderer(self.renderer, lamps, hidden, self.poses)
+        error = np.max([np.zeros(3), *(pilot.omission_error(images, [self.image(spp, k, output=letter) for k in range(
+            MATCHED)]) for letter, images in full.items())], axis=0)
+        if not self.affordable(error):
+            self.renderer = before
+            return False
+        self.scene = self.renderer.scene.model_copy(update={"render": self.render})
+        self.decide(what, choice, f"{reason}; at most {error.max():.2%} is lost in the noisiest view", error)
+        return True
 
     def choose_integrator(self) -> None:
         """Paths where tables cannot be had, or are not right enough."""
@@ -306,11 +333,11 @@ class _Planner:
         if not optical_properties(self.scene).sigma_s.any():
             self.max_scatterings = 0
             return decide(0, "the water does not scatter", np.zeros(3))
+        if self.integrators == {"tables"}:
+            return decide(None, "the tables hold all orders", np.zeros(3))
         if "multiple" not in layers:
             self.max_scatterings = int("single" in layers)
             return decide(self.max_scatterings, "the layers asked for have no more", np.zeros(3))
-        if self.integrators == {"tables"}:
-            return decide(None, "the tables hold all orders", np.zeros(3))
         why = unmeasured(self.scene)
         if why is None and not self.lit:
             why = "none of the poses looked at sees any light"
@@ -332,9 +359,8 @@ class _Planner:
     def choose_lens(self) -> None:
         """A pinhole where the depth of field would hardly be missed."""
         error, widest = np.zeros(3), 0.0
-        for k, view in enumerate(self.views):
-            camera = self.scene.vehicle.cameras[k % len(self.scene.vehicle.cameras)]
-            blur = circle_of_confusion(camera, view.range)
+        for view in self.views:
+            blur = circle_of_confusion(view.given_camera, view.range)
             error = np.maximum(error, pilot.blur_error(view.image.radiance, blur))
             widest = max(widest, blur)
         if widest == 0.0:
@@ -356,7 +382,8 @@ class _Planner:
             lost.append(f"{bound} would lose up to {error.max():.2%}")
             if self.affordable(error):
                 self.max_bounces = bound
-                return decide(bound, f"loses at most {error.max():.2%}", error, seconds_less / max(seconds, 1e-9))
+                return decide(bound, f"loses at most {error.max():.2%} in the noisiest view", error,
+                              seconds_less / max(seconds, 1e-9))
             if error.max() ** 2 > MODEL_SHARE * self.render.tolerance:  # the next would lose about its square
                 break
         return decide(None, f"{', '.join(lost)}, and {MODEL_SHARE * self.render.tolerance:.2%} is allowed in all",
@@ -373,13 +400,25 @@ class _Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        margin = MARGIN if available_method(self.render.denoise) == "none" else MARGIN_DENOISED
+        varies = available_method(self.render.denoise) != "none" and "tables" in self.integrators
+        margin = MARGIN_DENOISED if varies else MARGIN
         law = self.error_law(target / margin)
-        needed = law.samples(target / margin)
-        spp = int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
-        self.decide("spp", spp, self.why_spp(law, needed, target), margin * law.error(spp))
+        spp = law.whole_samples(target / margin)
         adaptive = "tables" not in self.integrators and spp >= FEWEST_ADAPTIVE
-        return spp, float(law.noise(spp).max()) if adaptive else None
+        if adaptive:
+            law = self.rehearsed(law, spp)
+            spp = max(law.whole_samples(target / margin), spp // 2)
+        self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
+        return spp, _round(law.noise(spp).max()) if adaptive else None
+
+    def rehearsed(self, law: "ErrorLaw", spp: int) -> "ErrorLaw":
+        """The law corrected by an image that adapts its samples, as those of the run will: its noise is more even."""
+        ratio = np.full(3, ADAPTED)
+        if spp <= MOST_REHEARSED:
+            image = self.image(spp, IMAGES * len(LEVELS) + MOST_JUDGES, tolerance=_round(law.noise(spp).max()))
+            found = pilot.error([denoise_image(image, available_method(self.render.denoise))], law.judges)
+            ratio = np.divide(found, law.error(spp), out=np.ones(3), where=law.error(spp) > 0.0)
+        return replace(law, measured=law.measured * ratio)
 
     def error_law(self, target: float) -> "ErrorLaw":
         """How the error falls with the samples: from images with about as many as are needed."""
@@ -403,7 +442,7 @@ class _Planner:
         judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
         noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
         left = np.array([pilot.error([image.radiance for image in level], judges) for level in filtered])
-        return ErrorLaw(levels, left, noisy)
+        return ErrorLaw(levels, left, noisy, judges)
 
     def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
         """Independent images of ``spp`` samples, as many as it takes to judge the given ones."""
@@ -429,14 +468,18 @@ class _Planner:
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
 
 
+def _round(x: float) -> float:
+    """To two digits: machines that round differently agree on them nearly always."""
+    return float(f"{x:.2g}")
+
+
 def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
     """Largest diameter [pixels] of the image of a point at the distances [m] that a camera sees; 0 for a pinhole."""
     seen = distance[np.isfinite(distance)]
     if not camera.f_stop or not seen.size:
         return 0.0
     aperture = 1e-3 * camera.focal_mm / camera.f_stop
-    nearest, farthest = np.quantile(seen, (0.01, 0.99))
-    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (nearest, farthest))
+    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
     return float(aperture * defocus * intrinsics(camera)[0, 0])
 
 
@@ -452,6 +495,8 @@ class ErrorLaw:
     """Errors [level, 3]."""
     noisy: np.ndarray
     """The same before denoising."""
+    judges: list[np.ndarray]
+    """The images that found them."""
 
     def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
@@ -475,6 +520,11 @@ class ErrorLaw:
         needed = np.where(self.measured.any(0), (target / one) ** (1.0 / exponent), 0.0)
         return int(np.ceil(min(needed.max(), 1e9)))
 
+    def whole_samples(self, target: float) -> int:
+        """The same within what is ever taken; many in steps of four."""
+        needed = self.samples(target)
+        return int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
+
 
 # ------------------------------------------------------------------------------------------------------------ in words
 
@@ -488,10 +538,6 @@ def _why_meshes(meshes: dict | None) -> list[Decision]:
         cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
         decisions.append(Decision("meshes", f"level_of_detail {asked}",
                                   f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"))
-    if meshes is not None and meshes.get("out_of_reach"):
-        cut = meshes["out_of_reach"]
-        decisions.append(Decision("triangles", f"without {cut['triangles']}", "they are far from what any frame looks "
-                                  f"at, and send at most {cut['light']:.2%} of its light", (cut["light"],) * 3))
     return decisions
 
 
@@ -542,7 +588,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan: 
         start, compiled = time.perf_counter(), renderer.compile_seconds
         renderer.render(T_w_v, plan.view(view), letters, max_scatterings=plan.max_scatterings,
                         max_bounces=plan.max_bounces, integrator=plan.integrator, layers=tuple(scene.render.layers),
-                        **few)
+                        tolerance=plan.tolerance, **few)
         return time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables

@@ -16,7 +16,7 @@ from varos_warp.scene.query import clearance, is_inside
 from varos_warp.scene.terrain import join
 from varos_warp.scene.water import optical_properties
 
-PIXEL_BYTES, MANY_BYTES = 300, 4 * 2**30
+PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
 """Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
 """Places on a path that are asked whether they are inside of what they are near to."""

@@ -48,7 +48,7 @@ def check_length(seconds: float, key: str, what: str) -> None:
     if not seconds <= LONGEST_S:
         raise InputError(f"{what} {seconds:.6g} s, more than the {LONGEST_S} s that can be simulated at "
                          f"{TICK_RATE_HZ} Hz", key=key,
-                         remedy="Bring the stops nearer, go faster, or divide the sequence into several scenes")
+                         remedy="Make it shorter (nearer stops, a higher speed) or divide it into several scenes")
 
 
 def times_ns(count: int, step: int = 1) -> np.ndarray:
