@@ -370,8 +370,8 @@ class FrameRenderer:
         on_host = {name: image.numpy() for name, image in work.items()}
         lost = int(film.lost.numpy()[0])
         if lost:
-            warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, and "
-                          "the image is darker there", stacklevel=5)
+            warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
+                          "and the image is darker there", stacklevel=5)
         image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, lost_samples=lost,
                               spp=_mean_over_pixels(film.count.numpy().sum(0), shape))
         return self._denoised(image, work, denoise)
