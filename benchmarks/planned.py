@@ -154,7 +154,8 @@ def check(name: str, device: str) -> dict:
     watch, compiled = Stopwatch(), bench.renderer.compile_seconds
     plan = plan_render(bench.scene, bench.renderer, [bench.T_w_v])
     planning = watch.seconds - (bench.renderer.compile_seconds - compiled)
-    how = {key: getattr(plan, key) for key in ("spp", "tolerance", "max_scatterings", "max_bounces", "integrator")}
+    how = {key: getattr(plan, key) for key in ("spp", "max_scatterings", "max_bounces", "integrator")}
+    how["tolerance"] = plan.tile_tolerance
     made = bench.measure(judges, camera=plan.view(bench.camera), **how)
     hand = bench.by_hand(judges, tolerance)
     best = min(hand, key=lambda row: row["seconds"], default=None)

@@ -121,7 +121,7 @@ class FlatFloorRenderer:
 
 
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
-    plan = {"spp": scene.render.spp or 8, "tolerance": None, "max_scatterings": scene.render.max_scatterings,
+    plan = {"spp": scene.render.spp or 8, "tile_tolerance": None, "max_scatterings": scene.render.max_scatterings,
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "pinhole": False, "lamps": None,
             "hidden": True, "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)

@@ -161,16 +161,23 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
 
 def _print_plan(result: dict, plan) -> None:
     """What was decided, why, the error that it makes and what it saves; then what makes each output, and the time."""
-    rows = [[d.what, d.choice, *(["-"] * 3 if d.error is None else [f"{100 * e:.2f}" for e in d.error]),
-             "-" if d.cost is None else f"{d.cost:.2f}", d.reason] for d in plan.decisions]
-    total = ["-"] * 3 if plan.error is None else [f"{100 * e:.2f}" for e in plan.error]
-    cost = f"{plan.cost['seconds_per_frame']:g} s/frame" if plan.cost else "-"
-    rows.append(["in all", "", *total, cost, "noise, and what models leave out, as root of squares"])
+    rows = [[d.what, d.choice, *_percent(d.error), "" if d.cost is None else f"x {d.cost:.2f}", d.reason]
+            for d in plan.decisions]
+    if plan.error is not None:
+        rows.append(["in all", "", *_percent(plan.error), "",
+                     "noise squared plus the sum of the others squared, its root"])
     _print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "time", "reason"], rows)
-    print("predicted errors are relative RMSE of an image; time: with the choice over with everything")
-    for key in ("models", "cost"):
-        if result.get(key):
-            print(f"{key}:", *(f"  {name}: {part}" for name, part in result[key].items()), sep="\n")
+    print("errors: predicted relative RMSE of an image; time: against an image with everything")
+    print("models:", *(f"  {name}: {part}" for name, part in result.get("models", {}).items()), sep="\n")
+    cost = result.get("cost")
+    if cost:
+        parts = ", ".join(f"{name} {seconds:g} s" for name, seconds in cost["seconds_by_output"].items())
+        print(f"cost on {cost['device']}: {cost['seconds_per_frame']:g} s a frame ({parts}), "
+              f"{cost['seconds_in_all']:g} s for {cost['frames']} frames")
+
+
+def _percent(error) -> list[str]:
+    return ["", "", ""] if error is None else [f"{100 * e:.2f}" for e in error]
 
 
 def _print_meshes(meshes: dict) -> None:

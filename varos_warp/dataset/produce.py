@@ -29,7 +29,7 @@ from varos_warp.scene.load import scene_to_dict
 
 BACKGROUND = max(2, min(8, (os.cpu_count() or 2) // 2))
 """Frames that are denoised and written while the next one is rendered."""
-PLANNED = ("spp", "tolerance", "max_scatterings", "max_bounces", "integrator")
+PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
@@ -352,7 +352,13 @@ class _Job:
         """What the planner chooses for the whole sequence."""
         from varos_warp.render.plan import plan_render
 
-        return plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes).to_dict()
+        start = time.monotonic()
+        if not self.quiet:
+            print("planning from a few poses ...", file=sys.stderr, flush=True)
+        plan = plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes)
+        error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
+        self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp} samples per pixel of A{error}")
+        return plan.to_dict()
 
     def as_planned(self):
         """The renderer, without what the plan leaves out."""
@@ -369,7 +375,8 @@ class _Job:
                 start, compiled = time.monotonic(), self.renderer.compile_seconds
                 image = self.renderer.render(
                     self.T_w_v(frame), camera=self.view(camera), outputs=letters, layers=tuple(render.layers),
-                    frame=frame, **{key: self.plan[key] for key in PLANNED}, **self.denoise_at_once())
+                    frame=frame, tolerance=self.plan["tile_tolerance"],
+                    **{key: self.plan[key] for key in PLANNED}, **self.denoise_at_once())
                 seconds = time.monotonic() - start - (self.renderer.compile_seconds - compiled)
                 self.timings.append({"frame": frame, "camera": camera, "outputs": letters,
                                      "seconds": round(seconds, 4)} | self.samples_of(frame, camera, image))

@@ -108,7 +108,7 @@ class Plan:
     """Numbers of the lamps that reach an image, from 0; None: all."""
     hidden: bool = True
     """Whether triangles far from all that is seen are kept."""
-    tolerance: float | None = None
+    tile_tolerance: float | None = None
     """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
     decisions: list[Decision] = field(default_factory=list)
     models: dict[str, str] = field(default_factory=dict)
@@ -213,7 +213,7 @@ class _Planner:
 
     def decide(self, what: str, choice, reason: str, error=None, cost: float | None = None) -> None:
         """Keep a decision about a model."""
-        words = "any" if choice is None else ("no", "yes")[choice] if isinstance(choice, bool) else str(choice)
+        words = "no bound" if choice is None else str(choice)
         self.decisions.append(Decision(what, words, reason, None if error is None else tuple(map(float, error)), cost))
         if error is not None:
             self.models = self.models + error
@@ -367,7 +367,8 @@ class _Planner:
             return
         words = f"points blur to at most {widest:.2g} pixels; a pinhole is at most {error.max():.2%} off"
         self.pinhole = widest < SHARPEST_LENS_PX and self.affordable(error)
-        self.decide("depth of field", not self.pinhole, words, error if self.pinhole else np.zeros(3))
+        self.decide("depth of field", "pinhole" if self.pinhole else "lens", words,
+                    error if self.pinhole else np.zeros(3))
 
     def choose_bounces(self) -> None:
         """The fewest reflections on surfaces that lose less light than models may."""
@@ -386,7 +387,7 @@ class _Planner:
                               seconds_less / max(seconds, 1e-9))
             if error.max() ** 2 > MODEL_SHARE * self.render.tolerance:  # the next would lose about its square
                 break
-        return decide(None, f"{', '.join(lost)}, and {MODEL_SHARE * self.render.tolerance:.2%} is allowed in all",
+        return decide(None, f"{', '.join(lost)}, and all models may lose {MODEL_SHARE * self.render.tolerance:.2%}",
                       np.zeros(3))
 
     # -------------------------------------------------------------------------------------------------------- samples
@@ -461,8 +462,8 @@ class _Planner:
         channel = CHANNELS[int(np.argmax(law.measured[-1]))]
         method = available_method(self.render.denoise)
         left = f" after {method}" if method != "none" else ""
-        words = (f"{law.spp[-1]} leave {law.measured[-1].max():.2%}{left} ({channel}, {self.worst.label}), "
-                 f"{target:.2%} is what models leave of {self.render.tolerance:.2%}")
+        words = (f"{law.spp[-1]} samples leave {law.measured[-1].max():.2%}{left} ({channel}, {self.worst.label}), "
+                 f"of {self.render.tolerance:.2%} models leave {target:.2%}")
         if needed > MOST_SPP:
             return f"{words}; that would need {needed}, more than are ever taken: the error will be larger"
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
@@ -553,7 +554,8 @@ def _models(scene: Scene, plan: Plan) -> dict[str, str]:
     used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
             for camera in scene.vehicle.cameras}
     tracer = " or ".join(TRACERS[name] for name in sorted(used))
-    stop = "" if plan.tolerance is None else f" (tiles stop at a standard error of {plan.tolerance:.2%})"
+    stop = "" if plan.tile_tolerance is None else (
+        f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
     return {"A": f"{tracer}, paths with {' and '.join(words)}, {plan.spp} samples per pixel{stop}, "
                  f"denoise {render.denoise}",
             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
@@ -588,7 +590,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan: 
         start, compiled = time.perf_counter(), renderer.compile_seconds
         renderer.render(T_w_v, plan.view(view), letters, max_scatterings=plan.max_scatterings,
                         max_bounces=plan.max_bounces, integrator=plan.integrator, layers=tuple(scene.render.layers),
-                        tolerance=plan.tolerance, **few)
+                        tolerance=plan.tile_tolerance, **few)
         return time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables

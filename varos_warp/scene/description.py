@@ -652,7 +652,7 @@ class Render(Block):
 
     frame_rate_hz: Positive = 10.0
     outputs: list[Literal["A", "B", "C", "D", "S"]] = ["A", "B", "C", "D"]
-    tolerance: Positive = 0.02
+    tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     spp: Annotated[int, Field(ge=1)] | None = None
     """Samples per pixel of A; absent: the planner's choice."""

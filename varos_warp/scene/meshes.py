@@ -181,7 +181,7 @@ def _check_finite(vertices, path, key):
     bad = ~(np.abs(vertices) < terrain.repair.FARTHEST).all(axis=1)
     if bad.any():
         number = int(np.flatnonzero(bad)[0])
-        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN, infinite or too far away (the first is "
+        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
                          f"number {number})",
                          file=path, key=key, remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
 
