@@ -334,6 +334,12 @@ def test_samples_are_planned_for_the_bounds_that_are_given(planned):
     assert plan.spp < planned[2].spp  # direct light alone, at the edges of the cones, has less noise
 
 
+def test_without_a_nothing_is_rendered_for_the_plan():
+    plan = plan_render(make_scene(outputs=["B", "C", "D"]), None, [POSE])
+    assert set(plan.models) == set("BCD")
+    assert plan.error is None
+
+
 def test_the_plan_does_not_depend_on_threads_or_time(planned):
     scene, _, plan = planned
     again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)

@@ -199,6 +199,10 @@ class _Planner:
 
     def plan(self) -> Plan:
         """All decisions."""
+        if "A" not in self.render.outputs:  # nothing else pays for water
+            self.decide("A", "none", "it is not among the outputs")
+            return Plan(self.render.spp or FEWEST_SPP, self.max_scatterings, self.max_bounces, self.integrator,
+                        decisions=self.decisions)
         if self.render.spp is None and self.lit:
             self.choose_lamps()
             self.choose_triangles()
@@ -549,18 +553,19 @@ def _models(scene: Scene, plan: Plan) -> dict[str, str]:
     """What makes each output, in words."""
     render = scene.render
     bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
-    words = [f"any number of {noun}s {where}" if bound is None else
-             f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
+    limits = [f"any number of {noun}s {where}" if bound is None else
+              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
     used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
             for camera in scene.vehicle.cameras}
     tracer = " or ".join(TRACERS[name] for name in sorted(used))
     stop = "" if plan.tile_tolerance is None else (
         f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
-    return {"A": f"{tracer}, paths with {' and '.join(words)}, {plan.spp} samples per pixel{stop}, "
-                 f"denoise {render.denoise}",
-            "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
-            "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
-            "S": "first hits of pixel centres"}
+    words = {"A": f"{tracer}, paths with {' and '.join(limits)}, {plan.spp} samples per pixel{stop}, "
+                  f"denoise {render.denoise}",
+             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
+             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
+             "S": "first hits of pixel centres"}
+    return {letter: how for letter, how in words.items() if letter in render.outputs}
 
 
 # ---------------------------------------------------------------------------------------------------------------- cost
