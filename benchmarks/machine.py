@@ -13,13 +13,14 @@ from varos_warp.render.launch import usable_cores
 
 
 def commit() -> str:
-    """Short hash of the checkout, or unknown."""
+    """Short hash of the checkout; without its history what VAROS_WARP_COMMIT says, or unknown."""
+    given = os.environ.get("VAROS_WARP_COMMIT", "unknown")
     try:
         result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True,
                                 cwd=Path(__file__).parent)
     except OSError:
-        return "unknown"
-    return result.stdout.strip() or "unknown"
+        return given
+    return result.stdout.strip() or given
 
 
 def cpu_name() -> str:

@@ -25,6 +25,7 @@ from varos_warp.errors import InputError
 from varos_warp.render import exposure
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.outputs import OUTPUTS, SEGMENT_LEVELS, linear_channels, to_half
+from varos_warp.scene.frames import pinhole
 from varos_warp.scene.load import scene_to_dict
 
 BACKGROUND = max(2, min(8, (os.cpu_count() or 2) // 2))
@@ -403,7 +404,7 @@ class _Job:
         if not self.plan["pinhole"]:
             return camera
         named = {view.id: view for view in self.scene.vehicle.cameras}
-        return named[camera].model_copy(update={"f_stop": 0.0})
+        return pinhole(named[camera])
 
     def denoise_at_once(self) -> dict[str, str]:
         """What the renderer is to denoise: what a GPU can; the CPU's part is done beside the next frame."""

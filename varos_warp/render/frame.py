@@ -429,5 +429,7 @@ class FrameRenderer:
 
 
 def _mean_over_pixels(tiles: np.ndarray, shape: tuple[int, int]) -> float:
-    """Mean over the pixels of an image [H, W] of what is known of its tiles."""
-    return float(tiles.repeat(TILE, 0).repeat(TILE, 1)[:shape[0], :shape[1]].mean())
+    """Mean over the pixels of an image [H, W] of what is known of its tiles, the last of which may be smaller."""
+    rows, cols = (np.diff(np.minimum(TILE * np.arange(count + 1), side))
+                  for count, side in zip(tiles.shape, shape, strict=True))
+    return float(rows @ tiles @ cols / np.prod(shape))

@@ -69,8 +69,7 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
 def scouted_noise(view: View) -> np.ndarray:
     """Relative standard error [3] of one sample, from the scout's own estimates: for comparing views."""
     variance = view.spp * np.square(view.image.stderr, dtype=np.float64).mean((0, 1))
-    level = brightness(view.image.radiance.astype(np.float64).mean((0, 1)))
-    return np.divide(np.sqrt(variance), level, out=np.zeros(3), where=level > 0.0)
+    return _relative(variance, view.image.radiance[None].astype(np.float64))
 
 
 # ------------------------------------------------------------------------------------------ errors without reference

@@ -7,7 +7,7 @@ depends on them, so machines that share the work choose alike. docs/models.md sa
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
@@ -19,11 +19,11 @@ from varos_warp.render.adapt import brightness
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.frame import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
-from varos_warp.render.reach import lamp_light, reduced_renderer, without_hidden
+from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
 from varos_warp.render.tables import unavailable
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Camera, Scene
-from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.frames import intrinsics, pinhole
 from varos_warp.scene.water import optical_properties
 
 CHANNELS = ("red", "green", "blue")
@@ -134,7 +134,7 @@ class Plan:
 
     def view(self, camera: Camera) -> Camera:
         """The camera to render with."""
-        return camera.model_copy(update={"f_stop": 0.0}) if self.pinhole else camera
+        return pinhole(camera) if self.pinhole else camera
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
@@ -181,7 +181,11 @@ def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -
 
 def planned_renderer(renderer, plan: dict[str, Any], poses: Sequence[np.ndarray]):
     """The renderer of a plan (as `Plan.to_dict` has it): without the lamps and triangles that it leaves out."""
-    return reduced_renderer(renderer, plan["lamps"], not plan["hidden"], poses)
+    if plan["lamps"] is None and plan["hidden"]:
+        return renderer
+    scene = renderer.scene if plan["lamps"] is None else with_lamps(renderer.scene, plan["lamps"])
+    parts = renderer.parts if plan["hidden"] else without_hidden(scene, renderer.parts, poses)[0]
+    return rebuilt(renderer, scene, parts)
 
 
 class _Planner:
@@ -252,7 +256,7 @@ class _Planner:
     def image(self, spp: int, number: int = 0, output: str = "A", **changes):
         """An image of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
         camera = pilot_camera(self.worst.given_camera, pilot.PIXELS)
-        camera = camera.model_copy(update={"f_stop": 0.0}) if self.pinhole else camera
+        camera = pinhole(camera) if self.pinhole else camera
         how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
                "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
         frame = self.renderer.render(self.worst.T_w_v, camera, output, seed=pilot.SEED + number, **how)
@@ -260,9 +264,8 @@ class _Planner:
 
     def timed(self, spp: int, **changes) -> tuple[list, float]:
         """``MATCHED`` images, and the seconds that one took."""
-        start, compiled = time.perf_counter(), self.renderer.compile_seconds
-        images = [self.image(spp, number, **changes) for number in range(MATCHED)]
-        return images, (time.perf_counter() - start - (self.renderer.compile_seconds - compiled)) / MATCHED
+        images, seconds = _timed(self.renderer, lambda: [self.image(spp, k, **changes) for k in range(MATCHED)])
+        return images, seconds / MATCHED
 
     @property
     def first_spp(self) -> int:
@@ -283,31 +286,34 @@ class _Planner:
         count = int(np.count_nonzero(lost <= MODEL_SHARE * self.render.tolerance))
         if 0 < count < len(shares):
             kept = sorted(order[count:].tolist())
-            if self.leave_out("lamps", f"{len(kept)} of {len(shares)}", "the others hardly shine into any view", kept):
+            less = rebuilt(self.renderer, scene=with_lamps(self.renderer.scene, kept))
+            if self.leave_out("lamps", f"{len(kept)} of {len(shares)}", "the others hardly shine into any view", less):
                 self.lamps = kept
 
     def choose_triangles(self) -> None:
         """Without those far from all that is seen, if they are many and their light hardly shows."""
         given = sum(len(part.faces) for part in self.renderer.parts)
-        _, gone = without_hidden(self.scene, self.renderer.parts, self.poses)
+        parts, gone = without_hidden(self.scene, self.renderer.parts, self.poses)
         if gone >= WORTH * max(given, 1):
             words = f"{gone} of {given} are far from all that any frame sees"
-            self.hidden = not self.leave_out("triangles", f"without {gone}", words, None, hidden=True)
+            self.hidden = not self.leave_out("triangles", f"without {gone}", words, rebuilt(self.renderer, parts=parts))
 
-    def leave_out(self, what: str, choice: str, reason: str, lamps, hidden: bool = False) -> bool:
-        """Leave out lamps or hidden triangles if images A and B show that it is affordable."""
-        spp = 2 * FIRST_GUESS["path"]
-        outputs = [letter for letter in "AB" if letter in self.render.outputs]
-        full = {letter: [self.image(spp, k, output=letter) for k in range(MATCHED)] for letter in outputs}
-        before, self.renderer = self.renderer, reduced_renderer(self.renderer, lamps, hidden, self.poses)
-        error = np.max([np.zeros(3), *(pilot.omission_error(images, [self.image(spp, k, output=letter) for k in range(
-            MATCHED)]) for letter, images in full.items())], axis=0)
+    def leave_out(self, what: str, choice: str, reason: str, less) -> bool:
+        """Go on with ``less``, a renderer without something, if images A and B show that it is affordable."""
+        full, before = self.matched(), self.renderer
+        self.renderer = less
+        error = np.max([pilot.omission_error(*pair) for pair in zip(full, self.matched(), strict=True)], axis=0)
         if not self.affordable(error):
             self.renderer = before
             return False
         self.scene = self.renderer.scene.model_copy(update={"render": self.render})
         self.decide(what, choice, f"{reason}; at most {error.max():.2%} is lost in the noisiest view", error)
         return True
+
+    def matched(self) -> list[list]:
+        """``MATCHED`` images of A, and of B where it is asked for; the same random numbers every time."""
+        return [[self.image(2 * FIRST_GUESS["path"], k, output=letter) for k in range(MATCHED)]
+                for letter in "AB" if letter in self.render.outputs]
 
     def choose_integrator(self) -> None:
         """Paths where tables cannot be had, or are not right enough."""
@@ -588,15 +594,20 @@ MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
 
 
+def _timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
+    """What is made, and the seconds that it took, compiling aside."""
+    start, compiled = time.perf_counter(), renderer.compile_seconds
+    made = make()
+    return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
+
+
 def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan: Plan) -> float:
     """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(plan.spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        start, compiled = time.perf_counter(), renderer.compile_seconds
-        renderer.render(T_w_v, plan.view(view), letters, max_scatterings=plan.max_scatterings,
-                        max_bounces=plan.max_bounces, integrator=plan.integrator, layers=tuple(scene.render.layers),
-                        tolerance=plan.tile_tolerance, **few)
-        return time.perf_counter() - start - (renderer.compile_seconds - compiled)
+        how = {"max_scatterings": plan.max_scatterings, "max_bounces": plan.max_bounces, "integrator": plan.integrator,
+               "layers": tuple(scene.render.layers), "tolerance": plan.tile_tolerance} | few
+        return _timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
     if renderer.device != "cpu":  # a GPU is not full with a small image

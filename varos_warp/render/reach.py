@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from varos_warp.render.truncation import half_angle_deg, in_cone
 from varos_warp.scene.description import LevelOfDetail, Scene
+from varos_warp.scene.frames import lamp_position
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.lod import Need, PlacedNeed
 from varos_warp.scene.water import optical_properties
@@ -53,18 +55,17 @@ def _without_hidden(need: Need, part):
     return replace(part, faces=part.faces[keep], skin=skin)
 
 
-def reduced_renderer(renderer, lamps: Sequence[int] | None, hidden: bool, poses: Sequence[np.ndarray]):
-    """A renderer of the same scene with some of its lamps only, and without hidden triangles where they may go."""
+def with_lamps(scene: Scene, lamps: Sequence[int]) -> Scene:
+    """The scene with some of its lamps only."""
+    lights = [scene.vehicle.lights[i] for i in lamps]
+    return scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": lights})})
+
+
+def rebuilt(renderer, scene: Scene | None = None, parts: Sequence[Part | Instances] | None = None):
+    """A renderer on the same device, of another scene or of other parts."""
     from varos_warp.render.frame import FrameRenderer
 
-    scene, parts = renderer.scene, renderer.parts
-    if lamps is None and not hidden:
-        return renderer
-    if hidden:
-        parts, _ = without_hidden(scene, parts, poses)
-    if lamps is not None:
-        lights = [scene.vehicle.lights[i] for i in lamps]
-        scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": lights})})
+    scene, parts = scene or renderer.scene, renderer.parts if parts is None else parts
     return FrameRenderer(scene, renderer.device, parts, renderer.launcher.threads)
 
 
@@ -90,7 +91,7 @@ def lamp_light(scene: Scene, view, rays: tuple[np.ndarray, np.ndarray]) -> np.nd
     t_end = np.where(hit, view.range, FARTHEST_M)
     lights = []
     for light in scene.vehicle.lights:
-        position = view.T_w_v[:3, :3] @ light.position + view.T_w_v[:3, 3]
+        position = lamp_position(light, view.T_w_v)
         total = np.where(hit[..., None], _arriving(light, view, origin + t_end[..., None] * d, position, t_end,
                                                    water) / np.pi, 0.0)
         for k in range(NODES):
@@ -111,8 +112,7 @@ def _arriving(light, view, p: np.ndarray, position: np.ndarray, t: np.ndarray, w
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-3)
     inside = np.ones(distance.shape)
     if light.kind == "spot" and light.cone_deg < 360.0:
-        axis = view.T_w_v[:3, :3] @ np.asarray(light.direction) / np.linalg.norm(light.direction)
-        half = np.cos(np.radians(0.5 * light.cone_deg))
-        inside = np.where(to @ axis > distance * half, 1.0, 0.5 * (1.0 - half))
+        elsewhere = 0.5 * (1.0 - np.cos(np.radians(half_angle_deg(light))))
+        inside = np.where(in_cone(light, view.T_w_v, to, distance), 1.0, elsewhere)
     attenuation = np.exp(-water.sigma_a * (t + distance)[..., None])
     return (inside / distance**2)[..., None] * attenuation * np.asarray(light.intensity)

@@ -11,7 +11,7 @@ from scipy.special import pdtrc
 from varos_warp.render.adapt import DARK
 from varos_warp.render.pilot import View
 from varos_warp.scene.description import Scene
-from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import OpticalProperties, optical_properties
 
 SAFETY = 1.5
@@ -119,7 +119,7 @@ def surface_path(scene: Scene, view: View) -> np.ndarray:
     t = np.where(np.isfinite(view.range), view.range, 0.0)
     weights, lengths = np.zeros(t.shape), np.zeros(t.shape)
     for light in scene.vehicle.lights:
-        lamp = view.T_w_v[:3, :3] @ light.position + view.T_w_v[:3, 3]
+        lamp = lamp_position(light, view.T_w_v)
         distance = np.maximum(np.linalg.norm(origin + t[..., None] * d - lamp, axis=-1), 1e-3)
         weight = sum(light.intensity) / distance**2
         weights, lengths = weights + weight, lengths + weight * (t + distance)
@@ -139,9 +139,9 @@ def volume_path(scene: Scene, view: View, water: OpticalProperties) -> np.ndarra
         t = _NEAR_M * np.expm1(u * np.log1p(end / _NEAR_M))  # evenly in log(near + t): dt is in proportion to near + t
         p = origin + t[..., None] * direction
         for light in scene.vehicle.lights:
-            to_p = p - (view.T_w_v[:3, :3] @ light.position + view.T_w_v[:3, 3])
+            to_p = p - lamp_position(light, view.T_w_v)
             d = np.maximum(np.linalg.norm(to_p, axis=-1), 1e-3)
-            weight = (t + _NEAR_M) * _lit(light, view.T_w_v, to_p, d) / d**2
+            weight = (t + _NEAR_M) * in_cone(light, view.T_w_v, to_p, d) / d**2
             cosine = -np.einsum("...i,...i", to_p, direction) / d
             weight = weight * (1.0 + water.g**2 - 2.0 * water.g * cosine) ** -1.5
             length = (t + d)[..., None]
@@ -154,7 +154,7 @@ def volume_path(scene: Scene, view: View, water: OpticalProperties) -> np.ndarra
 _NODES, _NEAR_M, _FAR_M = 32, 0.1, 100.0
 
 
-def _lit(light, T_w_v: np.ndarray, to_p: np.ndarray, d: np.ndarray) -> np.ndarray:
+def in_cone(light, T_w_v: np.ndarray, to_p: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Whether points [H, W] at ``to_p``, ``d`` from a spot light, are inside its cone."""
     axis = T_w_v[:3, :3] @ light.direction / np.linalg.norm(light.direction)
     return to_p @ axis > d * np.cos(np.radians(half_angle_deg(light)))

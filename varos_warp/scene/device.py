@@ -11,7 +11,7 @@ from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.medium import Medium
 from varos_warp.kernels.texture import DIFFUSE, Material
 from varos_warp.scene.description import Camera, Light, Scene
-from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.geometry import Instances, Part, local_origin
 from varos_warp.scene.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials import corner_values, device_material
@@ -162,7 +162,7 @@ def medium_record(water: OpticalProperties) -> Medium:
 def light_record(light: Light, T_w_v: np.ndarray, origin) -> LightData:
     """A light of the vehicle at a pose, relative to ``origin``."""
     record = LightData()
-    record.position = wp.vec3(*(T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin))
+    record.position = wp.vec3(*(lamp_position(light, T_w_v) - origin))
     record.intensity = wp.vec3(*light.intensity)
     record.cos_half = -1.0
     record.axis = wp.vec3(0.0, 0.0, 1.0)
