@@ -483,7 +483,10 @@ NoiseDensity = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
 class ImuNoise(Block):
-    """White noise and random walk of the bias, in Kalibr's units; all zero is no noise."""
+    """White noise and bias of each axis; densities in Kalibr's units; all zero is no noise.
+
+    The bias is the constant one, plus one drawn at random when the sensor is turned on, plus a random walk.
+    """
 
     accelerometer_noise_density: NoiseDensity = 0.0
     """[m/s^2/sqrt(Hz)]"""
@@ -493,6 +496,14 @@ class ImuNoise(Block):
     """[rad/s/sqrt(Hz)]"""
     gyroscope_random_walk: NoiseDensity = 0.0
     """[rad/s^2/sqrt(Hz)]"""
+    accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
+    """Constant part, sensor axes [m/s^2]"""
+    accelerometer_turn_on_bias: NoiseDensity = 0.0
+    """Standard deviation of the part that is drawn once a sequence [m/s^2]"""
+    gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
+    """[rad/s]"""
+    gyroscope_turn_on_bias: NoiseDensity = 0.0
+    """[rad/s]"""
 
 
 class Imu(Mounted):

@@ -41,6 +41,23 @@ def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
     return _validate(_Source(data=data), Path(base_dir))
 
 
+def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> BaseModel:
+    """Read a file that holds one block of another kind than a scene, such as a noise profile.
+
+    Args:
+        path: YAML file.
+        model: The block.
+        what: Its name in messages.
+        remedy: What to do where there is no such file.
+
+    Raises:
+        InputError: As for `load_scene`.
+    """
+    source = _parse(_read_text(Path(path), what, remedy), Path(path), what, remedy)
+    source.model = model
+    return _validated(source)
+
+
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The whole scene with every default filled in, as plain JSON types; ``scene_from_dict`` gives it back."""
     return scene.model_dump(mode="json")
@@ -74,6 +91,8 @@ class _Source:
     """Line of every key, by its path."""
     overridden: dict[tuple, str] = field(default_factory=dict)
     """The override that set a key, by its path."""
+    model: type[BaseModel] = Scene
+    """What the data are to be."""
 
     def where(self, path: tuple) -> dict[str, Any]:
         """File, line and key for a message about ``path``, or about the nearest block around it that has a line."""
@@ -86,10 +105,10 @@ class _Source:
         return {"file": self.file, "key": key}
 
 
-def _read_text(path: Path) -> str:
-    remedy = "Give the path of a scene file; `varos-warp init` writes one to begin with."
+def _read_text(path: Path, what: str = "scene file",
+               remedy: str = "Give the path of a scene file; `varos-warp init` writes one to begin with.") -> str:
     if not path.is_file():
-        problem = "is a folder, not a scene file" if path.is_dir() else "there is no such scene file"
+        problem = f"is a folder, not a {what}" if path.is_dir() else f"there is no such {what}"
         raise InputError(problem, file=path, remedy=remedy)
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -99,8 +118,9 @@ def _read_text(path: Path) -> str:
         raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
 
 
-def _parse(text: str, path: Path) -> _Source:
-    """Data and line numbers of a scene file."""
+def _parse(text: str, path: Path, what: str = "scene file",
+           remedy: str = "`varos-warp init` writes one to begin with.") -> _Source:
+    """Data and line numbers of a YAML file."""
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         lines: dict[tuple, int] = {}
@@ -117,10 +137,10 @@ def _parse(text: str, path: Path) -> _Source:
     except (ValueError, RecursionError) as error:  # such as a date that does not exist
         raise InputError(f"is not valid YAML: {error}", file=path, remedy="Quote the value if it is text.") from None
     if data is None:
-        raise InputError("the scene file is empty", file=path, remedy="`varos-warp init` writes one to begin with.")
+        raise InputError(f"the {what} is empty", file=path, remedy=remedy)
     if not isinstance(data, dict):
-        raise InputError(f"a scene file is a mapping of keys to values, this is a {type(data).__name__}", file=path,
-                         remedy="`varos-warp init` writes one to begin with.")
+        raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
+                         remedy=remedy)
     return _Source(data, path, lines)
 
 
@@ -191,17 +211,22 @@ def _child(block, part, path, where):
 
 
 def _validate(source: _Source, base_dir: Path) -> Scene:
-    try:
-        scene = Scene.model_validate(source.data)
-    except ValidationError as error:
-        raise _input_error(error, source) from None
+    scene = _validated(source)
     scene._base_dir = Path(base_dir).resolve()
     return scene
 
 
+def _validated(source: _Source):
+    """The block that a file describes."""
+    try:
+        return source.model.model_validate(source.data)
+    except ValidationError as error:
+        raise _input_error(error, source) from None
+
+
 def _input_error(error: ValidationError, source: _Source) -> InputError:
     """The first problem of a scene, and how many more there are."""
-    problems = _most_specific([(_key_path(e["loc"], source.data), e) for e in error.errors()])
+    problems = _most_specific([(_key_path(e["loc"], source.data, source.model), e) for e in error.errors()])
     # A misspelt key is most likely what makes another one missing.
     problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
     path, first = problems[0]
@@ -220,7 +245,7 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     return InputError(problem, value=value, remedy=remedy or None, **source.where(path))
 
 
-def _key_path(loc: tuple, data: Any) -> tuple:
+def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:
     """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between."""
     path: list = []
     for i, part in enumerate(loc):
@@ -229,7 +254,7 @@ def _key_path(loc: tuple, data: Any) -> tuple:
         if exists and not _is_tag(part, loc[i + 1:], data):
             path.append(part)
             data = data[part]
-        elif isinstance(part, int) or (i == len(loc) - 1 and isinstance(data, dict) and _is_key(part)):
+        elif isinstance(part, int) or (i == len(loc) - 1 and isinstance(data, dict) and _is_key(part, model)):
             path.append(part)  # a missing key or item
             data = None
     return tuple(path)
@@ -245,8 +270,8 @@ def _is_tag(part, rest, data):
     return data["kind"] == part if "kind" in data else rest[0] in data
 
 
-def _is_key(part) -> bool:
-    return isinstance(part, str) and part.isidentifier() and any(part in model.model_fields for model in _all_models())
+def _is_key(part, model: type[BaseModel]) -> bool:
+    return isinstance(part, str) and part.isidentifier() and any(part in m.model_fields for m in _all_models(model))
 
 
 def _most_specific(problems):
@@ -282,7 +307,7 @@ def _explain(path: tuple, e: dict, source: _Source) -> tuple[str, str]:
     """Problem and remedy in plain words."""
     kind, context = e["type"], e.get("ctx", {})
     if kind == "extra_forbidden":
-        return "unknown key", _suggest(str(path[-1]), _known_keys(path[:-1], source.data))
+        return "unknown key", _suggest(str(path[-1]), _known_keys(path[:-1], source.data, source.model))
     if kind == "missing":
         return "is missing", _REMEDIES["missing"]
     if kind == "union_tag_invalid":
@@ -309,9 +334,9 @@ def _suggest(word: str, known: list[str]) -> str:
     return f"Did you mean '{near[0]}'?" if near else f"{listing[0].upper()}{listing[1:]}."
 
 
-def _known_keys(path: tuple, data: Any) -> list[str]:
+def _known_keys(path: tuple, data: Any, model: type[BaseModel]) -> list[str]:
     """Keys that a block at ``path`` may have."""
-    models: list = [Scene]
+    models: list = [model]
     for part in path:
         data = data[part] if isinstance(data, dict | list) else None
         annotations = [m.model_fields[part].annotation for m in models if part in getattr(m, "model_fields", {})]
@@ -334,7 +359,7 @@ def _models_in(annotation) -> list[type[BaseModel]]:
     return [model for inner in typing.get_args(annotation) for model in _models_in(inner)]
 
 
-def _all_models(model=Scene, found=None) -> set[type[BaseModel]]:
+def _all_models(model: type[BaseModel], found=None) -> set[type[BaseModel]]:
     found = set() if found is None else found
     if model not in found:
         found.add(model)
