@@ -130,7 +130,7 @@ def test_t_bs_takes_camera_coordinates_to_the_body_and_its_pose_to_the_cameras(d
 def test_euroc_images_are_named_by_their_time_and_byte_for_byte_the_datasets(data, out):
     table = rows(out / "euroc/mav0/cam1/data.csv", ",")
     assert [(int(t), name) for t, name in table] == [(t, f"{t}.png") for t in data.time_ns("R0").tolist()]
-    for frame, (_, name) in zip(data, table, strict=True):
+    for frame, (_, name) in zip(data.frames, table, strict=True):
         assert (out / "euroc/mav0/cam1/data" / name).read_bytes() == data.layout.png("R0", "A", frame).read_bytes()
 
 
@@ -186,7 +186,7 @@ def test_depth_comes_back_in_metres_within_half_a_unit(data, out, form, folder, 
     """Rounding to the unit, and float32 of D (2^-24 of 25 m) once; what is too far is 0."""
     paths = sorted(p for p in (out / form / folder).glob("*.png") if "camR0" not in p.name)
     assert len(paths) == 10
-    for frame, path in zip(data, paths, strict=True):
+    for frame, path in zip(data.frames, paths, strict=True):
         with Image.open(path) as image:
             units = np.array(image)
         truth, read = data.depth(frame, "L0"), units * unit
@@ -257,7 +257,7 @@ def test_colmap_poses_are_world_to_camera_with_the_scalar_first(data, out):
     assert len(lines) == 41
     images = [line.split() for line in lines[:-1:2]]
     assert [row[0] for row in images] == [str(i + 1) for i in range(20)]
-    for index, (camera, frame) in enumerate((c, f) for c in data.cameras for f in data):
+    for index, (camera, frame) in enumerate((c, f) for c in data.cameras for f in data.frames):
         row = images[index]
         assert row[8] == str(1 + data.cameras.index(camera))
         assert (out / "colmap/images" / row[9]).read_bytes() == data.layout.png(camera, "A", frame).read_bytes()
@@ -271,7 +271,7 @@ def test_nerfstudio_cameras_have_y_up_and_look_along_minus_z(data, out):
     np.testing.assert_allclose([model["fl_x"], model["fl_y"], model["cx"], model["cy"]],
                                [3.4 / 4.416 * 48, 3.4 / 2.484 * 27, 24, 13.5], rtol=1e-15)
     assert len(model["frames"]) == 20
-    for (camera, frame), entry in zip(((c, f) for c in data.cameras for f in data), model["frames"], strict=True):
+    for (camera, frame), entry in zip(((c, f) for c in data.cameras for f in data.frames), model["frames"], strict=True):
         T, T_w_c = np.array(entry["transform_matrix"]), data.T_w_c(frame, camera)
         np.testing.assert_array_equal(T @ [0, 0, -1, 0], T_w_c @ [0, 0, 1, 0])
         np.testing.assert_array_equal(T @ [0, 1, 0, 0], T_w_c @ [0, -1, 0, 0])
@@ -330,7 +330,7 @@ def test_odometry_moves_in_the_vehicles_own_axes(data, bag):
 
 def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data, bag):
     for camera in data.cameras:
-        for frame, (_, image), (_, depth) in zip(data, bag[f"/cam{camera}/image/compressed"],
+        for frame, (_, image), (_, depth) in zip(data.frames, bag[f"/cam{camera}/image/compressed"],
                                                  bag[f"/cam{camera}/depth/compressed"], strict=True):
             assert image.data.tobytes() == data.layout.png(camera, "A", frame).read_bytes()
             with Image.open(io.BytesIO(depth.data.tobytes())) as opened:

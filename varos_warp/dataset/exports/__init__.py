@@ -78,7 +78,7 @@ def _check_images(job: Job, letters: str) -> None:
     """Every image that the format takes is complete; ``A`` alone among A and B stands for the chosen one."""
     wanted = {job.images if letter == "A" and "B" not in letters else letter for letter in letters}
     paths = [job.data.layout.png(camera, letter, frame) for camera in job.cameras
-             for letter in sorted(wanted & set(job.data.outputs)) for frame in job.data]
+             for letter in sorted(wanted & set(job.data.outputs)) for frame in job.data.frames]
     missing = [path for path in paths if not files.is_complete(path)]
     if missing:
         raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],

@@ -29,7 +29,7 @@ def _images(job: Job) -> list[str]:
     for number, camera in enumerate(job.cameras, start=1):
         T_c_w = np.array([inverse(T) for T in job.poses(camera)[1]])
         rows = np.column_stack([quaternion(T_c_w, scalar_first=True), T_c_w[:, :3, 3]])
-        for frame, row in zip(job.data, rows, strict=True):
+        for frame, row in zip(job.data.frames, rows, strict=True):
             name = f"cam{camera}/{job.data.layout.png(camera, job.images, frame).name}"
             job.link(camera, job.images, frame, f"images/{name}")
             count += 1

@@ -26,7 +26,7 @@ def write(job: Job) -> None:
     if skipped := [camera for camera in job.cameras if camera not in pair]:
         warnings.warn(f"KITTI holds a rectified pair at most: {', '.join(skipped)} left out", stacklevel=2)
     for place, camera in enumerate(pair, start=2):
-        for i, frame in enumerate(job.data):
+        for i, frame in enumerate(job.data.frames):
             job.link(camera, job.images, frame, f"{folder}/image_{place}/{i:06d}.png")
         if job.has_depth:
             job.depths(camera, lambda i, place=place: f"{folder}/depth_{place}/{i:06d}.png", PER_METRE)

@@ -12,7 +12,7 @@ def write(job: Job) -> None:
     images = []
     for camera in job.cameras:
         for letter in job.data.outputs:
-            for frame in job.data:
+            for frame in job.data.frames:
                 path = f"images/cam{camera}/{letter}/{job.data.layout.png(camera, letter, frame).name}"
                 job.link(camera, letter, frame, path)
                 images.append((camera, letter, frame, path))

@@ -17,7 +17,7 @@ def write(job: Job) -> None:
     camera = job.cameras[0]
     time_ns, T_w_c = job.poses(camera)
     stamps = [seconds(t) for t in time_ns]
-    for frame, stamp in zip(job.data, stamps, strict=True):
+    for frame, stamp in zip(job.data.frames, stamps, strict=True):
         job.link(camera, job.images, frame, f"rgb/{stamp}.png")
     job.text("rgb.txt", ["# color images", "# timestamp filename", *(f"{s} rgb/{s}.png" for s in stamps)])
     if job.has_depth:
