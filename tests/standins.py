@@ -60,6 +60,7 @@ def simulate(scene, *, progress=None):
     body = rotation.inv().apply(acceleration + [0, 0, scene.gravity])
     body = body + np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
     imu.acceleration, imu.angular_velocity = body @ R_v_s, omega @ R_v_s
+    imu.true_acceleration, imu.true_angular_velocity = imu.acceleration, imu.angular_velocity
     imu.acceleration_bias = imu.angular_velocity_bias = np.zeros_like(body)
     if scene.vehicle.imu.noise is not None:
         imu.acceleration_bias = np.full_like(body, 0.3)

@@ -56,17 +56,45 @@ def write_sensors(layout: Layout, scene, simulation) -> None:
         trajectory.angular_velocity, trajectory.angular_acceleration)
     if vehicle.imu is not None:
         imu = simulation.imu
-        files.write_csv(layout.sensor("imu0"), [TIME, *_xyz("a_RS_S", "m s^-2"), *_xyz("w_RS_S", "rad s^-1")],
-                        imu.time_ns, imu.acceleration, imu.angular_velocity)
-        if vehicle.imu.noise is not None:
-            files.write_csv(layout.imu_bias, [TIME, *_xyz("b_a_RS_S", "m s^-2"), *_xyz("b_w_RS_S", "rad s^-1")],
-                            imu.time_ns, imu.acceleration_bias, imu.angular_velocity_bias)
+        if vehicle.imu.noise is None:
+            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity))
+        else:
+            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity),
+                      (imu.true_acceleration, imu.true_angular_velocity),
+                      (imu.acceleration_bias, imu.angular_velocity_bias))
         write_poses(layout, "imu0", imu.time_ns, _at(trajectory, poses, imu.time_ns) @ pose_matrix(vehicle.imu))
     if vehicle.depth_gauge is not None:
         gauge = simulation.depth_gauge
-        files.write_csv(layout.sensor("depth0"), [TIME, "d_v_w [m]"], gauge.time_ns, gauge.depth)
+        write_depth_gauge(layout, gauge.time_ns, gauge.depth)
         write_poses(layout, "depth0", gauge.time_ns,
                     _at(trajectory, poses, gauge.time_ns) @ pose_matrix(vehicle.depth_gauge))
+
+
+def write_imu(layout: Layout, time_ns: np.ndarray, reading, truth=None, bias=None) -> None:
+    """Readings of the IMU; where they have noise, what they would be without it beside them, and its bias.
+
+    Args:
+        layout: Of the dataset.
+        time_ns: int64 [N].
+        reading: Specific force [m/s^2] and angular velocity [rad/s], each [N, 3].
+        truth: The same without noise.
+        bias: The slowly varying part of the noise.
+    """
+    def header(prefix: str) -> list[str]:
+        return [*_xyz(f"{prefix}a_RS_S", "m s^-2"), *_xyz(f"{prefix}w_RS_S", "rad s^-1")]
+
+    names = [TIME, *header(""), *(header("true_") if truth else ())]
+    files.write_csv(layout.sensor("imu0"), names, time_ns, *reading, *(truth or ()))
+    if bias:
+        files.write_csv(layout.imu_bias, [TIME, *header("b_")], time_ns, *bias)
+
+
+def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, truth: np.ndarray | None = None,
+                      bias: np.ndarray | None = None) -> None:
+    """Readings of the depth gauge [N] [m]; where they have noise, the true depth and the bias beside them."""
+    more = [] if truth is None else [truth, bias]
+    names = [TIME, "d_v_w [m]", "true_d_v_w [m]", "b_d_v_w [m]"]
+    files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
 
 
 def vehicle_poses(trajectory) -> np.ndarray:

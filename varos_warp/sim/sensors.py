@@ -19,6 +19,7 @@ class Imu:
         angular_velocity: [M, 3] [rad/s].
         acceleration_bias, angular_velocity_bias: The slowly varying part of the noise in the readings [M, 3]; zero
             unless the scene asks for noise.
+        true_acceleration, true_angular_velocity: What they would be without noise [M, 3].
     """
 
     time_ns: np.ndarray
@@ -26,6 +27,8 @@ class Imu:
     angular_velocity: np.ndarray
     acceleration_bias: np.ndarray
     angular_velocity_bias: np.ndarray
+    true_acceleration: np.ndarray
+    true_angular_velocity: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,10 @@ def measure_imu(trajectory, imu: description.Imu, gravity: float = 9.81, seed: i
     acceleration, omega = acceleration @ R_v_s, omega @ R_v_s  # rows: (R_sv x)' = x' R_vs
     times, none = trajectory.time_ns[pick], np.zeros_like(omega)
     if imu.noise is None:
-        return Imu(times, acceleration, omega, none, none)
+        return Imu(times, acceleration, omega, none, none, acceleration, omega)
     force, rate = imu_noise(imu.noise, len(omega), imu.rate_hz, seed)
-    return Imu(times, acceleration + force.white + force.bias, omega + rate.white + rate.bias, force.bias, rate.bias)
+    return Imu(times, acceleration + force.white + force.bias, omega + rate.white + rate.bias, force.bias, rate.bias,
+               acceleration, omega)
 
 
 def measure_depth(trajectory, gauge: description.Mounted, surface_depth_m: float) -> DepthGauge:

@@ -1,0 +1,126 @@
+"""What a noise profile may say: the errors of the IMU, the depth gauge and the cameras; docs/noise.md tells of them.
+
+A profile is a YAML file with the blocks ``imu``, ``depth_gauge`` and ``camera``; a block that is absent adds nothing.
+"""
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Block, ImuNoise, NonNegative, Positive
+from varos_warp.scene.load import load_block
+
+FOLDER = resources.files("varos_warp") / "data" / "noise"
+"""Profiles that come with the package."""
+
+
+class DepthGaugeNoise(Block):
+    """Errors of the depth gauge, quantised last."""
+
+    noise_density: NonNegative = 0.0
+    """White noise [m/sqrt(Hz)]"""
+    random_walk: NonNegative = 0.0
+    """Of the bias [m/s/sqrt(Hz)]"""
+    bias: float = 0.0
+    """Constant part [m]"""
+    turn_on_bias: NonNegative = 0.0
+    """Standard deviation of the part that is drawn once a sequence [m]"""
+    resolution: NonNegative = 0.0
+    """Step of the readings [m]; 0: none"""
+
+
+class Vignetting(Block):
+    """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
+
+    The polynomial is 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image.
+    """
+
+    kind: Literal["cos4", "polynomial"] = "cos4"
+    coefficients: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_belong_to_the_polynomial(self):
+        if (self.kind == "polynomial") != bool(self.coefficients):
+            raise ValueError("coefficients [a1, a2, ...] belong to kind: polynomial, which needs at least one")
+        return self
+
+
+class CameraNoise(Block):
+    """A linear image sensor (EMVA 1288): photons to electrons to digital numbers (DN), each colour channel alike.
+
+    The highest DN is white. Give ``electrons_per_dn``: the exposure gain of a frame is a time of exposure, so white
+    is the same number of electrons in every frame. Or give ``electrons_per_radiance``: the time of exposure is the
+    same in every frame, and its gain is an amplifier's, which amplifies the noise as well.
+    """
+
+    electrons_per_dn: Positive | None = None
+    """Conversion, the reciprocal of the system gain K [e-/DN]"""
+    electrons_per_radiance: Positive | None = None
+    """[e- per W/sr/m^2]"""
+    full_well_electrons: Positive | None = None
+    """Electrons at which a pixel saturates [e-]; absent: above white"""
+    shot_noise: bool = True
+    """Poisson noise of the electrons"""
+    read_noise_electrons: NonNegative = 0.0
+    """Standard deviation, per pixel [e-]"""
+    row_noise_electrons: NonNegative = 0.0
+    """Standard deviation of an offset that a row of all channels shares [e-]"""
+    bits: Annotated[int, Field(ge=4, le=16)] = 12
+    """Of the analogue-to-digital converter"""
+    black_level: Annotated[int, Field(ge=0)] = 0
+    """DN of no light; noise below it is kept until it is taken off"""
+    vignetting: Vignetting | None = None
+
+    @model_validator(mode="after")
+    def _one_exposure_and_room_above_black(self):
+        if (self.electrons_per_dn is None) == (self.electrons_per_radiance is None):
+            raise ValueError("give one of electrons_per_dn and electrons_per_radiance")
+        if self.black_level >= 2**self.bits - 1:
+            raise ValueError(f"black_level must be below {2**self.bits - 1}, the highest value of {self.bits} bits")
+        return self
+
+
+class NoiseProfile(Block):
+    """Errors of all sensors."""
+
+    name: str = "unnamed"
+    imu: ImuNoise | None = None
+    depth_gauge: DepthGaugeNoise | None = None
+    camera: CameraNoise | None = None
+
+
+def named_profiles() -> list[str]:
+    """Names of the profiles that come with the package."""
+    return sorted(Path(entry.name).stem for entry in FOLDER.iterdir() if entry.name.endswith(".yaml"))
+
+
+def load_profile(name: str | Path) -> NoiseProfile:
+    """A profile that comes with the package, by its name, or one of your own, by its path.
+
+    Raises:
+        InputError: There is none, or it says something that no profile can say.
+    """
+    known = named_profiles()
+    path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)
+    profile = load_block(path, NoiseProfile, "noise profile", f"Give a file, or one of: {', '.join(known)}.")
+    return profile if "name" in profile.model_fields_set else profile.model_copy(update={"name": path.stem})
+
+
+def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
+    """One profile of several that each tell of other sensors.
+
+    Raises:
+        InputError: Two of them tell of the same sensor.
+    """
+    merged: dict = {"name": "+".join(profile.name for profile in profiles)}
+    for profile in profiles:
+        for sensor in ("imu", "depth_gauge", "camera"):
+            block = getattr(profile, sensor)
+            if block is not None and sensor in merged:
+                raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,
+                                 remedy="Leave one out, or write the one you mean into a file.")
+            merged |= {sensor: block} if block is not None else {}
+    return NoiseProfile(**merged)
