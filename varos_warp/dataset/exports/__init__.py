@@ -4,12 +4,7 @@ Images are linked or copied as they are; depth is encoded anew where a format ha
 in a hidden folder beside its own and renamed when it is complete.
 """
 
-import contextlib
-import itertools
-import os
-import shutil
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +17,6 @@ from varos_warp.render.outputs import OUTPUTS
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
-_counter = itertools.count()
 
 
 def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True) -> Job:
@@ -49,7 +43,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     _check_choice(data, images, cameras)
     job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet)
     _check_images(job, module.IMAGES)
-    with _folder(out) as temp:
+    with files.new_folder(out) as temp:
         module.write(replace(job, out=temp))
     return job
 
@@ -83,18 +77,3 @@ def _check_images(job: Job, letters: str) -> None:
     if missing:
         raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],
                          remedy="`run` again to complete the dataset.")
-
-
-@contextlib.contextmanager
-def _folder(out: Path) -> Iterator[Path]:
-    """A hidden folder beside ``out`` that becomes it on success and is removed on anything else."""
-    if out.exists() or out.is_symlink():
-        raise InputError("is there already", file=out, remedy="Name another folder with -o; nothing is overwritten.")
-    temp = out.absolute().with_name(f".{out.absolute().name}.{files.HOST}-{os.getpid()}-{next(_counter)}.tmp")
-    try:
-        with files.writing(out):
-            temp.mkdir(parents=True)
-            yield temp
-            temp.rename(out)
-    finally:
-        shutil.rmtree(temp, ignore_errors=True)

@@ -1,8 +1,6 @@
 """What every export does: link images, encode depth anew, print numbers without losing digits."""
 
-import contextlib
 import os
-import shutil
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ class Job:
 
     def link(self, camera: str, letter: str, frame: int, name: str | Path) -> None:
         """An image of the dataset under another name: a hard link, or a copy where there can be none."""
-        link(self.data.layout.png(camera, letter, frame), self.out / name)
+        files.link(self.data.layout.png(camera, letter, frame), self.out / name)
 
     def text(self, name: str | Path, lines: Iterable[str]) -> None:
         """A file of lines, each ended by one newline character."""
@@ -71,17 +69,8 @@ class Job:
         return time_ns, T_w_c
 
     def has_sensor(self, name: str) -> bool:
-        """Whether there are readings of ``imu0`` or ``depth0``."""
-        return self.data.layout.sensor(name).is_file()
-
-
-def link(source: Path, target: Path) -> None:
-    """Hard-link a file, or copy it where the file system has no links or is another one."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(OSError):
-        os.link(source.resolve(), target)
-        return
-    shutil.copyfile(source, target)
+        """Whether ``imu0`` or ``depth0`` was recorded; if its file is gone since, reading it says so."""
+        return name in self.data.recorded
 
 
 def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:

@@ -101,7 +101,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
         Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
         return messages.png(t, frame_id, png.getvalue(), "16UC1; png compressed ")
 
-    for t, frame in zip(job.poses(camera)[0].tolist(), job.data, strict=True):
+    for t, frame in zip(job.poses(camera)[0].tolist(), job.data.frames, strict=True):
         yield t, f"/{frame_id}/camera_info", lambda t=t: messages.camera_info(t, frame_id, facts, K)
         yield t, f"/{frame_id}/image/compressed", lambda t=t, frame=frame: image(t, frame)
         if job.has_depth:
