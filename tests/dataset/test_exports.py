@@ -427,10 +427,10 @@ def test_seconds_keep_every_nanosecond(time_ns):
 
 def test_images_are_the_same_files_or_copies_where_they_cannot_be(written, tmp_path, monkeypatch):
     source, linked, copied = Dataset(written).layout.png("L0", "A", 0), tmp_path / "a/1.png", tmp_path / "b/1.png"
-    job.link(source, linked)
+    files.link(source, linked)
     assert linked.samefile(source)
-    monkeypatch.setattr(job.os, "link", lambda *_: (_ for _ in ()).throw(OSError("no links here")))
-    job.link(source, copied)
+    monkeypatch.setattr(files.os, "link", lambda *_: (_ for _ in ()).throw(OSError("no links here")))
+    files.link(source, copied)
     assert not copied.samefile(source)
     assert copied.read_bytes() == source.read_bytes()
 

@@ -8,6 +8,7 @@ import itertools
 import json
 import os
 import re
+import shutil
 import socket
 import struct
 import sys
@@ -41,6 +42,34 @@ def atomic(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             temp.unlink()
+
+
+@contextlib.contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A hidden folder beside ``out`` that becomes it on success and is removed on anything else.
+
+    Raises:
+        InputError: If ``out`` is there already, or cannot be made or written to.
+    """
+    if out.exists() or out.is_symlink():
+        raise InputError("is there already", file=out, remedy="Name another folder with -o; nothing is overwritten.")
+    temp = out.absolute().with_name(f".{out.absolute().name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    try:
+        with writing(out):
+            temp.mkdir(parents=True)
+            yield temp
+            temp.rename(out)
+    finally:
+        shutil.rmtree(temp, ignore_errors=True)
+
+
+def link(source: Path, target: Path) -> None:
+    """Hard-link a file, or copy it where the file system has no links or is another one."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(OSError):
+        os.link(source.resolve(), target)
+        return
+    shutil.copyfile(source, target)
 
 
 @contextlib.contextmanager
