@@ -41,7 +41,6 @@ def test_ids_of_sequence_and_vehicle_are_in_the_names(tmp_path):
 def test_the_public_name_opens_a_dataset(written):
     data = varos_warp.Dataset(written)
     assert len(data) == 10
-    assert list(data) == list(range(10))
     assert "10 frames, outputs ABCD, cameras L0, R0" in repr(data)
 
 

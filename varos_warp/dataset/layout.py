@@ -10,7 +10,8 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     vehicle0/lights0/lights0_poses.csv
 """
 
-from collections.abc import Iterator
+import operator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files, schema
+from varos_warp.dataset.frame import Frame
 from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
 
@@ -77,6 +79,10 @@ class Layout:
         """Half floats of A or B before exposure; of D, float32 channels Z and range."""
         return self.camera_dir(camera) / f"{output}_exr" / f"{self.image_name(camera, output, frame)}.exr"
 
+    def clean(self, camera: str, frame: int) -> Path:
+        """A without camera noise, where `png` has it."""
+        return self.camera_dir(camera) / "A_clean" / f"{self.image_name(camera, 'A', frame)}.png"
+
     def linear(self, camera: str, frame: int) -> Path:
         """A as it was rendered: float32 with standard error and layers."""
         return self.camera_dir(camera) / "A_linear" / f"{self.image_name(camera, 'A', frame)}.exr"
@@ -130,6 +136,10 @@ def from_runs(ranges) -> list[int]:
 class Dataset:
     """A dataset on disk, opened for reading; images are decoded one at a time, when asked for.
 
+    It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
+    first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
+    may share it; it pickles as its path, so that worker processes may have it too.
+
     Args:
         root: Folder that holds ``dataset.json``.
 
@@ -138,7 +148,7 @@ class Dataset:
     """
 
     def __init__(self, root):
-        self.root, self._gains = Path(root), {}
+        self.root, self._kept = Path(root), {}
         if not (self.root / "dataset.json").is_file():
             raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
                              remedy="Give the folder that `varos-warp run` wrote to.")
@@ -159,9 +169,47 @@ class Dataset:
         """Number of frames."""
         return len(self.frames)
 
-    def __iter__(self) -> Iterator[int]:
-        """Frame numbers."""
-        return iter(self.frames)
+    def __iter__(self) -> Iterator[Frame]:
+        """Every frame, through the first camera."""
+        return (self[index] for index in range(len(self)))
+
+    def __getitem__(self, key) -> Frame | list[Frame]:
+        """``data[index]``, ``data[start:stop]`` or either with a camera's id, ``data[index, "R0"]``.
+
+        Raises:
+            IndexError: If there are not so many frames.
+            InputError: If there is no such camera.
+        """
+        index, camera = key if isinstance(key, tuple) else (key, None)
+        camera = self._camera(camera)
+        if isinstance(index, slice):
+            return [Frame(self, i, camera) for i in range(*index.indices(len(self)))]
+        place = operator.index(index)
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"there is no index {place}: the dataset has {len(self)} frames")
+        return Frame(self, place % len(self), camera)
+
+    def frame(self, number: int, camera: str | None = None) -> Frame:
+        """The frame with a number of the sequence, which is that of its files; raises IndexError if there is none."""
+        return self[self._index(number), camera]
+
+    def _index(self, number: int) -> int:
+        if number not in self._indices:
+            raise IndexError(f"there is no frame {number}: the dataset has {runs(self.frames)}, the ends exclusive")
+        return self._indices[number]
+
+    @cached_property
+    def _indices(self) -> dict[int, int]:
+        return {number: index for index, number in enumerate(self.frames)}
+
+    def __reduce__(self):
+        return type(self), (self.root.absolute(),)
+
+    def _once(self, key, read: Callable):
+        """What ``read()`` returns, which is called the first time only; two threads may both call it, with no harm."""
+        if key not in self._kept:
+            self._kept[key] = read()
+        return self._kept[key]
 
     def __repr__(self) -> str:
         what = f"{len(self)} frames, outputs {''.join(self.outputs)}, cameras {', '.join(self.cameras)}"
@@ -201,12 +249,29 @@ class Dataset:
     # ---------------------------------------------------------------------------------------------------- images
 
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """A decoded image: linear radiance of A and B (from 8 bits), unit normals of C, metres of D, numbers of S."""
+        """A decoded image: linear radiance of A and B (from 8 bits), unit normals of C, metres of D, numbers of S.
+
+        Args:
+            output: Its letter.
+            frame: Number of the frame in the sequence.
+            camera: Its id; absent: the first.
+        """
+        if output not in OUTPUTS:
+            raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
         return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
 
-    def pixels(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W]."""
-        return files.read_png(self.layout.png(self._camera(camera), output, frame))
+    def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
+        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W].
+
+        Args:
+            output: Its letter.
+            frame: Its number.
+            camera: Its id; absent: the first.
+            truth: Of A: without the camera noise that it may have.
+        """
+        camera = self._camera(camera)
+        clean = truth and output == "A" and self.has_noise("A")
+        return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
@@ -229,13 +294,12 @@ class Dataset:
 
     def gain(self, output: str, frame: int, camera: str | None = None) -> float:
         """Exposure gain of A or B."""
-        key = output, self._camera(camera)
-        if key not in self._gains:
-            self._gains[key] = self.gains(*key)
-        if frame not in self._gains[key]:
-            raise InputError(f"has no gain of frame {frame}", file=self._exposure_file(*key),
+        camera = self._camera(camera)
+        gains = self._once(("gains", output, camera), lambda: self.gains(output, camera))
+        if frame not in gains:
+            raise InputError(f"has no gain of frame {frame}", file=self._exposure_file(output, camera),
                              remedy="`run` again to make it anew.")
-        return self._gains[key][frame]
+        return gains[frame]
 
     def _exposure_file(self, output: str, camera: str) -> Path:
         return self.layout.camera_file(camera, f"_exposure_{output}.csv")
@@ -249,61 +313,138 @@ class Dataset:
                              remedy="`run` again to make it anew.")
         return dict(zip(table["frame"].tolist(), table["gain"].tolist(), strict=True))
 
-    @cached_property
-    def _row(self) -> dict[int, int]:
-        return {frame: row for row, frame in enumerate(self.frames)}
-
     # ------------------------------------------------------------------------------------------- poses and sensors
 
     def time_ns(self, camera: str | None = None) -> np.ndarray:
         """Time of every frame, int64 [N]."""
-        return files.read_csv(self.layout.camera_file(self._camera(camera), "_timestamps.csv"))["# timestamp [ns]"]
+        return _table(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
 
     def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, ``imu0``, ``depth0`` or ``vehicle``."""
-        table = list(files.read_csv(self.layout.poses(name or self.cameras[0], "transformation_matrix")).values())
+        table = _table(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
-        T[:, :3] = np.column_stack(table[1:13]).reshape(-1, 3, 4)
+        T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
         return table[0], T
 
-    @cached_property
-    def _camera_poses(self) -> dict[str, np.ndarray]:
-        return {camera: self.poses(camera)[1] for camera in self.cameras}
+    def views(self, camera: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Times int64 [N] and T_w_c [N, 4, 4] of a camera at the frames; both are kept, so do not change them.
+
+        Raises:
+            InputError: If they are not those of the frames.
+        """
+        return self._once(("views", self._camera(camera)), lambda: self._views(self._camera(camera)))
+
+    def _views(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+        time_ns, T_w_c = self.poses(camera)
+        if len(time_ns) != len(self) or not np.array_equal(time_ns, self.time_ns(camera)):
+            raise InputError("the poses are not those of the frames and of their time stamps",
+                             file=self.layout.poses(camera, "transformation_matrix"),
+                             remedy="Check it with `varos-warp validate`, then `run` again.")
+        return time_ns, T_w_c
 
     def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
-        """Pose [4, 4] of a camera (OpenCV axes) at a frame."""
-        return self._camera_poses[self._camera(camera)][self._row[frame]]
+        """Pose [4, 4] of a camera (OpenCV axes) at a frame, by its number."""
+        return self.views(camera)[1][self._index(frame)].copy()
 
-    def states(self) -> dict[str, np.ndarray]:
-        """The vehicle at every tick.
+    def T_w_v(self, frame: int) -> np.ndarray:
+        """Pose [4, 4] of the vehicle at a frame, by its number; where it was not written, from a camera on it.
+
+        Raises:
+            InputError: If neither the vehicle nor a camera on it is in the dataset.
+        """
+        return self._once("T_w_v", self._vehicle_at_frames)[self._index(frame)].copy()
+
+    def _vehicle_at_frames(self) -> np.ndarray:
+        if "vehicle" in self.recorded:
+            (time_ns, T_w_v), at = self.poses("vehicle"), self.views()[0]
+            index = np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+            if np.array_equal(time_ns[index], at):
+                return T_w_v[index]
+            raise InputError("has no pose at the time of some frame",
+                             file=self.layout.poses("vehicle", "transformation_matrix"),
+                             remedy="Check it with `varos-warp validate`, then `run` again.")
+        mounted = [camera for camera in self.cameras if "T_v_c" in self.camera(camera)]
+        if not mounted:
+            raise InputError("there is no vehicle in the dataset", file=self.layout.states,
+                             remedy="`varos-warp simulate` into the same folder adds it.")
+        return self.views(mounted[0])[1] @ np.linalg.inv(self.camera(mounted[0])["T_v_c"])
+
+    def states(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray]:
+        """The vehicle at every tick, or at those in start_ns <= time < stop_ns.
 
         Returns:
             time_ns int64 [N]; position, velocity, acceleration [N, 3] in world axes; quaternion [N, 4], w first;
             angular_velocity, angular_acceleration [N, 3] in vehicle axes.
         """
-        table = list(files.read_csv(self.layout.states).values())
-        names = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
-                 "angular_acceleration": 3}
-        ends = np.cumsum([1, *names.values()])
-        return {"time_ns": table[0]} | {
-            name: np.column_stack(table[start:end]).astype(float)
-            for name, start, end in zip(names, ends, ends[1:], strict=False)}
+        widths = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
+                  "angular_acceleration": 3}
+        return self._samples(self.layout.states, widths, start_ns, stop_ns)
 
-    def imu(self) -> dict[str, np.ndarray]:
-        """time_ns int64 [N], acceleration (specific force) [m/s^2] and angular_velocity [rad/s] [N, 3]."""
-        return self._imu(self.layout.sensor("imu0"))
+    def imu(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+            ) -> dict[str, np.ndarray]:
+        """Readings of the IMU, all or those in start_ns <= time < stop_ns; ``truth``: without the noise in them.
 
-    def imu_bias(self) -> dict[str, np.ndarray] | None:
+        Returns:
+            time_ns int64 [N], acceleration (specific force) [m/s^2] and angular_velocity [rad/s] [N, 3].
+        """
+        first = 7 if truth and self.has_noise("imu0") else 1
+        return self._samples(self.layout.sensor("imu0"), {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns,
+                             first)
+
+    def has_noise(self, name: str) -> bool:
+        """Whether the readings of ``imu0`` or ``depth0``, or ``A`` of the cameras, have noise."""
+        if name == "A":
+            return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
+        return bool(self.meta["sensors"][name].get("noise"))
+
+    def imu_bias(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
         """The bias in the readings of `imu`, of the same form; None where they have no noise."""
-        return self._imu(self.layout.imu_bias) if self.meta["sensors"]["imu0"].get("noise") else None
+        if not self.has_noise("imu0"):
+            return None
+        return self._samples(self.layout.imu_bias, {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns)
 
-    @staticmethod
-    def _imu(path: Path) -> dict[str, np.ndarray]:
-        table = list(files.read_csv(path).values())
-        return {"time_ns": table[0], "acceleration": np.column_stack(table[1:4]),
-                "angular_velocity": np.column_stack(table[4:7])}
+    def depth_gauge(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+                    ) -> dict[str, np.ndarray]:
+        """time_ns int64 [N] and depth [m] below the surface [N], all or those in start_ns <= time < stop_ns.
 
-    def depth_gauge(self) -> dict[str, np.ndarray]:
-        """time_ns int64 [N] and depth [m] below the surface [N]."""
-        table = list(files.read_csv(self.layout.sensor("depth0")).values())
-        return {"time_ns": table[0], "depth": table[1]}
+        ``truth``: without the noise in them.
+        """
+        first = 2 if truth and self.has_noise("depth0") else 1
+        return self._samples(self.layout.sensor("depth0"), {"depth": 1}, start_ns, stop_ns, first)
+
+    def _samples(self, path: Path, widths: dict[str, int], start_ns, stop_ns, first: int = 1) -> dict[str, np.ndarray]:
+        """Rows of a table from one time to another: ``time_ns`` and, from column ``first`` on, a block a name."""
+        table = self._once((path, first), lambda: _table(path, first + sum(widths.values())))
+        rows = slice(*(None if t is None else np.searchsorted(table[0], t) for t in (start_ns, stop_ns)))
+        result, column = {"time_ns": table[0][rows].copy()}, first
+        for name, width in widths.items():
+            block = np.column_stack([values[rows] for values in table[column:column + width]]).astype(float)
+            result[name] = block if width > 1 else block[:, 0]
+            column += width
+        return result
+
+    def torch(self, outputs: str = "ACD", camera: str | None = None, **options):
+        """A PyTorch data set of this one: `varos_warp.dataset.torch.TorchDataset`.
+
+        Raises:
+            InputError: If PyTorch is not installed.
+        """
+        from varos_warp.dataset.torch import TorchDataset
+
+        return TorchDataset(self, outputs, camera, **options)
+
+
+def _table(path: Path, count: int) -> list[np.ndarray]:
+    """The first columns of a table of numbers, int64 time stamps first.
+
+    Raises:
+        InputError: If it has fewer columns, no rows, or entries in them that are not numbers.
+    """
+    columns = list(files.read_csv(path).values())[:count]
+    if len(columns) < count or not len(columns[0]):
+        problem = f"has {len(columns)} columns, not {count}" if len(columns) < count else "has no rows"
+    elif columns[0].dtype != np.int64 or any(column.dtype.kind not in "if" for column in columns):
+        problem = "has an entry that is not a number"
+    else:
+        return columns
+    raise InputError(problem, file=path, remedy="The file is damaged; delete it and `run` again to make it anew.")

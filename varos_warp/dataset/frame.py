@@ -1,0 +1,98 @@
+"""One frame of a dataset: its images are read when they are first asked for, and kept as long as the frame is."""
+
+from functools import cached_property
+
+import numpy as np
+
+
+class Frame:
+    """What one camera sees at one time; `Dataset.__getitem__` makes it.
+
+    Nothing is read before it is asked for; every file is read once. Pickled, it takes its place along, not its images.
+
+    Args:
+        data: The `Dataset`.
+        index: Place of the frame in the dataset, 0 to ``len(data) - 1``.
+        camera: Id of the camera.
+
+    Raises:
+        InputError: By every property, if a file it reads is missing or damaged; the message names it.
+    """
+
+    def __init__(self, data, index: int, camera: str):
+        self.data, self.index, self.camera = data, index, camera
+        self.number: int = data.frames[index]
+        """Number of the frame in the sequence, which is in the file names."""
+
+    def __repr__(self) -> str:
+        return f"Frame({self.number}, camera {self.camera}, {self.time_ns * 1e-9:g} s)"
+
+    def __reduce__(self):
+        return Frame, (self.data, self.index, self.camera)
+
+    def seen_by(self, camera: str) -> "Frame":
+        """The same time through another camera."""
+        return self.data[self.index, camera]
+
+    # ---------------------------------------------------------------------------------------------------- images
+
+    @cached_property
+    def A(self) -> np.ndarray:
+        """Underwater image uint8 [H, W, 3], sRGB after exposure: the pixels of the PNG."""
+        return self.data.pixels("A", self.number, self.camera)
+
+    @cached_property
+    def B(self) -> np.ndarray:
+        """The same without water, uint8 [H, W, 3], sRGB after exposure."""
+        return self.data.pixels("B", self.number, self.camera)
+
+    @cached_property
+    def C(self) -> np.ndarray:
+        """Unit world normals float32 [H, W, 3]; zero where nothing was hit."""
+        return self.data.image("C", self.number, self.camera)
+
+    @cached_property
+    def D(self) -> np.ndarray:
+        """Distance [m] float32 [H, W], of the kind in ``data.meta["depth"]["kind"]``; inf where there is none."""
+        return self.data.image("D", self.number, self.camera)
+
+    @cached_property
+    def S(self) -> np.ndarray:
+        """Numbers of objects int32 [H, W], as ``data.segments()`` lists them; 0 where nothing was hit."""
+        return self.data.image("S", self.number, self.camera)
+
+    @cached_property
+    def A_radiance(self) -> np.ndarray:
+        """Linear radiance [W/sr/m^2] of A, float32 [H, W, 3], before exposure: from the half floats of its EXR."""
+        return self.data.linear("A", self.number, self.camera)
+
+    @cached_property
+    def B_radiance(self) -> np.ndarray:
+        """Linear radiance [W/sr/m^2] of B, float32 [H, W, 3], before exposure."""
+        return self.data.linear("B", self.number, self.camera)
+
+    def gain(self, output: str = "A") -> float:
+        """What the radiance of A or B was multiplied with before the sRGB curve."""
+        return self.data.gain(output, self.number, self.camera)
+
+    # ------------------------------------------------------------------------------------------ where and when
+
+    @property
+    def time_ns(self) -> int:
+        """Nanoseconds since the sequence began."""
+        return int(self.data.views(self.camera)[0][self.index])
+
+    @property
+    def T_w_c(self) -> np.ndarray:
+        """Pose float64 [4, 4] of the camera, OpenCV axes: camera to world."""
+        return self.data.T_w_c(self.number, self.camera)
+
+    @property
+    def T_w_v(self) -> np.ndarray:
+        """Pose float64 [4, 4] of the vehicle: vehicle to world."""
+        return self.data.T_w_v(self.number)
+
+    @property
+    def K(self) -> np.ndarray:
+        """Intrinsics float64 [3, 3] in pixels; the centre of the top left pixel is (0.5, 0.5)."""
+        return self.data.intrinsics(self.camera)
