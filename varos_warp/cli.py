@@ -269,6 +269,24 @@ def export(dataset: Folder,
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}")
 
 
+@verb
+def noise(dataset: Folder,
+          profile: Annotated[list[str], typer.Option("--profile", metavar="NAME|FILE",
+                                                     help="What errs and how; repeatable for several sensors.")],
+          out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
+          seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
+    """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
+    from varos_warp.dataset.noise import add_noise
+    from varos_warp.scene.noise import load_profile, merge_profiles
+
+    chosen = [load_profile(name) for name in profile]
+    made = add_noise(dataset, chosen[0] if len(chosen) == 1 else merge_profiles(chosen), out, seed, quiet)
+    if json_:
+        print_json({"out": str(out), "frames": len(made), **made.meta["noise"]})
+        return
+    print(f"{out}: {len(made)} frames with noise of {made.meta['noise']['profile']['name']}, seed {seed}")
+
+
 # ------------------------------------------------------------------------------------------------------------- scenes
 
 

@@ -1,0 +1,177 @@
+"""Noise for a finished dataset: a second dataset beside it, whose sensors err as a profile says; docs/noise.md.
+
+The truth stays: readings without noise are columns of the same tables, A without noise is in ``A_clean``. All that is
+the same is linked, not copied. Random numbers follow from the seed, the sensor and the frame alone, so that the bytes
+do not depend on how the work is divided.
+"""
+
+import os
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.dataset import files, writers
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.progress import Progress
+from varos_warp.errors import InputError
+from varos_warp.render.outputs import OUTPUTS
+from varos_warp.scene.noise import NoiseProfile
+from varos_warp.sim import image_noise
+from varos_warp.sim.noise import depth_gauge_noise, imu_noise
+
+ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums")
+"""Files beside dataset.json that tell of the sensors, so they are made anew or left out."""
+
+
+def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = False) -> Dataset:
+    """Write a dataset with the noise of a profile.
+
+    Args:
+        root: Folder of a dataset without noise.
+        profile: What errs, and how.
+        out: Folder to make; it must not be there yet.
+        seed: Of all random numbers; the same seed gives the same bytes.
+        quiet: No progress on stderr.
+
+    Raises:
+        InputError: If the dataset has noise already, lacks files, or ``out`` is there or cannot be written.
+    """
+    data, out = Dataset(root), Path(out)
+    if seed < 0:
+        raise InputError("is negative", key="seed", value=seed, remedy="Give a whole number from 0 on.")
+    profile = _applicable(data, profile)
+    _refuse_noise(data, profile)
+    with files.new_folder(out) as temp:
+        _link(data, profile, temp)
+        _describe(data, profile, seed, temp)
+        noisy = Dataset(temp)
+        _write_sensors(data, noisy, profile, seed)
+        if profile.camera is not None:
+            _write_images(noisy, quiet)
+        _write_overview(noisy)
+    return Dataset(out)
+
+
+def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:
+    """Profile and seed of the noise that was added to a dataset; None: there was none added."""
+    about = data.meta.get("noise")
+    return about and (NoiseProfile.model_validate(about["profile"]), about["seed"])
+
+
+def noisy_pixels(data: Dataset, frame: int, camera: str) -> np.ndarray:
+    """Pixels uint8 [H, W, 3] of A as the dataset's profile and seed make them from the frame's linear radiance.
+
+    Raises:
+        InputError: If its EXR or its gain cannot be read.
+    """
+    profile, seed = noise_of(data)
+    linear, gain = data.linear("A", frame, camera), data.gain("A", frame, camera)
+    share = image_noise.vignette(profile.camera.vignetting, data.intrinsics(camera), linear.shape[:2])
+    rng = image_noise.frame_generator(seed, frame, camera)
+    numbers = image_noise.expose(profile.camera, linear, gain, rng, share)
+    return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)
+
+
+# ------------------------------------------------------------------------------------------------------------- checks
+
+
+def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
+    """The profile without blocks of sensors that the dataset does not have, of which it warns."""
+    there = {"imu": data.layout.sensor("imu0").is_file(), "depth_gauge": data.layout.sensor("depth0").is_file(),
+             "camera": "A" in data.outputs}
+    absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
+    if absent:
+        warnings.warn(f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out",
+                      stacklevel=3)
+    return profile.model_copy(update=dict.fromkeys(absent))
+
+
+def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
+    """Noise is added once, to the truth."""
+    if data.meta.get("noise"):
+        raise InputError("has the noise of a profile already", file=data.root, key="noise.profile.name",
+                         value=data.meta["noise"]["profile"]["name"],
+                         remedy="Add noise to the dataset that this one was made of.")
+    if profile.imu is not None and data.has_noise("imu0"):
+        raise InputError("the IMU has noise already, of the scene", file=data.root, key="vehicle.imu.noise",
+                         remedy="Take it out of the scene and `varos-warp simulate` anew, or leave imu out of the "
+                                "profile.")
+
+
+# -------------------------------------------------------------------------------------------------------------- files
+
+
+def _link(data: Dataset, profile: NoiseProfile, temp: Path) -> None:
+    """Everything that stays as it is, and A under its name for what is clean."""
+    left_out = {data.root / name for name in ANEW}
+    if profile.imu is not None:
+        left_out |= {data.layout.sensor("imu0")}
+    if profile.depth_gauge is not None:
+        left_out |= {data.layout.sensor("depth0")}
+    for path in sorted(data.root.rglob("*")):
+        if not path.is_file() or any(part.startswith(".") for part in path.relative_to(data.root).parts):
+            continue
+        if path in left_out:
+            continue
+        target = temp / path.relative_to(data.root)
+        if profile.camera is not None and path.parent in {data.layout.camera_dir(c) / "A" for c in data.cameras}:
+            target = target.parents[1] / "A_clean" / target.name
+        files.link(path, target)
+
+
+def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> None:
+    """dataset.json with profile and seed, README.txt with a chapter on noise."""
+    meta = {**data.meta, "sensors": dict(data.meta["sensors"]), "conventions": dict(data.meta["conventions"])}
+    for name, block in (("imu0", profile.imu), ("depth0", profile.depth_gauge)):
+        if block is not None:
+            meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
+    meta["noise"] = {"profile": profile.model_dump(mode="json"), "seed": seed, "versions": writers.versions()}
+    if profile.camera is not None:
+        meta["conventions"]["A"] += "; A_clean: without the noise of noise.profile.camera, which A has"
+    files.write_json(temp / "dataset.json", meta)
+    readme = data.root / "README.txt"
+    words = readme.read_text(encoding="utf-8") if readme.is_file() else ""
+    chapter = (resources.files("varos_warp") / "data" / "noise_readme.txt").read_text(encoding="utf-8")
+    chapter = chapter.replace("{PROFILE}", profile.name).replace("{SEED}", str(seed))
+    files.write_bytes(temp / "README.txt", (words + "\n" + chapter).encode())
+
+
+def _write_sensors(data: Dataset, noisy: Dataset, profile: NoiseProfile, seed: int) -> None:
+    """Readings with noise, the truth beside them."""
+    if profile.imu is not None:
+        imu, rate_hz = data.imu(), data.meta["sensors"]["imu0"]["rate_hz"]
+        truth = imu["acceleration"], imu["angular_velocity"]
+        made = imu_noise(profile.imu, len(imu["time_ns"]), rate_hz, seed)
+        reading = [exact + noise.white + noise.bias for exact, noise in zip(truth, made, strict=True)]
+        writers.write_imu(noisy.layout, imu["time_ns"], reading, truth, [noise.bias for noise in made])
+    if profile.depth_gauge is not None:
+        gauge = data.depth_gauge()
+        reading, bias = depth_gauge_noise(profile.depth_gauge, gauge["depth"],
+                                          data.meta["sensors"]["depth0"]["rate_hz"], seed)
+        writers.write_depth_gauge(noisy.layout, gauge["time_ns"], reading, gauge["depth"], bias)
+
+
+def _write_images(noisy: Dataset, quiet: bool) -> None:
+    """A with noise."""
+    def write(frame: int, camera: str) -> None:
+        files.write_png(noisy.layout.png(camera, "A", frame), noisy_pixels(noisy, frame, camera))
+
+    work = list(_views(noisy))
+    with ThreadPoolExecutor(os.cpu_count()) as pool, Progress("noise", len(work), quiet=quiet) as progress:
+        for _ in pool.map(lambda view: write(*view), work):
+            progress.advance()
+
+
+def _views(data: Dataset) -> Iterator[tuple[int, str]]:
+    return ((frame, camera) for frame in data.frames for camera in data.cameras)
+
+
+def _write_overview(noisy: Dataset) -> None:
+    """The contact sheet, where there are images."""
+    from varos_warp.dataset.report import contact_sheet
+
+    contact_sheet(noisy, noisy.root / "contact_sheet.png")
