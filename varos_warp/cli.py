@@ -252,6 +252,18 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
 
 
 @verb
+def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
+        metavar="FILE.rrd", help="Write the recording to a file instead of opening the viewer.")] = None,
+        frames: Frames = None, quiet: Quiet = False):
+    """Open the dataset in the viewer Rerun: images, depth cloud, frustum, course, sensors on one time line."""
+    from varos_warp.dataset.view import view as show
+
+    recording = show(dataset, save, parse_frames(frames), quiet)
+    if recording and not quiet:
+        print(f"{recording}: open it with `rerun {recording}`")
+
+
+@verb
 def export(dataset: Folder,
            to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap|stream",
                                            help="Format.")],
