@@ -1,0 +1,151 @@
+"""The noise pass: noisy readings by default, the truth beside them, same seed same bytes, nothing else changed."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from standins import make_scene, tree
+
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.noise import add_noise, noise_of
+from varos_warp.dataset.produce import produce
+from varos_warp.errors import InputError
+from varos_warp.scene.noise import NoiseProfile, load_profile, merge_profiles, named_profiles
+from varos_warp.sim.noise import imu_noise
+
+PROFILE = load_profile("low_light_rov")
+
+
+@pytest.fixture(scope="module")
+def noisy(written, tmp_path_factory):
+    return add_noise(written, PROFILE, tmp_path_factory.mktemp("noisy") / "out", seed=4, quiet=True)
+
+
+def test_readings_are_truth_plus_bias_plus_white_noise_of_profile_and_seed(written, noisy):
+    clean, imu, truth, bias = Dataset(written).imu(), noisy.imu(), noisy.imu(truth=True), noisy.imu_bias()
+    made = imu_noise(PROFILE.imu, len(imu["time_ns"]), 200.0, seed=4)
+    for name, noise in zip(("acceleration", "angular_velocity"), made, strict=True):
+        np.testing.assert_array_equal(truth[name], clean[name])
+        np.testing.assert_array_equal(imu[name], truth[name] + noise.white + noise.bias)
+        np.testing.assert_array_equal(bias[name], noise.bias)
+    gauge = noisy.depth_gauge()["depth"]
+    np.testing.assert_array_equal(noisy.depth_gauge(truth=True)["depth"], Dataset(written).depth_gauge()["depth"])
+    np.testing.assert_allclose(gauge / 0.002, np.rint(gauge / 0.002), atol=1e-6)
+
+
+def test_headers_say_which_columns_are_readings_and_which_truth(noisy):
+    header = noisy.layout.sensor("imu0").read_text().splitlines()[0].split(",")
+    assert header[1].startswith("a_RS_S_x")
+    assert header[7].startswith("true_a_RS_S_x")
+    assert header[10].startswith("true_w_RS_S_x")
+    assert "NOISE" in (noisy.root / "README.txt").read_text()
+
+
+def test_images_have_noise_about_the_clean_ones_which_are_kept(written, noisy):
+    clean = Dataset(written)
+    for camera in clean.cameras:
+        np.testing.assert_array_equal(noisy.pixels("A", 3, camera, truth=True), clean.pixels("A", 3, camera))
+        assert (noisy.pixels("A", 3, camera) != clean.pixels("A", 3, camera)).mean() > 0.5
+    assert noisy.layout.clean("L0", 3).samefile(clean.layout.png("L0", "A", 3))
+    difference = noisy.image("A", 3) * noisy.gain("A", 3) - clean.image("A", 3) * clean.gain("A", 3)
+    assert abs(difference).mean() < 0.1  # a few of 580 electrons at white, and cos^4
+    assert difference.mean() < 0.0
+
+
+def test_everything_else_is_that_of_the_dataset_without_noise(written, noisy):
+    before, after = tree(written), tree(noisy.root)
+    changed = {name for name in before if after.get(name) != before[name]}
+    images = {name for name in before if "/A/" in name}
+    assert images <= changed
+    assert changed - images <= {"dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums",
+                                "vehicle0/imu0/imu0_data.csv", "vehicle0/depth0/depth0_data.csv"}
+
+
+def test_dataset_json_says_profile_and_seed(written, noisy):
+    assert noise_of(noisy) == (PROFILE, 4)
+    assert noise_of(Dataset(written)) is None
+    assert noisy.meta["sensors"]["imu0"]["noise"]["gyroscope_noise_density"] == PROFILE.imu.gyroscope_noise_density
+    json.dumps(noisy.meta, allow_nan=False)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(written, noisy, tmp_path, monkeypatch):
+    monkeypatch.setattr("varos_warp.dataset.noise.os.cpu_count", lambda: 1)
+    again = add_noise(written, PROFILE, tmp_path / "again", seed=4, quiet=True)
+    other = add_noise(written, PROFILE, tmp_path / "other", seed=5, quiet=True)
+    assert tree(again.root) == tree(noisy.root)
+    for path in (noisy.layout.sensor("imu0"), noisy.layout.sensor("depth0"), noisy.layout.png("R0", "A", 9)):
+        assert (other.root / path.relative_to(noisy.root)).read_bytes() != path.read_bytes()
+
+
+def test_a_frame_has_the_same_noise_in_a_dataset_of_few_frames(noisy, tmp_path):
+    produce(make_scene(render={"exposure": {"A": 1.0}}), tmp_path / "few", quiet=True, frames=slice(3, 5))
+    produce(make_scene(render={"exposure": {"A": 1.0}}), tmp_path / "all", quiet=True)
+    few, whole = (add_noise(tmp_path / name, PROFILE, tmp_path / f"{name}_noisy", 4, True) for name in ("few", "all"))
+    np.testing.assert_array_equal(few.pixels("A", 4, "R0"), whole.pixels("A", 4, "R0"))
+
+
+def test_noise_is_not_added_twice(written, noisy, tmp_path):
+    with pytest.raises(InputError, match=r"low_light_rov.*already.*made of"):
+        add_noise(noisy.root, load_profile("bar30"), tmp_path / "twice", quiet=True)
+    assert not (tmp_path / "twice").exists()
+
+
+def test_imu_noise_of_the_scene_leaves_room_for_other_sensors_only(tmp_path):
+    scene = make_scene()
+    imu = scene.vehicle.imu.model_dump() | {"noise": {"gyroscope_noise_density": 1e-3}}
+    produce(make_scene(vehicle=scene.vehicle.model_dump() | {"imu": imu}), tmp_path / "d", images=False, quiet=True)
+    data = Dataset(tmp_path / "d")
+    assert (data.imu()["acceleration"] - data.imu(truth=True)["acceleration"]).mean() == pytest.approx(0.3)
+    with pytest.raises(InputError, match="IMU has noise already"):
+        add_noise(tmp_path / "d", load_profile("mpu6050"), tmp_path / "out", quiet=True)
+    made = add_noise(tmp_path / "d", load_profile("bar30"), tmp_path / "out", quiet=True)
+    np.testing.assert_array_equal(made.imu(truth=True)["acceleration"], data.imu(truth=True)["acceleration"])
+
+
+def test_the_ideal_profile_changes_no_reading(written, tmp_path):
+    made = add_noise(written, load_profile("ideal"), tmp_path / "out", quiet=True)
+    assert made.layout.sensor("imu0").samefile(Dataset(written).layout.sensor("imu0"))
+    assert not made.has_noise("A")
+
+
+def test_a_part_for_which_there_is_no_sensor_is_left_out_with_a_warning(tmp_path):
+    produce(make_scene(), tmp_path / "d", images=False, quiet=True)
+    with pytest.warns(UserWarning, match="no readings of: camera"):
+        made = add_noise(tmp_path / "d", PROFILE, tmp_path / "out", quiet=True)
+    assert made.meta["noise"]["profile"]["camera"] is None
+
+
+def test_a_failure_leaves_nothing(written, tmp_path):
+    broken = shutil.copytree(written, tmp_path / "broken")
+    Dataset(broken).layout.exr("L0", "A", 4).write_bytes(b"no image")
+    with pytest.raises(InputError, match=r"A-00000004\.exr"):
+        add_noise(broken, PROFILE, tmp_path / "out", quiet=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["broken"]
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("camera: {electrons_per_dn: 2, bits: 99}", r"camera\.bits = 99"),
+    ("camera: {bits: 12}", "give one of electrons_per_dn and electrons_per_radiance"),
+    ("imu: {gyroscope_noise_dens: 1}", "gyroscope_noise_dens: unknown key. Did you mean 'gyroscope_noise_density'"),
+    ("depth_gauge: {resolution: -1}", r"depth_gauge\.resolution = -1"),
+    ("", "the noise profile is empty"),
+])
+def test_a_wrong_profile_is_bad_input_that_names_file_and_key(tmp_path, text, message):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_profile(path)
+    assert str(path) in str(caught.value)
+
+
+def test_profiles_are_known_by_name_and_combine():
+    assert {"ideal", "adis16448", "mpu6050"} <= set(named_profiles())
+    merged = merge_profiles([load_profile("adis16448"), load_profile("bar30")])
+    assert merged.imu.gyroscope_noise_density == 1.6968e-4
+    assert merged.depth_gauge.resolution == 0.002
+    with pytest.raises(InputError, match="two profiles tell of the imu"):
+        merge_profiles([merged, load_profile("mpu6050")])
+    with pytest.raises(InputError, match="one of: adis16448"):
+        load_profile("mpu9999")
+    assert NoiseProfile.model_validate(merged.model_dump(mode="json")) == merged
