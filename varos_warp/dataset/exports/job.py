@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
-from varos_warp.errors import InputError
+
+PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
+"""Block of a noise profile by what has the noise."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class Job:
     """Ids of the cameras to export."""
     quiet: bool = True
     """No progress on stderr."""
+    raw: bool = False
+    """MCAP: uncompressed images beside the compressed ones."""
 
     def link(self, camera: str, letter: str, frame: int, name: str | Path) -> None:
         """An image of the dataset under another name: a hard link, or a copy where there can be none."""
@@ -37,23 +41,46 @@ class Job:
         """A file of lines, each ended by one newline character."""
         files.write_bytes(self.out / name, "".join(f"{line}\n" for line in lines).encode())
 
-    def depths(self, camera: str, name: Callable[[int], str], per_metre: float) -> None:
+    def each(self, what: str, make: Callable[[int, int], object]) -> list:
+        """What ``make(place, frame)`` gives for every frame, several at a time; ``what`` names the progress bar."""
+        frames = self.data.frames
+        with (ThreadPoolExecutor(os.cpu_count()) as pool,
+              Progress(what, len(frames), quiet=self.quiet) as progress):
+            made = []
+            for result in pool.map(make, range(len(frames)), frames):
+                made.append(result)
+                progress.advance()
+            return made
+
+    def depths(self, camera: str, name: Callable[[int], str], per_metre: float) -> tuple[float, float]:
         """D of every frame as uint16 of planar z, 0 where there is none or the format's range ends.
 
         Args:
             camera: Its id.
             name: File name of a frame's image by the frame's place among the frames.
             per_metre: Units of the format in a metre.
-        """
-        def encode(index: int) -> None:
-            z = planar_depth(self.data, self.data.frames[index], camera)
-            files.write_png(self.out / name(index), to_units(z, per_metre))
 
-        count = len(self.data)
-        with (ThreadPoolExecutor(os.cpu_count()) as pool,
-              Progress(f"depth {camera}", count, quiet=self.quiet) as progress):
-            for _ in pool.map(encode, range(count)):
-                progress.advance()
+        Returns:
+            The nearest and the farthest depth that was written [m]; inf and 0 if there is none.
+        """
+        def encode(place: int, frame: int) -> tuple[float, float]:
+            units = to_units(planar_depth(self.data, frame, camera), per_metre)
+            files.write_png(self.out / name(place), units)
+            there = units[units > 0] / per_metre
+            return there.min(initial=np.inf), there.max(initial=0.0)
+
+        nearest, farthest = np.transpose(self.each(f"depth {camera}", encode))
+        return float(nearest.min()), float(farthest.max())
+
+    def greys(self, camera: str, name: Callable[[int], str]) -> None:
+        """The colour images in grey (ITU-R 601 luma of the 8 bit values), for formats that ask for it."""
+        from PIL import Image
+
+        def encode(place: int, frame: int) -> None:
+            pixels = self.data.pixels(self.images, frame, camera)
+            files.write_png(self.out / name(place), np.asarray(Image.fromarray(pixels).convert("L")))
+
+        self.each(f"grey {camera}", encode)
 
     @property
     def has_depth(self) -> bool:
@@ -62,11 +89,16 @@ class Job:
 
     def poses(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Times int64 [N] and T_w_c [N, 4, 4] of a camera at its frames."""
-        time_ns, T_w_c = self.data.poses(camera)
-        if not np.array_equal(time_ns, self.data.time_ns(camera)) or len(time_ns) != len(self.data):
-            raise InputError("poses, time stamps and frames differ", file=self.data.layout.camera_dir(camera),
-                             remedy="Check it with `varos-warp validate`, then `run` again.")
-        return time_ns, T_w_c
+        return self.data.views(camera)
+
+    def noise(self, name: str) -> str:
+        """What noise the readings of ``imu0`` or ``depth0``, or the images of a letter, have, in words."""
+        if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
+            return "without noise"
+        about = self.data.meta.get("noise")
+        if about and about["profile"].get(PROFILE_BLOCKS[name]):
+            return f"with the noise of profile {about['profile']['name']}, seed {about['seed']}"
+        return "with the noise of the scene"
 
     def has_sensor(self, name: str) -> bool:
         """Whether ``imu0`` or ``depth0`` was recorded; if its file is gone since, reading it says so."""
@@ -81,6 +113,17 @@ def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
     K = data.intrinsics(camera)
     row, col = np.indices(depth.shape) + 0.5
     return depth / np.sqrt(1 + ((col - K[0, 2]) / K[0, 0]) ** 2 + ((row - K[1, 2]) / K[1, 1]) ** 2)
+
+
+def baseline(job: Job, left: str, right: str) -> float | None:
+    """Metres from one camera to the other along x, where the pair is rectified; None where it is not."""
+    if not np.allclose(job.data.intrinsics(left), job.data.intrinsics(right), rtol=1e-12):
+        return None
+    T = np.linalg.inv(job.poses(left)[1]) @ job.poses(right)[1]
+    shape = np.eye(4)
+    shape[0, 3] = T[0, 0, 3]
+    size = 1.0 + np.abs(job.poses(left)[1][:, :3, 3]).max()
+    return float(T[0, 0, 3]) if T[0, 0, 3] > 0 and np.allclose(T, shape, rtol=0, atol=1e-12 * size) else None
 
 
 def to_units(z: np.ndarray, per_metre: float) -> np.ndarray:

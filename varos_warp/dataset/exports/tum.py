@@ -13,7 +13,7 @@ PER_METRE = 5000.0
 
 
 def write(job: Job) -> None:
-    """Write rgb.txt, depth.txt, groundtruth.txt, accelerometer.txt, camera.txt and the images of the first camera."""
+    """Write the lists, groundtruth.txt, accelerometer.txt, camera.txt and the images of the first camera."""
     camera = job.cameras[0]
     time_ns, T_w_c = job.poses(camera)
     stamps = [seconds(t) for t in time_ns]
@@ -23,12 +23,14 @@ def write(job: Job) -> None:
     if job.has_depth:
         job.depths(camera, lambda i: f"depth/{stamps[i]}.png", PER_METRE)
         job.text("depth.txt", ["# depth maps", "# timestamp filename", *(f"{s} depth/{s}.png" for s in stamps)])
+        job.text("associations.txt", [f"{s} rgb/{s}.png {s} depth/{s}.png" for s in stamps])
     rows = np.column_stack([T_w_c[:, :3, 3], quaternion(T_w_c, scalar_first=False)])
     job.text("groundtruth.txt", ["# camera in the world: OpenCV axes, world z up", "# timestamp tx ty tz qx qy qz qw",
                                  *(f"{s} {numbers(row)}" for s, row in zip(stamps, rows, strict=True))])
     if job.has_sensor("imu0"):
         imu = job.data.imu()
-        job.text("accelerometer.txt", ["# specific force in the IMU's axes [m/s^2]", "# timestamp ax ay az",
+        job.text("accelerometer.txt", [f"# specific force in the IMU's axes [m/s^2], {job.noise('imu0')}",
+                                       "# timestamp ax ay az",
                                        *(f"{seconds(t)} {numbers(a)}" for t, a in
                                          zip(imu["time_ns"], imu["acceleration"], strict=True))])
     K, facts = job.data.intrinsics(camera, "opencv"), job.data.camera(camera)
