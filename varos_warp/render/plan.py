@@ -30,9 +30,9 @@ CHANNELS = ("red", "green", "blue")
 
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
-MARGIN, MARGIN_DENOISED = 1.05, 1.2
-"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. What a denoiser leaves
-varies from image to image; but where samples adapt, it gets a more even noise than in the pilot."""
+MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
+"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. Samples that adapt vary
+with the few that they adapt to; what a denoiser leaves varies from image to image, most where tables leave little."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
 FEWEST_SPP, MOST_SPP = 2, 4096
@@ -57,16 +57,17 @@ MOST_JUDGED = 32
 ROUNDS = 3
 MATCHED = 2
 """Pairs of images with and without something, to see what it does."""
-STEEPEST, FLATTEST = -0.75, -0.15
-"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence and the least that a
-denoiser has shown; it is -0.5 for independent samples."""
+STEEPEST = {"tables": -0.75, "path": -0.5, "reference": -0.5}
+FLATTEST = -0.15
+"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with tables, that
+of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown."""
 FEWEST_ADAPTIVE = 16
 """With fewer samples per pixel, there is nothing to adapt."""
 WORTH = 0.1
 """Triangles are left out where they are at least this share of all."""
-MOST_REHEARSED, ADAPTED = 1024, 1.2
-"""Up to so many samples an image that adapts them is tried; beyond, its error is taken to be so many times larger than
-with the same number everywhere (measured: up to 1.17)."""
+MOST_REHEARSED, PAYS = 1024, 0.8
+"""Up to so many samples images that adapt them are tried, and samples adapt if the error is so much less than with as
+many everywhere: in rounds and uneven tiles a GPU takes up to 1.8 times longer for a sample (measured at 320x180)."""
 BOUNCES = (1, 2)
 """Bounds on the reflections that are tried; with three or more, walks end by roulette as early."""
 SHARPEST_LENS_PX = 1.0
@@ -172,9 +173,10 @@ def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -
     render = tables.render.model_copy(update={"integrator": "path"})
     paths = _Planner(tables.given.model_copy(update={"render": render}), tables.given_renderer, tables.poses, decisions)
     other = paths.plan()
-    if other.spp >= plan.spp:
+    if (other.spp, other.error.max()) >= (plan.spp, plan.error.max()):
         return tables, plan
-    why = f"{other.spp} samples do, and tables would need {plan.spp}"
+    why = (f"{other.spp} samples do, and tables would need {plan.spp}" if other.spp < plan.spp else
+           f"{other.spp} samples leave {other.error.max():.2%}, and with tables {plan.error.max():.2%}")
     decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in other.decisions]
     return paths, replace(other, decisions=decisions)
 
@@ -415,21 +417,25 @@ class _Planner:
         margin = MARGIN_DENOISED if varies else MARGIN
         law = self.error_law(target / margin)
         spp = law.whole_samples(target / margin)
-        adaptive = "tables" not in self.integrators and spp >= FEWEST_ADAPTIVE
-        if adaptive:
-            law = self.rehearsed(law, spp)
+        adapting = None
+        if "tables" not in self.integrators and FEWEST_ADAPTIVE <= spp <= MOST_REHEARSED:
+            adapting = self.adapting(law, spp)
+        if adapting is not None:
+            law, margin = adapting, MARGIN_ADAPTING
             spp = max(law.whole_samples(target / margin), spp // 2)
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
-        return spp, _round(law.noise(spp).max()) if adaptive else None
+        return spp, None if adapting is None else _round(law.noise(spp).max())
 
-    def rehearsed(self, law: "ErrorLaw", spp: int) -> "ErrorLaw":
-        """The law corrected by an image that adapts its samples, as those of the run will: its noise is more even."""
-        ratio = np.full(3, ADAPTED)
-        if spp <= MOST_REHEARSED:
-            image = self.image(spp, IMAGES * len(LEVELS) + MOST_JUDGES, tolerance=_round(law.noise(spp).max()))
-            found = pilot.error([denoise_image(image, available_method(self.render.denoise))], law.judges)
-            ratio = np.divide(found, law.error(spp), out=np.ones(3), where=law.error(spp) > 0.0)
-        return replace(law, measured=law.measured * ratio)
+    def adapting(self, law: "ErrorLaw", spp: int) -> "ErrorLaw | None":
+        """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""
+        method, first = available_method(self.render.denoise), IMAGES * len(LEVELS) + MOST_JUDGES
+        images = [self.image(spp, first + k, tolerance=_round(law.noise(spp).max())) for k in range(IMAGES)]
+        found = pilot.error([denoise_image(image, method) for image in images], law.judges)
+        as_many = law.error(np.mean([image.spp for image in images]))
+        if not np.all(found <= PAYS * as_many):
+            return None
+        asked = law.error(spp)
+        return replace(law, measured=law.measured * np.divide(found, asked, out=np.ones(3), where=asked > 0.0))
 
     def error_law(self, target: float) -> "ErrorLaw":
         """How the error falls with the samples: from images with about as many as are needed."""
@@ -453,7 +459,7 @@ class _Planner:
         judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
         noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
         left = np.array([pilot.error([image.radiance for image in level], judges) for level in filtered])
-        return ErrorLaw(levels, left, noisy, judges)
+        return ErrorLaw(levels, left, noisy, judges, min(STEEPEST[name] for name in self.integrators))
 
     def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
         """Independent images of ``spp`` samples, as many as it takes to judge the given ones."""
@@ -508,14 +514,16 @@ class ErrorLaw:
     """The same before denoising."""
     judges: list[np.ndarray]
     """The images that found them."""
+    steepest: float = STEEPEST["tables"]
+    """Exponent, at the least."""
 
     def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
         x, y = np.log(self.spp), np.log(np.maximum(errors, 1e-12))
-        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), STEEPEST, FLATTEST)
+        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), self.steepest, FLATTEST)
         return np.exp(y.mean(0) - exponent * x.mean()), exponent
 
-    def error(self, spp: int) -> np.ndarray:
+    def error(self, spp: float) -> np.ndarray:
         """Error [3] with a number of samples."""
         one, exponent = self._fit(self.measured)
         return np.where(self.measured.any(0), one * float(spp) ** exponent, 0.0)
