@@ -270,15 +270,20 @@ def export(dataset: Folder,
            out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
+           raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
            json_: Json = False, quiet: Quiet = False):
-    """Write the dataset in the format of other programs; images are linked, not copied, where that is possible."""
+    """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
+
+    Where readings have noise, they are exported with it.
+    """
     from varos_warp.dataset.exports import export as write
 
-    job = write(dataset, to, out, images, camera, quiet)
+    job = write(dataset, to, out, images, camera, quiet, raw)
     if json_:
-        print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras})
+        print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}")
+    noises = "".join(f"; {name} {words}" for name, words in job.noises.items() if words != "without noise")
+    print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 
 @verb

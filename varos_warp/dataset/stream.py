@@ -2,7 +2,8 @@
 
 A message is ``SBST``, uint32 id, uint32 length of the payload, payload; the paper leaves byte order and payloads open:
 here all numbers are little-endian and every payload begins with the time, int64 nanoseconds. At one time the sensors
-come before the images. Images lie outside; their messages hold the path from the stream's folder.
+come before the images. Images lie outside; their messages hold the path from the stream's folder. A reader passes over
+messages whose id it does not know. Payloads have no checksum: damage within one that keeps its length goes unseen.
 """
 
 import itertools
@@ -21,9 +22,9 @@ from varos_warp.errors import InputError
 
 START = b"SBST"
 HEAD = struct.Struct("<4sII")
-DESCRIPTION, IMU, DEPTH_GAUGE, VEHICLE_POSE, IMAGE = 1, 2, 3, 4, 5
+DESCRIPTION, IMU, DEPTH_GAUGE, VEHICLE_POSE, IMAGE, END = 1, 2, 3, 4, 5, 6
 """Ids, in their order at one time."""
-PAYLOADS = {DESCRIPTION: "<q", IMU: "<q6d", DEPTH_GAUGE: "<qd", VEHICLE_POSE: "<q7d", IMAGE: "<qIBB"}
+PAYLOADS = {DESCRIPTION: "<q", IMU: "<q6d", DEPTH_GAUGE: "<qd", VEHICLE_POSE: "<q7d", IMAGE: "<qIBB", END: "<q"}
 """What a payload begins with; UTF-8 text follows in a description (JSON) and an image (path)."""
 FIELDS = {
     DESCRIPTION: "int64 time [ns]; JSON: what this stream holds",
@@ -31,6 +32,7 @@ FIELDS = {
     DEPTH_GAUGE: "int64 time [ns]; float64 depth below the surface [m]",
     VEHICLE_POSE: "int64 time [ns]; float64 position x y z [m]; float64 quaternion w x y z: vehicle in world",
     IMAGE: "int64 time [ns]; uint32 frame; uint8 number of the camera; uint8 image type, ASCII A B C D; path",
+    END: "int64 time [ns]; nothing follows",
 }
 
 
@@ -51,12 +53,12 @@ class Message:
 
     @classmethod
     def decode(cls, id: int, payload: bytes) -> "Message":
-        """Inverse of `encode`; of an unknown id only the time is read."""
-        form = PAYLOADS.get(id, "<q")
+        """Inverse of `encode`, of an id of `PAYLOADS`."""
+        form = PAYLOADS[id]
         time_ns, *values = struct.unpack_from(form, payload)
         has_text = id in (DESCRIPTION, IMAGE)
         rest = payload[struct.calcsize(form):]
-        if rest and not has_text and id in PAYLOADS:
+        if rest and not has_text:
             raise ValueError(f"a message {id} is {len(rest)} bytes too long")
         return cls(id, time_ns, tuple(values), rest.decode() if has_text else "")
 
@@ -73,16 +75,18 @@ def write_stream(path: Path, messages: Iterable[Message]) -> None:
 
 
 def read_stream(path: Path) -> Iterator[Message]:
-    """Messages of a stream file; after damage reading goes on at the next whole message, and a warning says so.
+    """Messages of a stream file with ids of `PAYLOADS`; others are passed over.
+
+    After damage reading goes on at the next whole message, and a warning says so.
 
     Raises:
-        InputError: If the file cannot be read, or ends within a message.
+        InputError: If the file cannot be read, or ends within a message or before its last one.
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
-        for id, payload in split_messages(data):
-            yield Message.decode(id, payload)
+        for id, payload in _with_end(split_messages(path.read_bytes())):
+            if id in PAYLOADS:
+                yield Message.decode(id, payload)
     except (OSError, ValueError, struct.error) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy="Export the dataset anew.") from error
 
@@ -104,6 +108,16 @@ def split_messages(data: bytes) -> Iterator[tuple[int, bytes]]:
             continue
         yield HEAD.unpack_from(data, at)[1], data[at + HEAD.size:end]
         at = end
+
+
+def _with_end(messages: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """The messages; where the first describes the stream, the last must end it, or it was cut between two of them."""
+    first = last = None
+    for id, payload in messages:
+        first, last = first or id, id
+        yield id, payload
+    if first == DESCRIPTION and last != END:
+        raise ValueError("it ends before its last message")
 
 
 def _end(data: bytes, at: int) -> int | None:
@@ -132,18 +146,20 @@ def dataset_messages(data, images: Iterable[tuple[str, str, int, str]]) -> Itera
     """
     time_ns = {camera: dict(zip(data.frames, data.time_ns(camera).tolist(), strict=True)) for camera in data.cameras}
     sensors = [*_sensor_messages(data)]
-    start = min([m.time_ns for m in sensors] + [t for times in time_ns.values() for t in times.values()])
-    yield Message(DESCRIPTION, start, (), json.dumps(description(data), ensure_ascii=False))
+    times = [m.time_ns for m in sensors] + [t for times in time_ns.values() for t in times.values()]
+    yield Message(DESCRIPTION, min(times), (), json.dumps(description(data), ensure_ascii=False))
     yield from sensors
     for camera, letter, frame, path in images:
         yield Message(IMAGE, time_ns[camera][frame], (frame, data.cameras.index(camera), ord(letter)), path)
+    yield Message(END, max(times))
 
 
 def description(data) -> dict:
     """What the first message says: the messages, and what dataset.json says of cameras, sensors and conventions."""
     keys = ("name", "sequence", "vehicle", "conventions", "depth", "cameras", "sensors", "lights", "water", "gravity")
     return {"format": "varos_warp stream", "version": 1, "byte_order": "little-endian",
-            "messages": {str(id): text for id, text in FIELDS.items()}} | {key: data.meta[key] for key in keys}
+            "messages": {str(id): text for id, text in FIELDS.items()}, "noise": data.meta.get("noise")} | {
+                key: data.meta[key] for key in keys}
 
 
 def _sensor_messages(data) -> Iterator[Message]:

@@ -19,7 +19,7 @@ FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
 
 
-def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True) -> Job:
+def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False) -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -29,6 +29,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         images: Which of ``A`` and ``B`` are the colour images.
         cameras: Ids of the cameras; None: all. TUM takes the first, KITTI the first and its rectified partner.
         quiet: No progress on stderr.
+        raw: Uncompressed images beside the compressed ones, of MCAP only.
 
     Returns:
         What was written and from where.
@@ -38,10 +39,12 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     """
     if to not in FORMATS:
         raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
+    if raw and to != "mcap":
+        raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
     data, out = Dataset(dataset_root), Path(out)
     module = import_module(f"{__name__}.{to}")
     _check_choice(data, images, cameras)
-    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet)
+    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet, raw)
     _check_images(job, module.IMAGES)
     with files.new_folder(out) as temp:
         module.write(replace(job, out=temp))

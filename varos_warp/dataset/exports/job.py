@@ -100,6 +100,11 @@ class Job:
             return f"with the noise of profile {about['profile']['name']}, seed {about['seed']}"
         return "with the noise of the scene"
 
+    @property
+    def noises(self) -> dict[str, str]:
+        """What noise everything that can have some has."""
+        return {name: self.noise(name) for name in (*self.data.meta["sensors"], self.images)}
+
     def has_sensor(self, name: str) -> bool:
         """Whether ``imu0`` or ``depth0`` was recorded; if its file is gone since, reading it says so."""
         return name in self.data.recorded
