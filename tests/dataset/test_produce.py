@@ -267,7 +267,7 @@ def test_values_that_were_cut_are_counted_whichever_thread_cut_them(tmp_path, mo
             time.sleep(0.05)
             return int(self) + other
 
-    monkeypatch.setattr("varos_warp.dataset.produce.to_half", lambda image: (image.astype(np.float16), Slow(1)))
+    monkeypatch.setattr("varos_warp.dataset.store.to_half", lambda image: (image.astype(np.float16), Slow(1)))
     summary, _ = run(tmp_path, {"denoise": "none", "outputs": ["A"]}, frames=slice(0, 3))
     assert any(m.startswith("6 values of A above") for m in summary.messages), summary.messages
 

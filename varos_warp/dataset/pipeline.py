@@ -1,0 +1,180 @@
+"""Rendering, with denoising and writing beside it.
+
+The calling thread renders. A pool of threads denoises, encodes and writes, a task for each image type: compression,
+EXR files and array arithmetic leave the interpreter free (measured: Pillow 13, OpenEXR 3.5), so threads do, and
+nothing is copied to other processes. At most `room` frames are between the renderer and the disk, which bounds the
+memory whichever the length of the sequence.
+"""
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from varos_warp.dataset.store import ImageJob, Store, Stored
+from varos_warp.dataset.timing import Clock
+from varos_warp.errors import InputError
+from varos_warp.render import exposure
+from varos_warp.scene.frames import pinhole
+
+PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
+"""What a plan says of every frame."""
+GIVE_UP = 3
+"""Images in a row that cannot be made: something is broken for all of them."""
+
+
+def room(cores: int) -> int:
+    """Frames that may be waiting for the disk: enough to keep the cores busy, 1 GB at most at 1280 x 720."""
+    return max(2, min(8, cores // 2))
+
+
+@dataclass
+class Rendered:
+    """What is known after images were rendered and written."""
+
+    statistics: dict[tuple[str, str, int], exposure.Statistics] = field(default_factory=dict)
+    """What the exposure needs of A and B, by camera, letter and frame."""
+    clamped: Counter[str] = field(default_factory=Counter)
+    """Values that were cut to the largest half float, by letter."""
+    timings: list[dict] = field(default_factory=list)
+    """For the log: an entry for each image job."""
+    failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
+    """What could not be made, and why."""
+
+
+def open_renderer(scene, poses: list[np.ndarray], device: str, *, parts=None, compare: bool = False):
+    """The scene on a device, with the level of detail that the whole sequence needs, and every lamp.
+
+    Args:
+        scene: The scene.
+        poses: T_w_v [4, 4] of every frame of the sequence.
+        device: ``cpu`` or ``cuda:N``.
+        parts: The scene's geometry, where it is built already.
+        compare: Whether to measure the error of the level of detail, for a planner.
+
+    Returns:
+        The `FrameRenderer`, from which `planned_renderer` makes one to render with, and what a planner is told of the
+        meshes.
+    """
+    from varos_warp.render.detail import choose_detail
+    from varos_warp.render.frame import FrameRenderer
+    from varos_warp.scene.meshes import build_parts
+
+    detail = choose_detail(scene, build_parts(scene) if parts is None else parts, poses, device, compare=compare)
+    return FrameRenderer(scene, device, detail.parts), detail.meshes
+
+
+def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
+                  T_w_v: Callable[[int], np.ndarray], *, made: Rendered | None = None, clock: Clock | None = None,
+                  done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
+                  ) -> Rendered:
+    """Render images and write their files. Exposure is left to whoever knows all frames.
+
+    An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
+    row. Files get their names when they are whole, so whatever ends this, another call with what `Store.missing` then
+    names goes on from there.
+
+    Args:
+        renderer: The scene's renderer as planned (`open_renderer`, `plan.planned_renderer`).
+        store: Writes the images.
+        plan: Of the sequence, as `Plan.to_dict` has it.
+        jobs: What to render.
+        T_w_v: Pose [4, 4] of the vehicle at a frame.
+        made: What is known already, to be added to; whole also when this is interrupted.
+        clock: Counts the time of the stages.
+        done: Called after each image.
+        say: Told what the user should know.
+
+    Raises:
+        InputError: If the disk refuses a file.
+        KeyboardInterrupt: As soon as the images under way are written.
+    """
+    from varos_warp.render.launch import usable_cores
+
+    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), say)
+    cores = usable_cores()
+    under_way: deque[tuple[ImageJob, list[Future]]] = deque()
+    with ThreadPoolExecutor(cores, "write") as pool:
+        for job in jobs:
+            if len(under_way) >= room(cores):
+                run.collect(*under_way.popleft())
+            image = run.render(job)
+            if image is not None:
+                under_way.append((job, [pool.submit(store.write, job, letter, getattr(image, letter), run.clock)
+                                        for letter in job.letters]))
+            done()
+        while under_way:
+            run.collect(*under_way.popleft())
+    return run.made
+
+
+class _Run:
+    """State of `render_frames`."""
+
+    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, say):
+        self.renderer, self.store, self.plan, self.T_w_v = renderer, store, plan, T_w_v
+        self.made, self.clock, self.say, self.in_a_row = made, clock, say, 0
+        self.cameras = {camera.id: camera for camera in renderer.scene.vehicle.cameras}
+        keys = (("denoise", "A"), ("denoise_b", "B"))
+        on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
+        self.options = {key: plan[key] for key in PLANNED} | {
+            "layers": tuple(store.render.layers), "tolerance": plan["tile_tolerance"]} | {
+            key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
+
+    def render(self, job: ImageJob):
+        """An image; None where it cannot be made."""
+        start, compiled = time.perf_counter(), self.renderer.compile_seconds
+        camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
+        try:
+            with self.clock("render"):
+                image = self.renderer.render(self.T_w_v(job.frame), camera=camera, outputs=job.letters,
+                                             frame=job.frame, **self.options)
+        except InputError:
+            raise
+        except Exception as error:
+            self.fail(job, error)
+            return None
+        self.in_a_row = 0
+        seconds = time.perf_counter() - start - (self.renderer.compile_seconds - compiled)
+        self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
+                                  "seconds": round(seconds, 4)} | self.samples_of(job, image))
+        return image
+
+    def samples_of(self, job: ImageJob, image) -> dict:
+        """What the log says of an image's samples; tells the user of any that were not numbers."""
+        lost = {letter: made.lost_samples for letter in "AB" if (made := getattr(image, letter, None)) is not None}
+        for letter, count in lost.items():
+            if count:
+                self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite "
+                         "or not a number and count as black")
+        spp = getattr(getattr(image, "A", None), "spp", None)
+        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
+            lost.values()) else {})
+
+    def collect(self, job: ImageJob, writing: list[Future]) -> None:
+        """Wait until an image is written."""
+        with self.clock("wait"):
+            for letter, future in zip(job.letters, writing, strict=True):
+                try:
+                    self.keep(job, letter, future.result())
+                except InputError:
+                    raise
+                except Exception as error:
+                    self.fail(job, error)
+
+    def keep(self, job: ImageJob, letter: str, stored: Stored) -> None:
+        """Note what is known of an image."""
+        self.made.clamped[letter] += stored.clamped
+        if stored.statistics is not None:
+            self.made.statistics[job.camera, letter, job.frame] = stored.statistics
+
+    def fail(self, job: ImageJob, error: Exception) -> None:
+        """Note a failure, or give up."""
+        self.made.failures.append((job, error))
+        self.in_a_row += 1
+        self.say(f"frame {job.frame}, camera {job.camera} failed: {error}")
+        if self.in_a_row >= GIVE_UP:
+            raise error
