@@ -85,9 +85,12 @@ def read_stream(path: Path) -> Iterator[Message]:
     path = Path(path)
     try:
         for id, payload in _with_end(split_messages(path.read_bytes())):
-            if id in PAYLOADS:
-                yield Message.decode(id, payload)
-    except (OSError, ValueError, struct.error) as error:
+            try:
+                if id in PAYLOADS:
+                    yield Message.decode(id, payload)
+            except (ValueError, struct.error) as error:
+                warnings.warn(f"a damaged message {id} passed over: {error}", stacklevel=2)
+    except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy="Export the dataset anew.") from error
 
 
