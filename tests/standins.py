@@ -64,7 +64,9 @@ def simulate(scene, *, progress=None):
     imu.acceleration_bias = imu.angular_velocity_bias = np.zeros_like(body)
     if scene.vehicle.imu.noise is not None:
         imu.acceleration_bias = np.full_like(body, 0.3)
-        imu.acceleration = imu.acceleration + imu.acceleration_bias
+        white = scene.vehicle.imu.noise.accelerometer_noise_density * np.sqrt(rate)
+        white = white * np.random.default_rng(scene.seed).standard_normal(body.shape)
+        imu.acceleration = imu.acceleration + imu.acceleration_bias + white
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
         trajectory=SimpleNamespace(

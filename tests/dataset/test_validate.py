@@ -35,7 +35,9 @@ def test_a_sound_dataset_has_no_problems_and_its_measures_are_far_below_their_li
     assert result.problems == []
     assert result.files_read == 10 * 2 * 6
     for measure in result.measures:
-        assert measure["value"] < measure["limit"] / 10, measure
+        # the bound of the strapdown is that of its trapezoids, doubled: it is meant to be reached by half
+        share = 0.51 if "integrated" in measure["name"] else 0.1
+        assert measure["value"] < measure["limit"] * share, measure
 
 
 def test_a_dataset_of_ranges_along_the_ray_is_sound_too(tmp_path):
@@ -145,7 +147,7 @@ def test_strays_and_remains_are_found(copy):
     shutil.copy(folder / "seq01_veh0_camL0_A-00000004.png", folder / "seq01_veh0_camL0_A-00000099.png")
     (folder / ".x.png.host-1-2.tmp").write_bytes(b"")
     text = problems(copy)
-    assert "A-00000099.png: no frame of dataset.json accounts for it" in text
+    assert "A-00000099.png: dataset.json does not account for it" in text
     assert ".x.png.host-1-2.tmp: remains of an interrupted run" in text
 
 

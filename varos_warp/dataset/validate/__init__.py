@@ -1,0 +1,39 @@
+"""Reads a whole dataset back and checks it against itself: what does not agree is listed, the rest is measured.
+
+Every check states its limit beside its measure. Limits come from rounding, quantisation, the order of a difference or
+of an integration. What is held against what:
+
+* `listing`: files against dataset.json, dataset.json against the scene in it, all of them against ``checksums``.
+* `motion`: poses in three forms, cameras and sensors against the vehicle, IMU and depth gauge against the poses.
+* `images`: PNG against EXR against the table of exposures; C against the slopes of D; S against its table.
+* `views`: D, B, C and S of each frame against those of its neighbours, through K and the poses.
+
+Without checksums some damage cannot be seen, since nothing else tells of it: an A whose PNG, EXR and exposure row were
+all replaced alike; images of frames between which nothing moves, or of a plane that is seen alike; all sensors deleted,
+which leaves what `varos-warp render` makes; A_linear of another frame where A is denoised; notes, water and lights of
+dataset.json that were changed together with the scene in it; changes below the limits that are printed.
+"""
+
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.validate import images, listing, motion, views
+from varos_warp.dataset.validate.outcome import Validation
+
+__all__ = ["Validation", "validate"]
+
+
+def validate(root, quiet: bool = False) -> Validation:
+    """Read everything in a dataset back and check it against itself.
+
+    Args:
+        root: Folder of the dataset.
+        quiet: No progress on stderr.
+
+    Raises:
+        InputError: If it is not a dataset at all.
+    """
+    data, result = Dataset(root), Validation()
+    for check in (*listing.CHECKS, *motion.CHECKS):
+        result.guard(data.root, check, data, result)
+    images.check_images(data, result, quiet)
+    views.check_views(data, result, quiet)
+    return result

@@ -1,0 +1,193 @@
+"""Files against dataset.json, dataset.json against the scene in it, time stamps, checksums."""
+
+import itertools
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from varos_warp.dataset import checksums, files, writers
+from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.errors import InputError
+from varos_warp.render.outputs import OUTPUTS
+from varos_warp.scene.load import scene_from_dict
+
+RELATIVE = 1e-9
+"""Numbers that differ by less are the same."""
+
+
+def check_files(data: Dataset, result: Validation) -> None:
+    """Every file that dataset.json asks for is there, and none that it does not account for."""
+    required, optional = set(_texts(data)) | set(_images(data)), set(_by_products(data))
+    missing = sorted(path for path in required if not path.is_file())
+    found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
+    strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
+    result.add_all([f"{_name(data, path)}: there is no such file" for path in missing], "files")
+    result.add_all([f"{_name(data, path)}: dataset.json does not account for it" for path in strays], "files")
+    remains = sorted(data.root.rglob(".*.tmp"))
+    result.add_all([f"{_name(data, path)}: remains of an interrupted run" for path in remains], "files")
+
+
+def _name(data: Dataset, path: Path) -> str:
+    return path.relative_to(data.root).as_posix()
+
+
+def _texts(data: Dataset) -> Iterator[Path]:
+    layout = data.layout
+    yield data.root / "README.txt"
+    for name in (*data.recorded, *data.cameras):
+        yield from (layout.poses(name, form) for form in POSE_FORMS)
+    for camera in data.cameras:
+        yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))
+        yield from (layout.camera_file(camera, f"_exposure_{o}.csv") for o in data.outputs if OUTPUTS[o].is_color)
+    if data.meta["lights"]:
+        yield layout.lights
+    if data.recorded:
+        yield layout.states
+        yield from map(layout.sensor, data.meta["sensors"])
+        if "imu0" in data.recorded and data.has_noise("imu0"):
+            yield layout.imu_bias
+    if "S" in data.outputs:
+        yield layout.segments
+
+
+def _images(data: Dataset) -> Iterator[Path]:
+    render, layout = data.meta["scene"].get("render", {}), data.layout
+    for camera, frame in itertools.product(data.cameras, data.frames):
+        for output in data.outputs:
+            yield layout.png(camera, output, frame)
+            if OUTPUTS[output].is_color or (output == "D" and render.get("depth_exr")):
+                yield layout.exr(camera, output, frame)
+        if "A" in data.outputs and render.get("linear_exr"):
+            yield layout.linear(camera, frame)
+        if "A" in data.outputs and data.has_noise("A"):
+            yield layout.clean(camera, frame)
+
+
+def _by_products(data: Dataset) -> Iterator[Path]:
+    """What an earlier run may have been asked for."""
+    for camera, frame in itertools.product(data.cameras, data.frames):
+        yield data.layout.exr(camera, "D", frame)
+        yield data.layout.linear(camera, frame)
+
+
+def check_checksums(data: Dataset, result: Validation) -> None:
+    """Every file is as it was written."""
+    known = checksums.read_checksums(data.root)
+    if not known:
+        return
+
+    def compare(name: str) -> str | None:
+        if not (data.root / name).is_file():
+            return f"{name}: there is no such file"
+        same = checksums.sha256(data.root / name) == known[name]
+        return None if same else f"{name}: is not as it was written: its checksum differs"
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = [problem for problem in pool.map(compare, known) if problem]
+    later = [_name(data, path) for path in checksums.listed_files(data.root) if _name(data, path) not in known]
+    result.add_all(found + [f"{name}: is not in checksums" for name in later], "files")
+    result.files_hashed = len(known)
+
+
+# ------------------------------------------------------------------------------------------------------- dataset.json
+
+
+def check_metadata(data: Dataset, result: Validation) -> None:
+    """What dataset.json says follows from the scene in it, and the cameras' YAML files say the same."""
+    scene, meta = scene_from_dict(data.meta["scene"]), data.meta
+    vehicle = scene.vehicle
+    mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
+    made = {
+        "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
+        "depth": writers.describe_depth(scene), "water": writers.describe_water(scene),
+        "cameras": [writers.describe_camera(data.layout, camera) for camera in vehicle.cameras],
+        "lights": [writers.describe_light(light) for light in vehicle.lights],
+        "sensors": {name: writers.describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
+        "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
+    }
+    for sensor in made["sensors"].values() if meta.get("noise") else ():
+        del sensor["noise"]  # that of the profile
+    told = [f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
+            for key, here, there in differences(meta, made)]
+    if meta["frames"]["rate_hz"] != scene.render.frame_rate_hz:
+        told.append(f"dataset.json: frames.rate_hz is {meta['frames']['rate_hz']!r}, but its scene makes it "
+                    f"{scene.render.frame_rate_hz!r}")
+    result.add_all(told, "entries")
+    for camera in data.cameras:
+        path = data.layout.camera_file(camera, ".yaml")
+        found = [f"{_name(data, path)}: {key} is {here!r}, in dataset.json {there!r}"
+                 for key, here, there in differences(_read_yaml(path), data.camera(camera))]
+        result.add_all(found, "entries")
+
+
+def _read_yaml(path: Path) -> dict:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path) from None
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"cannot be read: {error}", file=path) from None
+    if not isinstance(content, dict):
+        raise InputError("holds no keys", file=path, remedy="`run` again to make it anew.")
+    return content
+
+
+def differences(here, there, path: str = "") -> Iterator[tuple[str, object, object]]:
+    """(key, value here, value there) of whatever ``there`` says and ``here`` does not, to rounding."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key, value in there.items():
+            yield from differences(here.get(key), value, f"{path}.{key}" if path else str(key))
+    elif isinstance(there, list | tuple) and isinstance(here, list | tuple) and len(here) == len(there):
+        for i, pair in enumerate(zip(here, there, strict=True)):
+            yield from differences(*pair, f"{path}.{i}")
+    elif isinstance(there, float) and isinstance(here, float | int):
+        if not abs(here - there) <= RELATIVE * max(abs(here), abs(there), RELATIVE):
+            yield path, here, there
+    elif here != there:
+        yield path, here, there
+
+
+# --------------------------------------------------------------------------------------------------------------- time
+
+
+def check_times(data: Dataset, result: Validation) -> None:
+    """Time stamps follow from the rate, name their files and are those of poses and gains; the IMU goes on longer."""
+    expected = np.rint(np.array(data.frames) * (1e9 / data.meta["frames"]["rate_hz"])).astype(np.int64)
+    for camera in data.cameras:
+        path = data.layout.camera_file(camera, "_timestamps.csv")
+        table = files.read_csv(path)
+        if not _same_times(data, result, path, table, expected):
+            continue
+        for output in data.outputs:
+            names = [data.layout.png(camera, output, frame).name for frame in data.frames]
+            wrong = [i for i, (a, b) in enumerate(zip(table[output].tolist(), names, strict=True)) if a != b]
+            if wrong:
+                i = wrong[0]
+                result.add(f"{_name(data, path)}: row {i} names {table[output][i]}, not {names[i]}")
+        if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:
+            result.add(f"{_name(data, path)}: the IMU has no sample after the last frame")
+    for camera in data.cameras:
+        tables = [data.layout.poses(camera, form) for form in POSE_FORMS]
+        tables += [data.layout.camera_file(camera, f"_exposure_{o}.csv") for o in data.outputs if OUTPUTS[o].is_color]
+        for path in tables:
+            _same_times(data, result, path, files.read_csv(path), expected)
+
+
+def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expected: np.ndarray) -> bool:
+    """Whether the rows of a table are at the times expected."""
+    time_ns = table[writers.TIME]
+    if len(time_ns) != len(expected):
+        result.add(f"{_name(data, path)}: {len(time_ns)} rows, not {len(expected)}")
+        return False
+    wrong = np.flatnonzero(time_ns != expected)
+    if wrong.size:
+        result.add(f"{_name(data, path)}: row {wrong[0]} is at {time_ns[wrong[0]]} ns, not {expected[wrong[0]]}")
+    return not wrong.size
+
+
+CHECKS = (check_files, check_checksums, check_metadata, check_times)

@@ -1,0 +1,300 @@
+"""Poses, the sensors' readings and the vehicle's states against each other."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset.validate.outcome import Validation
+
+EPS = np.finfo(float).eps
+WINDOW_S = 2.0
+"""Time over which the IMU is integrated from a pose."""
+GIMBAL = 1e-6
+"""Share cos(pitch) of a turn below which Euler angles lose digits: scipy puts one of them to 0 within 1e-7."""
+
+
+def _row(problem: str, path, rows: np.ndarray) -> list[str]:
+    """A problem of some rows of a file, which names the first."""
+    more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
+    return [f"{path.name}: row {rows[0]}{more}: {problem}"] if len(rows) else []
+
+
+# --------------------------------------------------------------------------------------------------------------- poses
+
+
+def check_poses(data: Dataset, result: Validation) -> None:
+    """Euler angles, quaternions and matrices are the same poses, and the matrices are rotations."""
+    for name in (*data.recorded, *data.cameras):
+        result.guard(data.root, _check_forms, data, result, name)
+
+
+def _check_forms(data: Dataset, result: Validation, name: str) -> None:
+    """The one of three that the other two outvote is named."""
+    paths = [data.layout.poses(name, form) for form in POSE_FORMS]
+    tables = [list(files.read_csv(path).values()) for path in paths]
+    if len({len(table[0]) for table in tables}) > 1 or any((t[0] != tables[1][0]).any() for t in tables):
+        result.add(f"{name}: the three pose files have different time stamps")
+        return
+    euler, _, quaternion = (np.column_stack(table[1:]).astype(float) for table in tables)
+    T = data.poses(name)[1]
+    turns = [Rotation.from_euler("xyz", euler[:, 3:]).as_matrix(), T[:, :3, :3],
+             Rotation.from_quat(quaternion[:, 3:], scalar_first=True).as_matrix()]
+    places = [euler[:, :3], T[:, :3, 3], quaternion[:, :3]]
+    steep = np.abs(np.cos(euler[:, 4])) < GIMBAL
+    limit = np.where(steep, 4e-7, 1e-12)
+    apart = {pair: np.abs(turns[pair[0]] - turns[pair[1]]).max((1, 2)) for pair in ((0, 1), (1, 2), (2, 0))}
+    differ = {(a, b): (off > (limit if 0 in (a, b) else 1e-12)) | (places[a] != places[b]).any(-1)
+              for (a, b), off in apart.items()}
+    for i, (first, second) in enumerate((((0, 1), (2, 0)), ((0, 1), (1, 2)), ((1, 2), (2, 0)))):
+        agreed = next(pair for pair in differ if i not in pair)
+        rows = np.flatnonzero(differ[first] & differ[second] & ~differ[agreed])
+        result.add_all(_row("is not the pose that the other two files of poses have", paths[i], rows), "poses")
+    if (all_three := np.flatnonzero(np.logical_and.reduce(list(differ.values())))).size:
+        result.add(f"{name}: row {all_three[0]}: no two files of poses agree")
+    near = [off[~steep] if 0 in pair else off for pair, off in apart.items()]
+    result.measure(f"{name}: attitude, three forms", max((x.max() for x in near if x.size), default=0.0), 1e-12, "rad")
+    result.measure(f"{name}: rotation matrices",
+                   np.abs(turns[1] @ turns[1].transpose(0, 2, 1) - np.eye(3)).max(initial=0.0), 1e-12, "")
+
+
+def check_mounting(data: Dataset, result: Validation) -> None:
+    """Poses of cameras and sensors are the vehicle's times the mounting, or stand still in the world."""
+    if not data.recorded:
+        return
+    vehicle_time, T_w_v = data.poses("vehicle")
+    mounts = {camera: data.camera(camera) for camera in data.cameras}
+    mounts |= {name: {"T_v_c": data.meta["sensors"][name]["T_v_s"]} for name in data.meta["sensors"]}
+    for name, about in mounts.items():
+        result.guard(data.root, _check_mount, data, result, name, about, vehicle_time, T_w_v)
+
+
+def _check_mount(data: Dataset, result: Validation, name: str, about: dict, vehicle_time, T_w_v) -> None:
+    time_ns, T = data.poses(name)
+    index = np.searchsorted(vehicle_time, time_ns).clip(max=len(vehicle_time) - 1)
+    expected = np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else T_w_v[index] @ np.array(about["T_v_c"])
+    off = np.abs(T - expected).max((1, 2))
+    limit = 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
+    result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m")
+    rows = np.flatnonzero(~(off <= limit))
+    path = data.layout.poses(name, "transformation_matrix")
+    result.add_all(_row(f"is not the vehicle's pose at {time_ns[rows[0]]} ns with its mounting", path, rows)
+                   if rows.size else [], "poses")
+
+
+def check_lights(data: Dataset, result: Validation) -> None:
+    """Lights are on the vehicle where dataset.json has them."""
+    if not data.meta["lights"] or not data.recorded or not data.frames:
+        return
+    table = list(files.read_csv(data.layout.lights).values())
+    vehicle_time, T_w_v = data.poses("vehicle")
+    count = len(data.meta["lights"])
+    if len(table[0]) != len(data.frames) * count:
+        result.add(f"{data.layout.lights.name}: {len(table[0])} rows, not {len(data.frames) * count}")
+        return
+    T = T_w_v[np.searchsorted(vehicle_time, table[0]).clip(max=len(vehicle_time) - 1)]
+    T = T @ np.array([light["T_v_light"] for light in data.meta["lights"]])[table[2].astype(int)]
+    there = np.column_stack(table[3:9]).astype(float)
+    off = np.abs(there - np.hstack([T[:, :3, 3], T[:, :3, 2]])).max(1)
+    result.measure("lights: against the vehicle's poses", off.max(), 1e-9 + 8 * EPS * np.abs(T).max(), "m")
+
+
+def check_states(data: Dataset, result: Validation) -> None:
+    """The vehicle's states are at the times, places and attitudes of its poses, and its velocity is their slope."""
+    if not data.recorded:
+        return
+    states, (time_ns, T), path = data.states(), data.poses("vehicle"), data.layout.states
+    if not np.array_equal(states["time_ns"], time_ns):
+        result.add(f"{path.name}: does not agree with the poses of the vehicle: other time stamps")
+        return
+    R = Rotation.from_quat(states["quaternion"], scalar_first=True).as_matrix()
+    wrong = (states["position"] != T[:, :3, 3]).any(-1) | (np.abs(R - T[:, :3, :3]).max((1, 2)) > 1e-12)
+    result.add_all(_row("does not agree with the poses of the vehicle", path, np.flatnonzero(wrong)), "rows")
+    if len(time_ns) < 5:
+        return
+    h = (time_ns[1] - time_ns[0]) * 1e-9
+    p, v = T[:, :3, 3] - T[0, :3, 3], states["velocity"]
+    slope = (p[:-4] - 8 * p[1:-3] + 8 * p[3:-1] - p[4:]) / (12 * h)
+    off = np.linalg.norm(v[2:-2] - slope, axis=1)
+    # between neighbours the velocity changes more than the difference errs
+    allowed = 1e-6 + 4 * EPS * np.abs(T[:, :3, 3]).max() / h + _around(p, 1.0 / h)
+    result.measure("vehicle: velocity against poses, median", np.median(off), 1e-6 + np.median(allowed), "m/s")
+    result.add_all(_row("its velocity is not that of the poses", path, 2 + np.flatnonzero(off > allowed)), "rows")
+
+
+def _around(x: np.ndarray, scale: float) -> np.ndarray:
+    """How uneven the course is: largest second difference [N - 4] within two samples of x[2:-2], times ``scale``."""
+    second = np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=1)
+    padded = np.pad(second, 1, mode="edge")
+    return scale * np.lib.stride_tricks.sliding_window_view(padded, 5)[: len(x) - 4].max(-1)
+
+
+# ----------------------------------------------------------------------------------------------------------------- IMU
+
+
+def check_imu(data: Dataset, result: Validation) -> None:
+    """Readings without noise against differences of the poses, the states and an integration; then the noise."""
+    if "imu0" not in data.recorded:
+        return
+    imu, (time_ns, T) = data.imu(truth=True), data.poses("imu0")
+    if not np.array_equal(time_ns, imu["time_ns"]):
+        result.add("imu0: poses and readings have different time stamps")
+        return
+    if not _even(data, result, "imu0", time_ns):
+        return
+    h = 1.0 / data.meta["sensors"]["imu0"]["rate_hz"]
+    result.guard(data.root, _against_states, data, result, imu)
+    if len(time_ns) >= 5:
+        _against_differences(data, result, imu, T, h)
+        _strapdown(data, result, imu, T, h)
+    if data.has_noise("imu0"):
+        result.guard(data.root, _check_imu_noise, data, result, imu)
+
+
+def _even(data: Dataset, result: Validation, name: str, time_ns: np.ndarray) -> bool:
+    """Whether a sensor's samples are evenly spaced at its rate."""
+    step = round(1e9 / data.meta["sensors"][name]["rate_hz"])
+    rows = np.flatnonzero(np.abs(np.diff(time_ns) - step) > 1)
+    result.add_all(_row(f"the next sample is not {step} ns later", data.layout.sensor(name), rows), "rows")
+    return not rows.size
+
+
+def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
+    """Eq. (2) of the paper with the vehicle's states, exact at every sample."""
+    states, T_v_s = data.states(), np.array(data.meta["sensors"]["imu0"]["T_v_s"])
+    rows = np.searchsorted(states["time_ns"], imu["time_ns"]).clip(max=len(states["time_ns"]) - 1)
+    R = Rotation.from_quat(states["quaternion"][rows], scalar_first=True)
+    w, alpha, lever = states["angular_velocity"][rows], states["angular_acceleration"][rows], T_v_s[:3, 3]
+    felt = R.inv().apply(states["acceleration"][rows] - data.meta["gravity"])
+    felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
+    off = np.maximum(np.abs(felt - imu["acceleration"]).max(1), np.abs(w @ T_v_s[:3, :3]
+                                                                     - imu["angular_velocity"]).max(1))
+    result.measure("imu0: readings against the vehicle's states", off.max(), 1e-9, "m/s^2, rad/s")
+    result.add_all(_row(f"is not what {data.layout.states.name} makes it", data.layout.sensor("imu0"),
+                        np.flatnonzero(~(off <= 1e-9))), "rows")
+
+
+def _difference2(x: np.ndarray, h: float) -> np.ndarray:
+    """Second derivative at x[2:-2], of fourth order."""
+    return (-x[4:] + 16 * x[3:-1] - 30 * x[2:-2] + 16 * x[1:-3] - x[:-4]) / (12 * h * h)
+
+
+def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: float) -> None:
+    """Medians, since exact poses given by hand may have corners; rows where the course is even enough to tell.
+
+    Limits: 1e-3 for the difference's own error (h^4 / 90 times the sixth derivative), the rounding of positions far
+    from the origin, and for single rows how much the acceleration changes about them.
+    """
+    force, rate = imu["acceleration"], imu["angular_velocity"]
+    R, position = Rotation.from_matrix(T[:, :3, :3]), T[:, :3, 3] - T[0, :3, 3]
+    acceleration = _difference2(position, h)
+    felt = R[2:-2].inv().apply(acceleration - data.meta["gravity"])
+    limit = 1e-3 + 6 * EPS * np.abs(T[:, :3, 3]).max() / h**2
+    off = np.linalg.norm(force[2:-2] - felt, axis=1)
+    result.measure("imu0: specific force against poses, median", np.median(off), limit, "m/s^2")
+    turned = (R[:-1].inv() * R[1:]).as_rotvec() / h
+    turn_off = np.linalg.norm((rate[:-1] + rate[1:]) / 2 - turned, axis=1)
+    result.measure("imu0: angular velocity against poses, median", np.median(turn_off), 1e-3, "rad/s")
+    rows = 2 + np.flatnonzero(off > limit + _changes(acceleration))
+    path = data.layout.sensor("imu0")
+    result.add_all(_row("its specific force is not that of the poses", path, rows), "rows")
+    rows = np.flatnonzero(turn_off > 1e-3 + _changes(turned))
+    result.add_all(_row("its angular velocity is not that of the poses", path, rows), "rows")
+
+
+def _changes(x: np.ndarray, reach: int = 3) -> np.ndarray:
+    """Largest change [N] between neighbours of x [N, 3] within some samples of each."""
+    steps = np.pad(np.linalg.norm(np.diff(x, axis=0), axis=1), reach, mode="constant")
+    return np.lib.stride_tricks.sliding_window_view(steps, 2 * reach)[: len(x)].max(-1)
+
+
+def _strapdown(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: float) -> None:
+    """Integrate the IMU from a pose, and see how far off the pose after two seconds is; the worst such window.
+
+    Trapezoids err by h/12 times the second differences of what they integrate, in each step. Those of the turns and
+    of the acceleration between poses therefore bound the drift: of the attitude (theta), of the velocity (g theta and
+    the acceleration's own) and of the position, each the sum of the one before. Twice that is allowed.
+    """
+    length = min(round(WINDOW_S / h), len(T) - 5)
+    starts = np.arange(2, max(3, len(T) - 2 - length), length)
+    if length < 1:
+        return
+    R, p = Rotation.from_matrix(T[:, :3, :3]), T[:, :3, 3] - T[0, :3, 3]
+    turned, g = (R[:-1].inv() * R[1:]).as_rotvec() / h, np.array(data.meta["gravity"])
+    slope4 = (p[:-4] - 8 * p[1:-3] + 8 * p[3:-1] - p[4:]) / (12 * h)
+    slope2 = (p[3:-1] - p[1:-3]) / (2 * h)
+    end_R, end_p = _integrate(imu, g, R[starts], slope4[starts - 2], p[starts], starts, length, h)
+    far = EPS * np.abs(T[:, :3, 3]).max()
+    bend_w = np.pad(np.linalg.norm(turned[2:] - 2 * turned[1:-1] + turned[:-2], axis=1), 2, mode="edge")
+    a = np.pad(_difference2(p, h), ((2, 2), (0, 0)), mode="edge")
+    bend_a = np.pad(np.linalg.norm(a[2:] - 2 * a[1:-1] + a[:-2], axis=1), 1, mode="edge")
+    span = starts[:, None] + np.arange(length)
+    theta = np.cumsum(h / 12 * bend_w[span], axis=1) + 8 * EPS * np.arange(length)
+    start = np.linalg.norm(slope4 - slope2, axis=1)[starts - 2] + 2 * far / h
+    velocity = start[:, None] + np.cumsum(h * np.linalg.norm(g) * theta + h / 12 * bend_a[span], axis=1)
+    bound_p, bound_R = 2 * (h * velocity.sum(axis=1) + far), 2 * theta[:, -1]
+    off_p = np.linalg.norm(end_p - p[starts + length], axis=1)
+    off_R = (end_R.inv() * R[starts + length]).magnitude()
+    seconds = length * h
+    for name, off, bound, scale, unit in (("position", off_p, bound_p, 1e3, "mm"),
+                                          ("attitude", off_R, bound_R + 1e-12, 1e6, "urad")):
+        worst = int(np.argmax(off / bound))
+        t = starts[worst] * h
+        result.measure(f"imu0: integrated from {t:.4g} s for {seconds:.4g} s, {name} against poses (worst)",
+                       scale * off[worst], scale * bound[worst], unit)
+
+
+def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: np.ndarray, starts: np.ndarray,
+               length: int, h: float) -> tuple[Rotation, np.ndarray]:
+    """Attitude and position [W, 3] after ``length`` steps of trapezoids from each of W starting samples."""
+    w, f = imu["angular_velocity"], imu["acceleration"]
+    before = attitude.apply(f[starts]) + g
+    for i in starts + np.arange(length)[:, None]:
+        turn = h / 2 * (w[i] + w[i + 1]) + h * h / 12 * np.cross(w[i], w[i + 1])
+        attitude = attitude * Rotation.from_rotvec(turn)
+        after = attitude.apply(f[i + 1]) + g
+        p = p + h * v + h * h / 6 * (2 * before + after)
+        v = v + h / 2 * (before + after)
+        before = after
+    return attitude, p
+
+
+def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
+    """Readings are truth, bias and white noise of the density that dataset.json names."""
+    about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
+    for name, sensor, unit in (("acceleration", "accelerometer", "m/s^2"), ("angular_velocity", "gyroscope", "rad/s")):
+        white = imu[name] - truth[name] - bias[name]
+        sigma = about["noise"][f"{sensor}_noise_density"] * np.sqrt(about["rate_hz"])
+        # the standard error of a variance over 5: less than one false alarm in a million
+        result.measure(f"imu0: white noise of the {sensor}, off by", abs(white.std() - sigma),
+                       5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
+        rows = np.flatnonzero(np.abs(white).max(1) > 8 * sigma + 1e-9)
+        result.add_all(_row(f"its {name} is off by more than noise can be", data.layout.sensor("imu0"), rows), "rows")
+
+
+# --------------------------------------------------------------------------------------------------------- depth gauge
+
+
+def check_depth_gauge(data: Dataset, result: Validation) -> None:
+    """Readings without noise against the height of the gauge's own poses; then the noise."""
+    if "depth0" not in data.recorded:
+        return
+    gauge, (time_ns, T), path = data.depth_gauge(truth=True), data.poses("depth0"), data.layout.sensor("depth0")
+    if not np.array_equal(time_ns, gauge["time_ns"]):
+        result.add("depth0: poses and readings have different time stamps")
+        return
+    if not _even(data, result, "depth0", time_ns):
+        return
+    off = np.abs(gauge["depth"] - (data.meta["surface_depth_m"] - T[:, 2, 3]))
+    result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m")
+    result.add_all(_row("its depth is not that of the poses", path, np.flatnonzero(~(off <= 1e-9))), "rows")
+    if data.has_noise("depth0"):
+        about = data.meta["sensors"]["depth0"]
+        bias = list(files.read_csv(path).values())[3]
+        white = data.depth_gauge()["depth"] - gauge["depth"] - bias
+        density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
+        most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
+        result.measure("depth0: reading off truth and bias, at most", np.abs(white).max(), most, "m")
+
+
+CHECKS = (check_poses, check_mounting, check_lights, check_states, check_imu, check_depth_gauge)

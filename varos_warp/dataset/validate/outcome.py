@@ -1,0 +1,55 @@
+"""What validation found: problems, and measures beside their limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from varos_warp.errors import InputError
+
+MOST_PROBLEMS = 20
+"""Of one kind that are listed singly."""
+
+
+@dataclass
+class Validation:
+    """Outcome: it is valid when there are no problems."""
+
+    problems: list[str] = field(default_factory=list)
+    measures: list[dict] = field(default_factory=list)
+    """name, value, limit, unit of each measured quantity."""
+    files_read: int = 0
+    """Images decoded."""
+    files_hashed: int = 0
+    """Files held against their checksums; 0: the dataset has none."""
+
+    def measure(self, name: str, value: float, limit: float, unit: str) -> None:
+        """Note a quantity; above its limit (or NaN) it is a problem."""
+        self.measures.append({"name": name, "value": float(value), "limit": float(limit), "unit": unit})
+        if not value <= limit:
+            self.add(f"{name}: {value:.4g} {unit}, more than {limit:.4g}")
+
+    def add(self, problem: str) -> None:
+        """Note a problem, once."""
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+    def add_all(self, problems: list[str], what: str) -> None:
+        """Note problems of one kind; of very many only how many there are."""
+        for problem in problems[:MOST_PROBLEMS]:
+            self.add(problem)
+        if len(problems) > MOST_PROBLEMS:
+            self.add(f"... and {len(problems) - MOST_PROBLEMS} more {what} like these")
+
+    def guard(self, root: Path, check: Callable, *args) -> None:
+        """Run a check; a damaged file is one problem, and the other checks go on."""
+        try:
+            check(*args)
+        except InputError as error:
+            self.add(problem_of(root, error))
+        except (KeyError, IndexError, ValueError, TypeError) as error:
+            self.add(f"{check.__name__.removeprefix('check_')}: cannot be checked: {error!r}")
+
+
+def problem_of(root: Path, error: InputError) -> str:
+    """An error without the folder that all files share."""
+    return error.message.replace(f"{root}/", "", 1)
