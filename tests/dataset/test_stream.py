@@ -99,6 +99,7 @@ def test_reading_goes_on_after_damage_and_says_so(tmp_path):
     assert all(m in gauge_messages(5) for m in read)
 
 
+@pytest.mark.filterwarnings("ignore:a damaged message")
 @pytest.mark.parametrize("seed", range(20))
 def test_damage_anywhere_costs_the_messages_that_it_hits_and_their_neighbours(tmp_path, seed):
     """40 random bytes over 200 messages; payloads have no checksum, so damage within one may be read."""

@@ -9,6 +9,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 from readback import rows
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Writer
 from standins import make_scene, tree
 from typer.testing import CliRunner
@@ -19,6 +20,7 @@ from varos_warp.dataset.exports import FORMATS, export, job
 from varos_warp.dataset.exports import stream as stream_export
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce
+from varos_warp.dataset.stream import read_stream
 from varos_warp.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore:tum has room for 1")
@@ -100,7 +102,8 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
 
 def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
     for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"), ({"images": "C"}, "no colour images.*A, B"),
-                          ({"cameras": ["X1"]}, "no such camera"), ({"out": written}, "is there already")):
+                          ({"cameras": ["X1"]}, "no such camera"), ({"start_ns": -1}, "is negative"),
+                          ({"out": written}, "is there already")):
         with pytest.raises(InputError, match=words):
             export(**({"dataset_root": written, "to": "tum", "out": tmp_path / "out"} | change))
     assert list(tmp_path.iterdir()) == []
@@ -132,6 +135,29 @@ def test_frames_without_sensors_go_to_colmap_but_not_to_euroc(tmp_path):
         export(tmp_path / "data", "euroc", tmp_path / "out")
     assert len(export(tmp_path / "data", "stream", tmp_path / "stream").data) == 10
     assert len(export(tmp_path / "data", "colmap", tmp_path / "out").data) == 10
+
+
+def test_a_clock_that_is_set_moves_every_stamp_by_as_much_and_keeps_its_nanoseconds(written, data, out, tmp_path):
+    """Beyond the 53 bits of a float64."""
+    start = 1_629_158_400_000_000_001
+    for name in ("euroc", "tum", "mcap", "stream", "kitti"):
+        export(written, name, tmp_path / name, start_ns=start)
+    times = [start + t for t in data.time_ns("L0").tolist()]
+    assert sorted(p.name for p in (tmp_path / "euroc/mav0/cam0/data").iterdir()) == [f"{t}.png" for t in times]
+    assert [int(line) for line in (tmp_path / "euroc/times.txt").read_text().split()] == times
+    for table in ("cam0", "imu0", "depth_gauge0", "state_groundtruth_estimate0"):
+        moved, native = (rows(root / f"mav0/{table}/data.csv", ",") for root in (tmp_path / "euroc", out / "euroc"))
+        assert [int(row[0]) - start for row in moved] == [int(row[0]) for row in native]
+    for table in ("rgb.txt", "depth.txt", "groundtruth.txt", "accelerometer.txt"):
+        moved, native = ([row[0].split(".") for row in rows(root / table)] for root in (tmp_path / "tum", out / "tum"))
+        moved, native = ([int(s) * 10**9 + int(ns) for s, ns in table] for table in (moved, native))
+        assert [t - start for t in moved] == native
+    with AnyReader([tmp_path / "mcap/bag"]) as moved, AnyReader([out / "mcap/bag"]) as native:
+        assert [t - start for _, t, _ in moved.messages()] == [t for _, t, _ in native.messages()]
+    moved, native = (list(read_stream(root / "stream.sbst")) for root in (tmp_path / "stream", out / "stream"))
+    assert [m.time_ns - start for m in moved] == [m.time_ns for m in native]
+    relative = "kitti/sequences/01/times.txt"
+    assert (tmp_path / relative).read_bytes() == (out / relative).read_bytes()
 
 
 def test_the_command_line_exports_and_refuses(written, tmp_path):

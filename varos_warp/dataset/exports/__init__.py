@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from varos_warp.dataset import files
-from varos_warp.dataset.exports.job import Job
+from varos_warp.dataset.exports.job import Clocked, Job
 from varos_warp.dataset.layout import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
@@ -19,7 +19,8 @@ FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
 
 
-def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False) -> Job:
+def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False,
+           start_ns: int = 0) -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -30,6 +31,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         cameras: Ids of the cameras; None: all. TUM takes the first, KITTI the first and its rectified partner.
         quiet: No progress on stderr.
         raw: Uncompressed images beside the compressed ones, of MCAP only.
+        start_ns: Time of the sequence's beginning [ns], which is added to all stamps; KITTI's stay relative.
 
     Returns:
         What was written and from where.
@@ -41,7 +43,9 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
-    data, out = Dataset(dataset_root), Path(out)
+    if start_ns < 0:
+        raise InputError("is negative", key="start_ns", value=start_ns, remedy="Give nanoseconds since 1970.")
+    data, out = Clocked(dataset_root, start_ns), Path(out)
     module = import_module(f"{__name__}.{to}")
     _check_choice(data, images, cameras)
     job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet, raw)

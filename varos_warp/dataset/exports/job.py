@@ -17,11 +17,32 @@ PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
 """Block of a noise profile by what has the noise."""
 
 
+class Clocked(Dataset):
+    """A dataset whose clock is set: ``start_ns`` is added to all of its times."""
+
+    def __init__(self, root, start_ns: int):
+        super().__init__(root)
+        self.start_ns = start_ns
+
+    def time_ns(self, camera: str | None = None) -> np.ndarray:
+        """Time of every frame, int64 [N]."""
+        return super().time_ns(camera) + self.start_ns
+
+    def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Times and poses, as those of `Dataset`."""
+        time_ns, T = super().poses(name)
+        return time_ns + self.start_ns, T
+
+    def _samples(self, *args) -> dict[str, np.ndarray]:
+        samples = super()._samples(*args)
+        return samples | {"time_ns": samples["time_ns"] + self.start_ns}
+
+
 @dataclass(frozen=True)
 class Job:
     """An export under way."""
 
-    data: Dataset
+    data: Clocked
     out: Path
     """Folder to write to, with nothing in it."""
     images: str

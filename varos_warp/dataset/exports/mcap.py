@@ -67,7 +67,7 @@ def _latched():
 def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     """Every message of the bag, sensor by sensor; static transforms first."""
     data = job.data
-    yield 0, "/tf_static", lambda: messages.fixed(0, _frames(job))
+    yield data.start_ns, "/tf_static", lambda: messages.fixed(data.start_ns, _frames(job))
     if job.has_sensor("imu0"):
         imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
         for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
