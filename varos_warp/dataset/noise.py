@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files, writers
+from varos_warp.dataset.checksums import write_checksums
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
@@ -53,6 +54,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         if profile.camera is not None:
             _write_images(noisy, quiet)
         _write_overview(noisy)
+        write_checksums(temp)
     return Dataset(out)
 
 

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from varos_warp.dataset import files, folder, writers
+from varos_warp.dataset.checksums import write_checksums
 from varos_warp.dataset.expose import expose
 from varos_warp.dataset.layout import Dataset, Layout, from_runs
 from varos_warp.dataset.pipeline import Rendered, open_renderer, render_frames
@@ -78,6 +79,9 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             job = _Job(scene, layout, shard, quiet)
             job.simulate(frames, previous)
             job.run(device, sensors, images, renderer)
+            if job.summary.complete:
+                with job.clock("checksums"):
+                    write_checksums(layout.root)
     finally:
         if new:
             with contextlib.suppress(OSError):

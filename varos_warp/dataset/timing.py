@@ -5,9 +5,10 @@ import threading
 import time
 from collections.abc import Iterator
 
-MAIN = ("simulate", "load", "plan", "render", "wait", "expose")
+MAIN = ("simulate", "load", "plan", "render", "wait", "expose", "checksums")
 """Stages one after the other, in the order of the work. wait: there was no room, or the last images were being written;
-expose: gains, PNG of the images that they decide, contact sheet."""
+expose: gains, PNG of the images that they decide, contact sheet; checksums:
+SHA-256 of every new file."""
 BESIDE = ("denoise", "encode")
 """What threads do beside them, the seconds of all threads added up. On a GPU that denoises, ``render`` has that."""
 
