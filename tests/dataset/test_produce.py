@@ -12,6 +12,7 @@ from standins import FlatFloorRenderer, make_scene, tree
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce, select
+from varos_warp.dataset.timing import BESIDE, MAIN
 from varos_warp.errors import InputError
 
 
@@ -311,6 +312,18 @@ def test_the_log_tells_how_long_each_frame_took(written):
     content = json.loads(logs[0].read_text())
     assert len(content["frames"]) == 20
     assert all(frame["seconds"] >= 0 for frame in content["frames"])
+
+
+def test_the_log_and_the_summary_tell_where_the_time_went(tmp_path, capsys):
+    """The stages one after the other make up the whole, but for the texts."""
+    summary = produce(make_scene(), tmp_path)
+    logged = json.loads(next((tmp_path / "log").glob("*.json")).read_text())["stages"]
+    assert logged == summary.stages
+    assert set(logged) == {*MAIN, *BESIDE}
+    assert 0.5 * summary.seconds < sum(logged[stage] for stage in MAIN) <= summary.seconds
+    assert logged["denoise"] > 0 < logged["encode"]
+    assert "time: " in (text := capsys.readouterr().err)
+    assert "; beside it, in all threads: denoise" in text
 
 
 @pytest.mark.parametrize("frames", [slice(10, None), slice(3, 3)])

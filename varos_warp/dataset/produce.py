@@ -79,9 +79,6 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             job = _Job(scene, layout, shard, quiet)
             job.simulate(frames, previous)
             job.run(device, sensors, images, renderer)
-            if job.summary.complete:
-                with job.clock("checksums"):
-                    write_checksums(layout.root)
     finally:
         if new:
             with contextlib.suppress(OSError):
@@ -154,12 +151,15 @@ class _Job:
             if self.work:
                 self.settle()
             self.write_texts(sensors, images)
-        if images:
-            try:
+        try:
+            if images:
                 self.render()
                 self.finish()
-            finally:
-                self.write_log()
+            if self.summary.complete:
+                with self.clock("checksums"):
+                    write_checksums(self.layout.root)
+        finally:
+            self.write_log()
 
     def say(self, message: str) -> None:
         """Tell the user, and keep it for the summary."""

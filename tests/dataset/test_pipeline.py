@@ -1,0 +1,149 @@
+"""Rendering goes on while images are written, but never further ahead than the room there is."""
+
+import gc
+import threading
+import time
+import weakref
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from standins import FlatFloorRenderer, make_scene, plan_render
+
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.pipeline import Rendered, render_frames, room
+from varos_warp.dataset.store import ImageJob, Store, Stored, develop
+from varos_warp.dataset.timing import Clock
+from varos_warp.errors import InputError
+from varos_warp.render.launch import usable_cores
+from varos_warp.render.outputs import OUTPUTS
+
+JOBS = [ImageJob(frame, "L0", "D") for frame in range(12)]
+PLAN = plan_render(make_scene(), None, []).to_dict()
+
+
+class Image:
+    """Of a frame."""
+
+    def __init__(self, frame):
+        self.frame = frame
+
+
+class Renderer(FlatFloorRenderer):
+    """Takes a while, and knows which of its images are still held by anybody."""
+
+    def __init__(self, seconds=0.0):
+        super().__init__(make_scene())
+        self.seconds, self.alive, self.most = seconds, weakref.WeakSet(), 0
+
+    def render(self, T_w_v, camera, outputs, *, frame, **options):
+        time.sleep(self.seconds)
+        image = Image(frame)
+        self.alive.add(image)
+        self.most = max(self.most, len(self.alive))
+        return SimpleNamespace(D=image)
+
+
+class Writer:
+    """Takes a while for each image."""
+
+    def __init__(self, seconds=0.0, fail=()):
+        self.render, self.denoisers = make_scene().render, {"A": "none", "B": "none"}
+        self.seconds, self.fail, self.written, self.threads = seconds, fail, [], set()
+
+    def write(self, job, letter, image, clock):
+        with clock("encode"):
+            time.sleep(self.seconds)
+        if job.frame in self.fail:
+            raise self.fail[job.frame]
+        self.written.append(image.frame)
+        self.threads.add(threading.current_thread())
+        return Stored()
+
+
+def go(renderer, writer, jobs=JOBS, **options):
+    return render_frames(renderer, writer, PLAN, jobs, lambda frame: np.eye(4), **options)
+
+
+def test_images_are_written_while_the_next_one_is_rendered():
+    """12 times 40 ms twice would be 0.96 s; beside each other they take half of it and one image more."""
+    start = time.perf_counter()
+    writer = Writer(0.04)
+    go(Renderer(0.04), writer)
+    assert time.perf_counter() - start < 0.75
+    assert writer.written == list(range(12))
+    assert threading.current_thread() not in writer.threads
+
+
+def test_a_slow_disk_holds_the_renderer_and_no_more_images_than_there_is_room_for():
+    renderer, clock = Renderer(), Clock()
+    go(renderer, Writer(0.05 * usable_cores()), clock=clock)
+    gc.collect()
+    assert renderer.most <= room(usable_cores()) + 1
+    assert clock.seconds["wait"] > 0.4
+    assert not renderer.alive
+
+
+def test_a_fast_disk_never_holds_the_renderer():
+    """Only the last image is waited for."""
+    clock = Clock()
+    go(Renderer(0.05), Writer(0.02), clock=clock)
+    assert clock.seconds["wait"] < 0.2 < 0.55 < clock.seconds["render"]
+
+
+def test_room_is_bounded_on_large_machines():
+    assert [room(cores) for cores in (1, 2, 8, 16, 128)] == [2, 2, 4, 8, 8]
+
+
+def test_a_full_disk_ends_the_run_at_once():
+    renderer = Renderer()
+    with pytest.raises(InputError, match="no space"):
+        go(renderer, Writer(fail={2: InputError("no space")}), [ImageJob(f, "L0", "D") for f in range(100)])
+    assert len(renderer.calls) < 10
+
+
+def test_failures_are_noted_and_the_rest_is_written():
+    writer, said = Writer(fail={2: OSError("odd"), 7: MemoryError("none left")}), []
+    made = go(Renderer(), writer, say=said.append)
+    assert [(job.frame, str(error)) for job, error in made.failures] == [(2, "odd"), (7, "none left")]
+    assert writer.written == [0, 1, 3, 4, 5, 6, 8, 9, 10, 11]
+    assert said == ["frame 2, camera L0 failed: odd", "frame 7, camera L0 failed: none left"]
+
+
+def test_an_interrupted_run_ends_with_what_is_under_way_written_and_known():
+    made, writer = Rendered(), Writer(0.01)
+
+    def stop():
+        if len(made.timings) == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        go(Renderer(), writer, made=made, done=stop)
+    assert writer.written == [0, 1, 2, 3, 4]
+    assert [entry["frame"] for entry in made.timings] == [0, 1, 2, 3, 4]
+
+
+def test_each_image_type_is_written_by_itself(tmp_path):
+    """Types of one frame go to different threads, so that a frame does not wait for its slowest file."""
+    scene = make_scene()
+    seen = []
+
+    class Noted(Store):
+        def write(self, job, letter, image, clock):
+            seen.append((job.frame, letter))
+            return super().write(job, letter, image, clock)
+
+    noted = Noted(Layout.of(scene, tmp_path), scene.render, {"A": "none", "B": "none"})
+    made = go(FlatFloorRenderer(scene), noted, [ImageJob(3, "L0", "ABCD")])
+    assert sorted(seen) == [(3, "A"), (3, "B"), (3, "C"), (3, "D")]
+    assert set(made.statistics) == {("L0", "A", 3), ("L0", "B", 3)}
+    assert list(noted.missing([3])) == [ImageJob(3, "R0", "ABCD")]
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.013, 3217.5])
+@pytest.mark.parametrize("letter", ["A", "B"])
+def test_looking_pixels_up_gives_what_computing_each_gives(letter, gain):
+    """Every half float but NaN, negative ones and infinity among them."""
+    half = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
+    half = np.resize(half[~np.isnan(half)], (120, 177, 3))
+    np.testing.assert_array_equal(develop(letter, half, gain), OUTPUTS[letter].encode(half, gain))
