@@ -167,13 +167,13 @@ def description(data) -> dict:
 
 def _sensor_messages(data) -> Iterator[Message]:
     """IMU, depth gauge and poses of the vehicle, as far as the dataset has them."""
-    if data.layout.sensor("imu0").is_file():
+    if "imu0" in data.recorded:
         imu = data.imu()
         yield from _rows(IMU, imu["time_ns"], np.column_stack([imu["acceleration"], imu["angular_velocity"]]))
-    if data.layout.sensor("depth0").is_file():
+    if "depth0" in data.recorded:
         gauge = data.depth_gauge()
         yield from _rows(DEPTH_GAUGE, gauge["time_ns"], gauge["depth"][:, None])
-    if data.layout.states.is_file():
+    if "vehicle" in data.recorded:
         states = data.states()
         yield from _rows(VEHICLE_POSE, states["time_ns"],
                          np.column_stack([states["position"], states["quaternion"]]))

@@ -117,6 +117,15 @@ def test_a_missing_image_is_found_before_anything_is_written(written, tmp_path):
     export(copy, "euroc", tmp_path / "out")  # which takes no depth
 
 
+@pytest.mark.parametrize("name", ["euroc", "tum", "mcap", "stream"])
+def test_readings_that_are_gone_are_bad_input_not_an_export_without_them(written, tmp_path, name):
+    copy = shutil.copytree(written, tmp_path / "copy")
+    Dataset(copy).layout.sensor("imu0").unlink()
+    with pytest.raises(InputError, match=r"imu0_data.csv.*no such file"):
+        export(copy, name, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_cameras_that_stand_in_the_world_have_poses_but_no_place_on_a_body(tmp_path):
     scene = make_scene(vehicle={"cameras": [
         {"id": "M0", "mount": "world", "position": [0, -2, 0], "resolution": [16, 9]}], "imu": {}, "depth_gauge": {}},

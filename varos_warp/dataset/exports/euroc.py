@@ -22,7 +22,7 @@ TIME = "#timestamp [ns]"
 
 def write(job: Job) -> None:
     """Write the folder; cameras that stand in the world have no T_BS and are left out."""
-    if not job.data.layout.states.is_file():
+    if "vehicle" not in job.data.recorded:
         raise InputError("EuRoC needs the course of the vehicle, which this dataset lacks", file=job.data.root,
                          remedy="`varos-warp simulate` into the same folder adds it.")
     cameras = [camera for camera in job.cameras if job.data.camera(camera)["mount"] != "world"]
@@ -33,12 +33,12 @@ def write(job: Job) -> None:
                          remedy="Export to colmap, nerfstudio or tum.")
     body = _body(job)
     T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in cameras}
-    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if job.has_sensor("imu0") else
+    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if "imu0" in job.data.recorded else
                                        "varos_warp: B is the vehicle, x right, y forward, z up"})
     for number, camera in enumerate(cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
-    if not job.has_sensor("imu0"):
+    if "imu0" not in job.data.recorded:
         states = job.data.states()
         _ground_truth(job, states["time_ns"], job.data.poses("vehicle")[1], states["velocity"])
         return
@@ -49,7 +49,7 @@ def write(job: Job) -> None:
 
 def _body(job: Job) -> np.ndarray:
     """T_v_B."""
-    return np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if job.has_sensor("imu0") else np.eye(4)
+    return np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if "imu0" in job.data.recorded else np.eye(4)
 
 
 # -------------------------------------------------------------------------------------------------------------- mav0
@@ -108,7 +108,7 @@ def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np
 
 def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
     """EuRoC knows none; it has its own folder, which readers pass over."""
-    if not job.has_sensor("depth0"):
+    if "depth0" not in job.data.recorded:
         return
     gauge, facts = job.data.depth_gauge(), job.data.meta["sensors"]["depth0"]
     files.write_csv(job.out / "mav0/depth_gauge0/data.csv", [TIME, "depth [m]"], gauge["time_ns"], gauge["depth"])

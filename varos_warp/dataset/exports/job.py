@@ -123,12 +123,8 @@ class Job:
 
     @property
     def noises(self) -> dict[str, str]:
-        """What noise everything that can have some has."""
-        return {name: self.noise(name) for name in (*self.data.meta["sensors"], self.images)}
-
-    def has_sensor(self, name: str) -> bool:
-        """Whether ``imu0`` or ``depth0`` was recorded; if its file is gone since, reading it says so."""
-        return name in self.data.recorded
+        """What noise each sensor and the images have, in words."""
+        return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
 
 
 def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:

@@ -68,15 +68,15 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     """Every message of the bag, sensor by sensor; static transforms first."""
     data = job.data
     yield data.start_ns, "/tf_static", lambda: messages.fixed(data.start_ns, _frames(job))
-    if job.has_sensor("imu0"):
+    if "imu0" in job.data.recorded:
         imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
         for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
             yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w, *variance)
-    if job.has_sensor("depth0"):
+    if "depth0" in job.data.recorded:
         gauge = data.depth_gauge()
         for t, depth in zip(gauge["time_ns"].tolist(), gauge["depth"].tolist(), strict=True):
             yield t, "/depth0", lambda depth=depth: messages["std_msgs/msg/Float64"](depth)
-    if data.layout.states.is_file():
+    if "vehicle" in data.recorded:
         yield from _course(data.states(), messages)
     for camera in job.cameras:
         yield from _camera(job, camera, messages)

@@ -27,7 +27,7 @@ def write(job: Job) -> None:
     rows = np.column_stack([T_w_c[:, :3, 3], quaternion(T_w_c, scalar_first=False)])
     job.text("groundtruth.txt", ["# camera in the world: OpenCV axes, world z up", "# timestamp tx ty tz qx qy qz qw",
                                  *(f"{s} {numbers(row)}" for s, row in zip(stamps, rows, strict=True))])
-    if job.has_sensor("imu0"):
+    if "imu0" in job.data.recorded:
         imu = job.data.imu()
         job.text("accelerometer.txt", [f"# specific force in the IMU's axes [m/s^2], {job.noise('imu0')}",
                                        "# timestamp ax ay az",
