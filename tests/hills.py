@@ -1,0 +1,61 @@
+"""A stand-in with relief: hills and an albedo that tell one frame from another, in A, B, C and D."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import standins
+
+from varos_warp.scene.frames import camera_pose, intrinsics
+
+
+def height(x, y):
+    return -3.0 + 0.25 * np.sin(3.0 * x + 1.0) * np.cos(2.5 * y) + 0.1 * np.sin(7.0 * y + x)
+
+
+class HillsRenderer(standins.FlatFloorRenderer):
+    """Rays marched to a height field; B is its albedo, A falls off with the distance."""
+
+    def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
+        view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        T, (width, rows) = camera_pose(view, T_w_v), view.resolution
+        col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(rows) + 0.5)
+        ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(intrinsics(view)).T
+        world = ray @ T[:3, :3].T
+
+        def above(z):
+            point = world * z[..., None] + T[:3, 3]
+            return point[..., 2] - height(point[..., 0], point[..., 1])
+        z = np.full(ray.shape[:2], 2.0)
+        low, found = z.copy(), np.zeros(z.shape, bool)
+        for step in np.arange(2.05, 12.0, 0.05):
+            under = ~found & (above(np.full(z.shape, step)) < 0.0)
+            low[under], found = step - 0.05, found | under
+        high = low + 0.05
+        for _ in range(40):
+            middle = (low + high) / 2
+            below = above(middle) < 0.0
+            low, high = np.where(below, low, middle), np.where(below, middle, high)
+        z = np.where(found, (low + high) / 2, np.inf)
+        point = np.where(found[..., None], world * np.where(found, z, 0)[..., None], 0.0) + T[:3, 3]
+        x, y, h = point[..., 0], point[..., 1], 1e-6
+        n = np.stack([height(x - h, y) - height(x + h, y), height(x, y - h) - height(x, y + h),
+                      np.full_like(x, 2 * h)], -1)
+        n /= np.linalg.norm(n, axis=-1, keepdims=True)
+        tone = np.where(found, 0.5 + 0.2 * np.sin(4 * x) * np.sin(5 * y) + 0.1 * np.sin(9 * x), 0.02)
+        grey = (tone[..., None] * np.ones(3)).astype(np.float32)
+        light = (grey / np.where(found, z, 3.0)[..., None] ** 2).astype(np.float32)
+        plain = {"residual": None, "denoised": None, "spp": float(spp), "lost_samples": 0, "layers": {}}
+        images = {
+            "A": SimpleNamespace(**plain, radiance=light, stderr=light * 0.01),
+            "B": SimpleNamespace(**plain, radiance=grey, stderr=grey * 0),
+            "C": SimpleNamespace(normal=np.where(found[..., None], n, 0.0).astype(np.float32)),
+            "D": SimpleNamespace(depth=z.astype(np.float32),
+                                 range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))}
+        return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
+
+
+def hills_scene():
+    vehicle = standins.scene_dict()["vehicle"]
+    camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
+    return standins.make_scene(vehicle=vehicle | {"cameras": [camera]},
+                               render={"denoise": "none", "denoise_b": "none", "depth_exr": True})
