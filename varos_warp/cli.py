@@ -105,7 +105,7 @@ def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames 
                  shard=parse_shard(shard))
     if not whole:
         return
-    page = write_report(Dataset(out), out / "report.html")
+    page = write_report(Dataset(out), out / "report.html", quiet)
     if not json_:
         print(f"look at {out / 'contact_sheet.png'} and {page}")
 
@@ -244,7 +244,7 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
     from varos_warp.dataset.layout import Dataset
     from varos_warp.dataset.report import write_report
 
-    page = write_report(Dataset(dataset), out or dataset / "report.html")
+    page = write_report(Dataset(dataset), out or dataset / "report.html", quiet)
     if json_:
         print_json({"report": str(page)})
     elif not quiet:

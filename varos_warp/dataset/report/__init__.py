@@ -1,0 +1,176 @@
+"""The report: one HTML page of a whole dataset that needs no other file and no network, and the contact sheet.
+
+The page is ``data/report/page.html`` with its style and scripts put in; everything it shows stands in it as JSON.
+"""
+
+import html
+import json
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import varos_warp
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.report import facts
+from varos_warp.dataset.report.curves import attenuation, curves
+from varos_warp.dataset.report.facts import Raw
+from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
+from varos_warp.dataset.report.world import scene_parts, world
+from varos_warp.render.outputs import OUTPUTS
+
+__all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
+
+SCRIPTS = ("app.js", "plots.js", "world.js", "start.js")
+READOUT = ("x, y [m]", "z [m]", "depth [m]", "heading", "pitch", "roll", "speed [m/s]", "gain of A", "D near – far [m]")
+
+
+def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
+    """Write one HTML page that needs no other file; its size stays below 20 MB however long the dataset is.
+
+    Args:
+        data: The dataset.
+        path: Of the page.
+        quiet: No progress on stderr.
+
+    Raises:
+        InputError: If something in the dataset cannot be read.
+    """
+    strip, scene = filmstrip(data, quiet), scene_parts(data)
+    words = {
+        "title": html.escape(data.meta["name"]), "version": html.escape(varos_warp.__version__),
+        "root": html.escape(data.root.absolute().name), "style": _text("page.css"),
+        "script": "\n".join(map(_text, SCRIPTS)),
+        "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
+                         for value, name in facts.headline(data)),
+        "warnings": _warnings(facts.warnings(data, scene.warnings)),
+        "data": _json(_content(data, strip, scene)),
+    }
+    sections = _sections(data, strip, scene.missing)
+    words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
+    words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: words[match[1]], _text("page.html"))
+    files.write_bytes(path, page.encode())
+    return path
+
+
+def _text(name: str) -> str:
+    return (resources.files("varos_warp") / "data" / "report" / name).read_text(encoding="utf-8")
+
+
+def _json(content: Any) -> str:
+    """JSON that may stand inside of a script element."""
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+# ------------------------------------------------------------------------------------------------- what scripts draw
+
+
+def _content(data: Dataset, strip: Filmstrip, scene) -> dict[str, Any]:
+    """Everything that the page's scripts show."""
+    rows = np.searchsorted(data.frames, strip.frames)
+    return {
+        "frames": strip.frames, "times": (data.views()[0][rows] * 1e-9).tolist(),
+        "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
+        "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
+        "plots": curves(data), "attenuation": attenuation(data), "world": world(data, strip.frames, scene),
+        "readout": READOUT, "now": {camera: _readout(data, strip.frames, camera) for camera in data.cameras},
+    }
+
+
+def _readout(data: Dataset, frames: list[int], camera: str) -> list[list[str]]:
+    """Where a camera is, how it moves and what it sees, as text for each frame."""
+    time_ns, T_w_c = data.views(camera)
+    speed = np.gradient(T_w_c[:, :3, 3], time_ns * 1e-9, axis=0) if len(time_ns) > 1 else np.zeros((1, 3))
+    has_gain = "A" in data.outputs and data.layout.camera_file(camera, "_exposure_A.csv").is_file()
+    gains = data.gains("A", camera) if has_gain else {}
+    rows = []
+    for frame, i in zip(frames, np.searchsorted(data.frames, frames), strict=True):
+        x, y, z = T_w_c[i, :3, 3]
+        rows.append([f"{x:.2f}, {y:.2f}", f"{z:.2f}", f"{data.meta['surface_depth_m'] - z:.2f}",
+                     *(f"{angle:.1f}°" for angle in heading_pitch_roll(T_w_c[i])),
+                     f"{np.linalg.norm(speed[i]):.2f}", f"{gains[frame]:.4g}" if frame in gains else "–",
+                     _nearest(data, frame, camera)])
+    return rows
+
+
+def heading_pitch_roll(T_w_c: np.ndarray) -> tuple[float, float, float]:
+    """Degrees: where a camera looks, from the world's y axis to its x axis; upwards; clockwise about its axis."""
+    right, _, forward = T_w_c[:3, :3].T
+    heading, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
+    level = np.array([np.cos(heading), -np.sin(heading), 0.0])  # to the right, without roll
+    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
+    return float(np.degrees(heading) % 360.0), float(np.degrees(pitch)), float(np.degrees(roll))
+
+
+def _nearest(data: Dataset, frame: int, camera: str) -> str:
+    if "D" not in data.outputs:
+        return "–"
+    depth = data.depth(frame, camera)[::4, ::4]
+    found = depth[np.isfinite(depth)]
+    return f"{found.min():.2f} – {found.max():.2f}" if found.size else "nothing"
+
+
+# ---------------------------------------------------------------------------------------------------- what is written
+
+
+def _warnings(found: list[str]) -> str:
+    if not found:
+        return '<p class="good">Nothing to warn of.</p>'
+    rows = "".join(f"<li>{html.escape(text)}</li>" for text in found)
+    return f'<div class="warnings" role="note"><b>Before you use it</b><ul>{rows}</ul></div>'
+
+
+def _sections(data: Dataset, strip: Filmstrip, missing: str | None) -> list[tuple[str, str, str]]:
+    """(id, title, HTML) of every section, in order."""
+    return [
+        ("frames", "Frames", _frames(data, strip)), ("course-section", "Course", _course(missing)),
+        ("curves", "Sensors and exposure", '<div id="plots"></div>'),
+        ("water", "Water, cameras, sensors", _setup(data)),
+        ("plan", "Plan", f'<div class="card stack">{facts.plan(data)}</div>'),
+        ("timings", "Rendering", f'<div class="card">{facts.timings(data)}{facts.measures(data)}</div>'),
+        ("provenance", "What it was made of", f'<div class="card">{facts.provenance(data)}</div>'),
+    ]
+
+
+def _frames(data: Dataset, strip: Filmstrip) -> str:
+    if not strip.frames:
+        return "<p class=empty>None yet.</p>"
+    total = sum(len(whole_frames(data, camera)) for camera in data.cameras[:1])
+    shown = "every frame" if len(strip.frames) == total else f"{len(strip.frames)} of {total} frames, evenly spread"
+    legend, about = "", data.camera()
+    if "D" in data.outputs:
+        from matplotlib import colormaps
+        from matplotlib.colors import to_hex
+
+        stops = ", ".join(to_hex(colormaps["viridis"](1 - i / 8)) for i in range(9))
+        near, far = strip.near_far
+        bar = f'<i style="background:linear-gradient(90deg,{stops})"></i>'
+        legend = f'<span class="legend">D: {near:.3g} m {bar} {far:.3g} m</span>'
+    shape = f"--n:{len(data.outputs)};--aspect:{about['width'] / about['height']:.4g}"
+    return Raw(f'''<div class="head"><span class="note">{shown}, {strip.width} pixels wide<span class="wide">; click an
+image to enlarge it, arrow keys step, space plays</span></span><span class="choice"><button type="button"
+data-layout="focus" aria-pressed="true">one large</button><button type="button" data-layout="grid"
+aria-pressed="false">side by side</button></span></div>
+<div id="viewer" class="focus" style="{shape}"></div>{legend}
+<h3>Contact sheet</h3><div id="sheet"></div>''')
+
+
+def _course(missing: str | None) -> str:
+    note = "" if missing is None else (
+        f'<p class="note">The scene’s meshes could not be made anew ({html.escape(missing)}); the points are D of a '
+        "few frames, carried into the world by the poses.</p>")
+    return f'''<div id="course" class="card"><div id="world"><canvas tabindex="0" role="img"
+aria-label="Course, ground and camera"></canvas><span class="hint">drag to turn, shift-drag to move</span>
+<span class="tools"><button type="button" data-tool="nearer" aria-label="Nearer">+</button>
+<button type="button" data-tool="farther" aria-label="Farther">−</button>
+<button type="button" data-tool="top">top</button>
+<button type="button" data-tool="whole">reset</button></span></div><dl id="now"></dl></div>{note}'''
+
+
+def _setup(data: Dataset) -> str:
+    return (f'<div class="two"><div class="card">{facts.water(data)}</div><div id="water-plot"></div></div>'
+            f'<div class="card stack" style="margin-top:12px">{facts.cameras(data)}{facts.equipment(data)}</div>')

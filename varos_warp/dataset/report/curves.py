@@ -1,0 +1,115 @@
+"""Curves for the page: what the sensors read, how the vehicle moved, the exposure and the time that images took.
+
+A long recording is drawn by the ends of what it does in each of a thousand intervals, so that no peak is lost.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Dataset
+from varos_warp.render.outputs import OUTPUTS
+
+INTERVALS = 1000
+"""Of time, in each of which a curve's least and greatest value are kept."""
+
+
+def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> tuple[np.ndarray, np.ndarray]:
+    """Curves with few points that cover the same values.
+
+    Args:
+        x: float64 [N], ascending.
+        columns: float64 [N, k].
+        intervals: Of equally many points each.
+
+    Returns:
+        x [M] and columns [M, k], M <= 2 intervals: as they are if they are short, else the least and the greatest value
+        of each interval in turn.
+    """
+    if len(x) <= 2 * intervals:
+        return x, columns
+    starts = np.linspace(0, len(x), intervals, endpoint=False).astype(int)
+    low, high = np.minimum.reduceat(columns, starts), np.maximum.reduceat(columns, starts)
+    ends = np.append(starts[1:], len(x)) - 1
+    return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * intervals, -1)
+
+
+def curve(title: str, unit: str, x: np.ndarray, columns: np.ndarray, names, **more) -> dict[str, Any]:
+    """A plot as the page draws it; ``more``: ``log`` for a logarithmic axis, ``distance`` where x is no time."""
+    columns = np.reshape(columns, (len(x), -1))
+    x, columns = envelope(np.asarray(x, float), columns)
+    return {"title": title, "unit": unit, "x": _short(x), "y": [_short(column) for column in columns.T],
+            "names": list(names)} | more
+
+
+def _short(values: np.ndarray, digits: int = 6) -> list[float | None]:
+    """Six digits are more than a screen shows; what is no number is left out."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
+
+
+def curves(data: Dataset) -> list[dict[str, Any]]:
+    """Every plot over time that the dataset has something for.
+
+    Raises:
+        InputError: If a table cannot be read.
+    """
+    plots = []
+    if "imu0" in data.recorded:
+        imu = data.imu()
+        time = imu["time_ns"] * 1e-9
+        plots += [curve("Specific force", "m/s²", time, imu["acceleration"], "xyz"),
+                  curve("Angular velocity", "rad/s", time, imu["angular_velocity"], "xyz")]
+    if "depth0" in data.recorded:
+        gauge = data.depth_gauge()
+        time, names = gauge["time_ns"] * 1e-9, ["below the surface"]
+        plots.append(curve("Depth gauge", "m", time, gauge["depth"], names, down=True))
+    if "vehicle" in data.recorded:
+        state = data.states()
+        speed = np.linalg.norm(state["velocity"], axis=1)
+        plots.append(curve("Speed", "m/s", state["time_ns"] * 1e-9, speed, ["speed"]))
+    return plots + _exposure(data) + _seconds(data)
+
+
+def _exposure(data: Dataset) -> list[dict[str, Any]]:
+    """Gain of every exposed output of every camera, over the frames that all of them have."""
+    gains = {f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
+             for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color
+             and data.layout.camera_file(camera, f"_exposure_{output}.csv").is_file()}
+    frames = [f for f in data.frames if all(f in gain for gain in gains.values())]
+    if not gains or not frames:
+        return []
+    columns = np.array([[gain[f] for gain in gains.values()] for f in frames])
+    time = data.views()[0][np.searchsorted(data.frames, frames)] * 1e-9
+    return [curve("Exposure gain", "", time, columns, gains, log=True)]
+
+
+def logs(data: Dataset) -> list[dict[str, Any]]:
+    """What the runs that rendered the dataset logged, in order of their end; those that cannot be read are left out."""
+    found = []
+    for path in sorted((data.root / "log").glob("*.json")):
+        log = files.read_json(path)
+        if isinstance(log, dict) and isinstance(log.get("frames"), list):
+            found.append(log)
+    return found
+
+
+def _seconds(data: Dataset) -> list[dict[str, Any]]:
+    """Seconds that each frame took, all cameras together, where all were logged; the last time counts."""
+    took: dict[tuple[int, str], float] = {}
+    for log in logs(data):
+        took |= {(row["frame"], row["camera"]): row["seconds"] for row in log["frames"]}
+    known = [i for i, f in enumerate(data.frames) if all((f, camera) in took for camera in data.cameras)]
+    if len(known) < 2:
+        return []
+    seconds = np.array([sum(took[data.frames[i], camera] for camera in data.cameras) for i in known])
+    return [curve("Rendering", "s a frame", data.views()[0][known] * 1e-9, seconds, ["seconds"])]
+
+
+def attenuation(data: Dataset) -> dict[str, Any]:
+    """What the water leaves of light along a straight way: exp(-sigma_t d) per channel."""
+    water = data.meta["water"]
+    sigma_t = np.add(water["sigma_a"], water["sigma_s"])
+    distance = np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
+    return curve("Light left in the water after", "%", distance, 100 * np.exp(-distance[:, None] * sigma_t),
+                 ["red", "green", "blue"], distance=True, zero=True)

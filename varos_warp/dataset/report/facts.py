@@ -1,0 +1,223 @@
+"""Facts for the page, as tables: the dataset, its water, cameras and sensors, the plan, the runs, what looks wrong."""
+
+import html
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import yaml
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.report.curves import logs
+from varos_warp.errors import InputError
+from varos_warp.render.outputs import OUTPUTS
+
+MOST_WARNINGS = 40
+"""Listed singly."""
+
+
+def cells(values: Iterable, tag: str = "td") -> str:
+    """A row of a table; what begins with ``<`` by design comes as `Raw`."""
+    return "".join(f"<{tag}>{value if isinstance(value, Raw) else html.escape(str(value))}</{tag}>" for value in values)
+
+
+class Raw(str):
+    """Text that is HTML already."""
+
+
+def table(rows: Iterable[Iterable], header: Iterable | None = None, kind: str = "") -> Raw:
+    """An HTML table; of rows without a header the first column names them."""
+    head = f"<thead><tr>{cells(header, 'th')}</tr></thead>" if header else ""
+    body = "".join(f"<tr><th>{html.escape(str(first))}</th>{cells(rest)}</tr>" for first, *rest in rows)
+    return Raw(f'<div class="scroll"><table class="{kind}">{head}<tbody>{body}</tbody></table></div>')
+
+
+def number(x: float) -> str:
+    """Four digits."""
+    return f"{x:.4g}"
+
+
+def numbers(values: Iterable[float], unit: str = "") -> str:
+    """Four digits each."""
+    return ", ".join(map(number, values)) + (f" {unit}" if unit else "")
+
+
+# --------------------------------------------------------------------------------------------------------- the dataset
+
+
+def headline(data: Dataset) -> list[tuple[str, str]]:
+    """(value, name) of what a person asks first."""
+    meta, rate = data.meta, data.meta["frames"]["rate_hz"]
+    tiles = [(f"{len(data)}", "frames" if len(data) == meta["frames"]["of"] else f"of {meta['frames']['of']} frames"),
+             (f"{len(data) / rate:.4g} s", f"at {rate:g} Hz")]
+    if "vehicle" in data.recorded:
+        state = data.states()
+        step = np.linalg.norm(np.diff(state["position"], axis=0), axis=1)
+        depth = meta["surface_depth_m"] - state["position"][:, 2]
+        speed = np.linalg.norm(state["velocity"], axis=1).mean()
+        tiles += [(f"{step.sum():.3g} m", "course"), (f"{speed:.2g} m/s", "mean speed"),
+                  (f"{depth.min():.4g}–{depth.max():.4g} m", "depth")]
+    first = data.camera()
+    tiles.append((f"{first['width']} × {first['height']}", "pixels" if len(data.cameras) == 1 else
+                  f"pixels, {len(data.cameras)} cameras"))
+    seconds = [row["seconds"] for log in logs(data) for row in log["frames"]]
+    return tiles + ([(f"{np.median(seconds):.3g} s", "to render a frame")] if seconds else [])
+
+
+def water(data: Dataset) -> Raw:
+    """Optical properties by channel."""
+    w = data.meta["water"]
+    sigma_t = np.add(w["sigma_a"], w["sigma_s"])
+    with np.errstate(divide="ignore"):
+        rows = [("absorption a [1/m]", w["sigma_a"]), ("scattering b [1/m]", w["sigma_s"]),
+                ("attenuation c [1/m]", sigma_t), ("albedo b / c", w["albedo"]), ("mean free path [m]", 1 / sigma_t),
+                ("a tenth of the light left at [m]", np.log(10) / sigma_t)]
+    text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
+    return Raw(f"{text}<p class=note>Given as {html.escape(w['source'])}; Henyey-Greenstein phase function, "
+               f"g = {w['g']:g}.</p>")
+
+
+def cameras(data: Dataset) -> Raw:
+    """Calibration, and where each camera is."""
+    rows = []
+    for about in data.meta["cameras"]:
+        K = np.array(about["K_opencv"])
+        fov = 2 * np.degrees(np.arctan([about["width"] / 2 / K[0, 0], about["height"] / 2 / K[1, 1]]))
+        place = np.array(about.get("T_v_c") or about.get("T_w_c") or np.full((4, 4), np.nan))[:3, 3]
+        rows.append((about["id"], f"{about['width']} × {about['height']}", numbers((K[0, 0], K[1, 1])),
+                     numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°",
+                     f"{about.get('f_stop', '–')}", number(about["focus_m"]) if about.get("focus_m") else "–",
+                     f"{about['mount']}: {numbers(place)}"))
+    return table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
+                        "mounted on, at [m]"), "numbers")
+
+
+def equipment(data: Dataset) -> Raw:
+    """Lights and sensors."""
+    rows = [(f"light {i}", f"{light.get('kind', '')}, {numbers(light.get('intensity', ()), 'W/sr')}",
+             numbers(light.get("position", ()), "m"), f"cone {light['cone_deg']:g}°" if light.get("cone_deg") else "")
+            for i, light in enumerate(data.meta["lights"])]
+    for name, sensor in data.meta["sensors"].items():
+        rows.append((name, f"{sensor['rate_hz']:g} Hz", numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),
+                     "with noise" if sensor["noise"] else "noise-free"))
+    return table(rows, ("", "", "on the vehicle at", ""), "numbers")
+
+
+# ------------------------------------------------------------------------------------------------- plan and rendering
+
+
+def plan(data: Dataset) -> Raw:
+    """What was decided, why, and the error that it makes; and what makes each output."""
+    samples = data.meta["samples"]
+    chosen = samples["plan"]
+    if not chosen:
+        return Raw("<p class=empty>Nothing is rendered yet.</p>")
+    decisions = chosen.get("decisions") or []
+    if decisions:
+        rows = [(d["what"], d["choice"], *_percent(d.get("error")), d["reason"]) for d in decisions]
+        if chosen.get("error"):
+            rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
+        text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
+    else:
+        text = Raw("<ul>" + "".join(f"<li>{html.escape(str(r))}</li>" for r in chosen.get("reasons", [])) + "</ul>")
+    models = table((letter, OUTPUTS[letter].content, how) for letter, how in (chosen.get("models") or {}).items()
+                   if letter in data.outputs)
+    by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
+    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}.</p>")
+
+
+def _percent(error) -> list[str]:
+    return ["", "", ""] if not error else [f"{100 * e:.2f}" for e in error]
+
+
+def timings(data: Dataset) -> Raw:
+    """The runs that rendered the dataset."""
+    rows = []
+    for log in logs(data):
+        seconds = np.array([row["seconds"] for row in log["frames"]])
+        rows.append((log.get("ended", "").replace("T", " ")[:16], f"{log.get('model')} ({log.get('device')})",
+                     len(seconds), f"{seconds.sum():.1f} s", f"{np.median(seconds):.3g} s" if len(seconds) else "",
+                     f"{log.get('compile_seconds', 0):.1f} s"))
+    if not rows:
+        return Raw("<p class=empty>No run left a log.</p>")
+    return table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
+
+
+def provenance(data: Dataset) -> Raw:
+    """What made the dataset, and of what."""
+    meta = data.meta
+    rows = [("name", meta["name"]), ("sequence, vehicle", f"{meta['sequence']}, {meta['vehicle']}"),
+            ("seed", meta["seed"]),
+            ("outputs", "; ".join(f"{o}: {OUTPUTS[o].content}" for o in data.outputs) or "none"),
+            ("depth", f"{meta['depth']['kind']}, {numbers(meta['depth']['range_m'])} m, steps of "
+                      f"{1000 * meta['depth']['scale_m']:.3g} mm"),
+            ("device", (meta["device"] or {}).get("model", "nothing rendered yet")),
+            *((package, version) for package, version in meta["versions"].items()),
+            *((f"file {name}", f"SHA-256 {digest}") for name, digest in meta["sources"].items())]
+    scene = html.escape(yaml.safe_dump(meta["scene"], sort_keys=False, default_flow_style=None, width=110))
+    return Raw(f"{table(rows)}<details><summary>The scene, every key</summary><pre>{scene}</pre></details>")
+
+
+# ------------------------------------------------------------------------------------------------------------ warnings
+
+
+def warnings(data: Dataset, scene: list[str]) -> list[str]:
+    """What a person should know before using the dataset.
+
+    Args:
+        data: The dataset.
+        scene: What looks wrong in its scene.
+    """
+    found = [*_incomplete(data), *scene]
+    for log in logs(data):
+        found += map(str, log.get("messages", []))
+        lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}
+        if lost:
+            found.append(f"{sum(lost.values())} samples in {len(lost)} frames were infinite or not a number and count "
+                         f"as black; the first in frame {min(lost)}")
+    found += _validation(data)
+    found = list(dict.fromkeys(found))
+    more = len(found) - MOST_WARNINGS
+    return found if more <= 0 else [*found[:MOST_WARNINGS], f"and {more} more"]
+
+
+def _incomplete(data: Dataset) -> list[str]:
+    """Images that are not there."""
+    found = []
+    for camera in data.cameras:
+        for output in data.outputs:
+            missing = [f for f in data.frames if not files.is_complete(data.layout.png(camera, output, f))]
+            if missing:
+                found.append(f"camera {camera}: {output} of {len(missing)} of {len(data)} frames is missing, the first "
+                             f"of frame {missing[0]}")
+    return found
+
+
+def validation(data: Dataset) -> dict[str, Any] | None:
+    """What `varos-warp validate` found, where it left its result in the dataset."""
+    path = data.root / "validation.json"
+    if not path.is_file():
+        return None
+    try:
+        result = files.read_json(path)
+    except InputError:
+        return None
+    return result if isinstance(result, dict) and isinstance(result.get("problems"), list) else None
+
+
+def _validation(data: Dataset) -> list[str]:
+    result = validation(data)
+    return [f"validate: {problem}" for problem in result["problems"]] if result else []
+
+
+def measures(data: Dataset) -> Raw:
+    """What `varos-warp validate` measured."""
+    result = validation(data)
+    if result is None:
+        return Raw("")
+    rows = [(m["name"], number(m["value"]), number(m["limit"]), m["unit"]) for m in result.get("measures", [])]
+    count = len(result["problems"])
+    words = f"{count} problems" if count != 1 else "1 problem"
+    return Raw(f"<h3>Validation: {'no problem' if not count else words}</h3>"
+               + table(rows, ("measure", "value", "limit", "unit"), "numbers"))

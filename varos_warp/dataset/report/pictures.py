@@ -1,0 +1,191 @@
+"""Pictures for the eye: colours of D and S, the contact sheet, and the small images that a page carries along."""
+
+import base64
+import io
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.progress import Progress
+from varos_warp.render.outputs import DEPTH_LEVELS, OUTPUTS
+
+WIDTHS = (640, 512, 400, 320, 256, 200, 160)
+"""Of embedded images; the first that fits."""
+MOST_IMAGES = 1200
+"""Embedded in a page."""
+BUDGET = 12_000_000
+"""Bytes of all embedded images; a third more as base64."""
+
+
+def spread(frames: list[int], count: int) -> list[int]:
+    """At most ``count`` of the frames, evenly spread from the first to the last."""
+    picks = np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))
+    return [frames[i] for i in picks]
+
+
+def whole_frames(data: Dataset, camera: str) -> list[int]:
+    """Frames of which every output is there."""
+    return [f for f in data.frames if all(files.is_complete(data.layout.png(camera, o, f)) for o in data.outputs)]
+
+
+# ------------------------------------------------------------------------------------------------------------ colours
+
+
+def preview(data: Dataset, output: str, frame: int, camera: str | None, width: int,
+            near_far: tuple[float, float] | None = None):
+    """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object.
+
+    Args:
+        data: The dataset.
+        output: Its letter.
+        frame: Number of the frame.
+        camera: Its id; absent: the first.
+        width: Of the picture, in pixels.
+        near_far: Distances [m] of the brightest and the darkest colour of D; absent: those of the image.
+    """
+    from PIL import Image
+
+    pixels = data.pixels(output, frame, camera)
+    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
+    if output in "DS":  # neither distances nor numbers of objects have a mean across an edge
+        row, col = (_centres(*sizes) for sizes in zip(pixels.shape, (height, width), strict=True))
+        pixels = pixels[np.ix_(row, col)]
+        if output == "S":
+            return Image.fromarray(_segment_colors(pixels))
+        return Image.fromarray(_depth_colors(pixels, near_far, data.meta["depth"]["range_m"]))
+    return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
+
+
+def _centres(count: int, fewer: int) -> np.ndarray:
+    """Pixels in the middles of ``fewer`` even parts of a row of them."""
+    return ((np.arange(fewer) + 0.5) * count / fewer).astype(int)
+
+
+def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tuple[float, float]:
+    """Distances [m] between which nearly all of D lies in these frames; the range of D where it has none."""
+    start, end = data.meta["depth"]["range_m"]
+    samples = [data.pixels("D", frame, camera)[::7, ::7].ravel() for camera in cameras for frame in frames]
+    found = np.concatenate([*samples, np.zeros(0, np.uint16)])
+    found = found[found < DEPTH_LEVELS]
+    if not found.size:
+        return start, end
+    near, far = np.percentile(found, (0.5, 99.5)) * ((end - start) / DEPTH_LEVELS) + start
+    return max(float(near), 1e-3), max(float(far), float(near) + 1e-2)
+
+
+def _depth_colors(pixels: np.ndarray, near_far: tuple[float, float] | None, range_m) -> np.ndarray:
+    """Colours of D, even steps of its logarithm between two distances; black where nothing is within the range."""
+    from matplotlib import colormaps
+
+    hit, (start, end) = pixels < DEPTH_LEVELS, range_m
+    depth = np.maximum(start + pixels * ((end - start) / DEPTH_LEVELS), 1e-4)
+    near, far = near_far or ((depth[hit].min(), depth[hit].max() * 1.001) if hit.any() else (1.0, 2.0))
+    share = np.log(far / depth) / np.log(far / near)
+    colors = (colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
+    colors[~hit] = 0
+    return colors
+
+
+def _segment_colors(pixels: np.ndarray) -> np.ndarray:
+    """A colour for each number, unlike those of its neighbours (hues a golden section apart); black where it is 0."""
+    from matplotlib.colors import hsv_to_rgb
+
+    number = pixels.astype(float)
+    hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), np.where(pixels > 0, 0.95, 0.0)], -1)
+    return (hsv_to_rgb(hsv) * 255).astype(np.uint8)
+
+
+# ------------------------------------------------------------------------------------------------------ contact sheet
+
+
+def contact_sheet(data: Dataset, path: Path, columns: int = 5, width: int = 384) -> None:
+    """One picture of a dataset: a row for each of A, B, C, D (of each camera), a column for each of some frames."""
+    from PIL import Image, ImageDraw
+
+    rows = []
+    for camera in data.cameras:
+        picks = spread(whole_frames(data, camera), columns)
+        rows += [[(preview(data, o, f, camera, width), f"{camera} {o} {f}") for f in picks] for o in data.outputs]
+    rows = [row for row in rows if row]
+    if not rows:
+        return
+    heights = [row[0][0].height + 2 for row in rows]
+    sheet = Image.new("RGB", (max(map(len, rows)) * (width + 2), sum(heights)), "white")
+    draw = ImageDraw.Draw(sheet)
+    for y, row in zip(np.cumsum([0, *heights]).tolist(), rows, strict=False):
+        for i, (image, label) in enumerate(row):
+            sheet.paste(image, (i * (width + 2), y))
+            draw.text((i * (width + 2) + 5, y + 3), label, fill="white", stroke_width=1, stroke_fill="black")
+    files.write_png(path, np.asarray(sheet))
+
+
+# ------------------------------------------------------------------------------------------------------------ filmstrip
+
+
+@dataclass(frozen=True)
+class Filmstrip:
+    """Small images of some frames, for a page to carry along."""
+
+    frames: list[int]
+    """Numbers of the frames shown."""
+    width: int
+    """Of every image, in pixels."""
+    images: dict[str, dict[str, list[str]]]
+    """By camera and output: base64 of WebP, one for each of the frames."""
+    near_far: tuple[float, float]
+    """Distances [m] of the ends of D's colours."""
+
+
+def filmstrip(data: Dataset, quiet: bool = True, budget: int = BUDGET) -> Filmstrip:
+    """As many frames, as large as fit into a number of bytes.
+
+    Raises:
+        InputError: If an image cannot be read.
+    """
+    whole = [whole_frames(data, camera) for camera in data.cameras]
+    common = sorted(set(whole[0]).intersection(*whole[1:])) if data.outputs else []
+    views = len(data.cameras) * len(data.outputs)
+    frames = spread(common, max(2, MOST_IMAGES // views)) if common else []
+    ends = depth_ends(data, spread(frames, 12), data.cameras) if frames and "D" in data.outputs else (0.0, 1.0)
+    if not frames:
+        return Filmstrip([], 0, {}, ends)
+    largest = max(data.camera(camera)["width"] for camera in data.cameras)
+    for width in [w for w in WIDTHS if w <= largest] or [largest]:
+        sample = _encode(data, spread(frames, 6), width, ends, True)
+        if _size(sample) * len(frames) / min(6, len(frames)) < 0.9 * budget:
+            break
+    images = _encode(data, frames, width, ends, quiet)
+    while _size(images) > budget and len(frames) > 2:  # a sample is a sample
+        frames = frames[::2]
+        images = {c: {o: strip[::2] for o, strip in outputs.items()} for c, outputs in images.items()}
+    return Filmstrip(frames, width, images, ends)
+
+
+def _size(images: dict) -> float:
+    """Bytes of the images, not of their base64."""
+    return sum(len(text) for outputs in images.values() for strip in outputs.values() for text in strip) * 3 / 4
+
+
+def _encode(data: Dataset, frames: list[int], width: int, ends: tuple[float, float], quiet: bool) -> dict:
+    """base64 of every image, by camera and output."""
+    work = [(camera, output, frame) for camera in data.cameras for output in data.outputs for frame in frames]
+
+    def encode(item: tuple[str, str, int]) -> str:
+        camera, output, frame = item
+        buffer = io.BytesIO()
+        quality = 88 if OUTPUTS[output].is_color else 80
+        preview(data, output, frame, camera, width, ends).save(buffer, "WEBP", quality=quality, method=3)
+        return base64.b64encode(buffer.getvalue()).decode()
+
+    images: dict[str, dict[str, list[str]]] = {camera: {o: [] for o in data.outputs} for camera in data.cameras}
+    with (ThreadPoolExecutor(os.cpu_count()) as pool,
+          Progress("images of the report", len(work), quiet=quiet) as progress):
+        for (camera, output, _), text in zip(work, pool.map(encode, work), strict=True):
+            images[camera][output].append(text)
+            progress.advance()
+    return images
