@@ -49,10 +49,9 @@ def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
     return depth
 
 
-def back_project(data: Dataset, frame: int, camera: str, depth: np.ndarray | None = None
-                 ) -> tuple[np.ndarray, np.ndarray]:
+def back_project(data: Dataset, frame: int, camera: str) -> tuple[np.ndarray, np.ndarray]:
     """Points [H, W, 3] of D in the world (inf where there are none) and the directions to them."""
-    depth, T_w_c = planar_depth(data, frame, camera) if depth is None else depth, data.T_w_c(frame, camera)
+    depth, T_w_c = planar_depth(data, frame, camera), data.T_w_c(frame, camera)
     rays = _pixel_rays(data, camera) @ T_w_c[:3, :3].T
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(depth)[..., None], rays * depth[..., None] + T_w_c[:3, 3], np.inf), rays
@@ -168,7 +167,10 @@ class _Frames:
         grid = np.zeros(depth.shape, bool)
         grid[step // 2::step, step // 2::step] = True
         pick = grid & np.isfinite(depth)
-        points = back_project(self.data, first, self.camera, depth)[0][pick]
+        row, col = np.nonzero(pick)
+        rays = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(self.K).T
+        T_w_c = self.data.T_w_c(first, self.camera)
+        points = rays * depth[pick, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3]
         u, v, z = _project(points, self.K, self.data.T_w_c(second, self.camera))
         height, width = other.shape
         inside = (z > 0) & (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1)
@@ -234,11 +236,28 @@ def _measure_neighbours(result: Validation, camera: str, letter: str, found: lis
 
 
 def _misfits(data: Dataset, camera: str, letter: str, pairs: dict, limits: dict[str, float]) -> Iterator[str]:
-    """Frames that fit fewer than half of their neighbours; of C, S and B only where D fits."""
-    for frame in data.frames:
-        mine = [found for pair, found in pairs.items() if frame in pair and letter in found
-                and (letter == "D" or found["D"] <= 1.0)]
-        bad = sum(found[letter] > limits[letter] for found in mine)
-        if bad > len(mine) / 2:
-            yield (f"{data.layout.png(camera, letter, frame).name}: does not fit the frames about it "
-                   f"({bad} of {len(mine)}): it shows another view than its pose")
+    """Frames that fit fewer than half of their neighbours; of C, S and B only where D fits.
+
+    The one with the most misfits comes first, and what it explains counts no more against its neighbours.
+    """
+    near: dict[int, list[int]] = {frame: [] for frame in data.frames}
+    apart: dict[int, set[int]] = {frame: set() for frame in data.frames}
+    for (one, other), found in pairs.items():
+        if letter in found and (letter == "D" or found["D"] <= 1.0):
+            for here, there in ((one, other), (other, one)):
+                near[here].append(there)
+                if found[letter] > limits[letter]:
+                    apart[here].add(there)
+    doubtful = {frame for frame in data.frames if len(apart[frame]) > len(near[frame]) / 2}
+    wrong = []
+    while doubtful:
+        worst = max(doubtful, key=lambda frame: (len(apart[frame]), len(apart[frame]) / len(near[frame])))
+        if not apart[worst]:
+            break
+        wrong.append(worst)
+        doubtful.remove(worst)
+        for other in apart[worst]:
+            apart[other].discard(worst)
+    for frame in sorted(wrong):
+        yield (f"{data.layout.png(camera, letter, frame).name}: does not fit the frames about it: it shows another "
+               "view than that of its pose")
