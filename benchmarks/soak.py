@@ -96,9 +96,10 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
     summary = produce(scene, out, device=device, renderer=renderer, quiet=True)
     if not summary.complete:
         raise RuntimeError("the dataset is not complete")
-    return {"machine": machine(device), "frames": frames, "size": list(size), "render": render, "images": summary.rendered,
-            "seconds": round(time.perf_counter() - wall, 1), "cpu_seconds": round(time.process_time() - cpu, 1),
-            "stages": summary.stages, "growth_per_frame": growth(renderer.samples), "after": resources(),
+    return {"machine": machine(device), "frames": frames, "size": list(size), "render": render,
+            "images": summary.rendered, "seconds": round(time.perf_counter() - wall, 1),
+            "cpu_seconds": round(time.process_time() - cpu, 1), "stages": summary.stages,
+            "growth_per_frame": growth(renderer.samples), "after": resources(),
             "python_threads_left": threading.active_count() - before, "samples": renderer.samples}
 
 

@@ -51,6 +51,8 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
         yield
     finally:
         _drop(lock, own)
+        with contextlib.suppress(OSError):
+            own.unlink()  # Windows removes no file that is open
         _remove_unused(folder)
 
 

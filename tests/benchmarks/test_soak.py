@@ -1,0 +1,46 @@
+"""Nothing grows over a run: the short form of the soak, with the real renderer on the CPU."""
+
+import sys
+
+import pytest
+
+from benchmarks import soak
+
+SIZE = (64, 36)
+FRAME_BYTES = SIZE[0] * SIZE[1] * 4 * (6 * 3 + 2 * 3 + 3 + 2)
+"""float32 images of a frame: six of A (radiance, error, layers, denoised), two of B, C and D."""
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
+
+@linux
+def test_three_hundred_frames_leave_no_memory_handle_or_thread_behind(tmp_path):
+    """A tenth of the frames kept by anybody would be found, and a handle or a thread left by one in fifty."""
+    result = soak.soak(300, SIZE, "cpu", tmp_path / "out", integrator="path")
+    growth = result["growth_per_frame"]
+    assert growth["bytes"] < 0.1 * FRAME_BYTES
+    assert growth["handles"] < 0.02
+    assert growth["threads"] < 0.02
+    assert result["python_threads_left"] == 0
+    assert result["images"] == 1200
+    assert set(range(0, 300, 3)) <= {sample["frame"] for sample in result["samples"]}
+
+
+@linux
+def test_a_renderer_that_keeps_its_images_is_found_out(tmp_path, monkeypatch):
+    kept = []
+
+    class Leaking(soak.Watched):
+        def render(self, *args, **options):
+            kept.append(super().render(*args, **options))
+            return kept[-1]
+
+    monkeypatch.setattr(soak, "Watched", Leaking)
+    result = soak.soak(100, SIZE, "cpu", tmp_path / "out", integrator="path")
+    assert result["growth_per_frame"]["bytes"] > 0.3 * FRAME_BYTES
+
+
+def test_growth_is_the_slope_after_the_run_has_settled():
+    samples = [{"frame": k, "rss_mb": 100.0 + 0.002 * k + (k < 10) * 50, "handles": 6 + 0.5 * k, "threads": 4}
+               for k in range(50)]
+    assert soak.growth(samples) == pytest.approx({"bytes": 2000.0, "handles": 0.5, "threads": 0.0})
