@@ -409,3 +409,13 @@ def test_with_tables_no_scattering_is_left_out_and_fewer_samples_are_needed():
 def test_tables_give_way_to_paths_where_scatterings_are_bounded():
     scene = make_scene(integrator="auto", max_scatterings=1)
     assert plan_render(scene, make_renderer(scene), [POSE]).models["A"].startswith("path tracer")
+
+
+def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
+    """One pixel in a thousand of each judge holds 5 % of the light, as in turbid water; a denoiser cuts such pixels."""
+    rng = np.random.default_rng(7)
+    image = np.full((60, 80, 3), 0.95, np.float32)
+    judges = [np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1) for _ in range(64)]
+    found = pilot.error([image], judges, sigmas=0.0)
+    light = 0.05 / np.sqrt(64 * 4800 * 1e-3)  # standard error of the rare light's mean
+    np.testing.assert_allclose(found, 0.05, atol=5.0 * light)

@@ -77,7 +77,7 @@ def scouted_noise(view: View) -> np.ndarray:
 
 FIREFLY = 3.0
 """A pixel of a judge that is brighter than so many times what it judges, there and around, is cut to that: what one
-path in a million carries is beyond a pilot, and alone would decide."""
+path in a million carries is beyond a pilot, and alone would decide. In the mean of the image it counts in full."""
 AROUND = 9
 """Side [pixels] of what is around."""
 SIGMAS = 1.0
@@ -111,9 +111,16 @@ def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) ->
         limit = FIREFLY * np.maximum(np.maximum(image, around), DARK * image.mean((0, 1)))
         sane = np.clip(judges, -limit, limit)
         square = (image - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
-        squares.append(square.mean((0, 1)))
+        cut = _squared_offset(image, judges) - _squared_offset(image, sane)
+        squares.append(square.mean((0, 1)) + cut)
         unsure.append(square.std((0, 1)) / np.sqrt(square[..., 0].size))
     return np.mean(squares, axis=0), np.mean(unsure, axis=0)
+
+
+def _squared_offset(image: np.ndarray, judges: np.ndarray) -> np.ndarray:
+    """Square of how far the mean of an image is from that of its judges [3], less what their noise adds to it."""
+    means = judges.mean((1, 2))
+    return (image.mean((0, 1)) - means.mean(0)) ** 2 - means.var(axis=0, ddof=1) / len(judges)
 
 
 def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
