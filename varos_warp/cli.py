@@ -271,6 +271,8 @@ def export(dataset: Folder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
            raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
+           start_ns: Annotated[int, typer.Option(help="Time of the beginning, added to all stamps: ROS takes 0 for "
+                                                      "none.")] = 0,
            json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
 
@@ -278,7 +280,7 @@ def export(dataset: Folder,
     """
     from varos_warp.dataset.exports import export as write
 
-    job = write(dataset, to, out, images, camera, quiet, raw)
+    job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
