@@ -224,6 +224,7 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
     from varos_warp.dataset.validate import validate as check
 
     result = check(dataset, quiet)
+    result.keep(dataset)
     if json_:
         print_json(asdict(result))
     else:

@@ -7,8 +7,10 @@ import shutil
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from standins import make_scene
+from standins import make_scene, tree
+from typer.testing import CliRunner
 
+from varos_warp.cli import app
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce
@@ -17,6 +19,7 @@ from varos_warp.dataset.report.curves import attenuation, curves, envelope
 from varos_warp.dataset.report.facts import headline, warnings
 from varos_warp.dataset.report.pictures import filmstrip, preview
 from varos_warp.dataset.report.world import SceneParts, back_project, decimate, scene_parts, world
+from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.scene.frames import R_V_C
 
 
@@ -250,22 +253,34 @@ def test_the_headline_is_measured_on_the_dataset(data):
     assert tiles["pixels, 2 cameras"] == "48 × 27"
 
 
-def test_messages_lost_samples_and_findings_are_warned_of(copy):
+def test_what_runs_said_samples_and_findings_are_told(copy):
     path = next((copy / "log").glob("*.json"))
     log = files.read_json(path)
-    log["messages"] = ["something was said"]
+    log["messages"].append("something was said")
     log["frames"][3]["lost_samples"] = 5
     files.write_json(path, log)
     problem = "seq01: is <not> there"
-    files.write_json(copy / "validation.json", {"problems": [problem], "measures": [
-        {"name": "IMU against poses", "value": 1e-9, "limit": 1e-6, "unit": "m/s^2"}]})
+    outcome = Validation([problem])
+    outcome.measure("IMU against poses", float("nan"), 1e-6, "m/s^2")
+    outcome.keep(copy)
     found = warnings(Dataset(copy), ["the scene looks odd"])
-    assert found[:2] == ["the scene looks odd", "something was said"]
-    assert "5 samples in 1 frames" in found[2]
-    assert found[3] == f"validate: {problem}"
+    assert found[0] == "the scene looks odd"
+    assert "5 samples in 1 frames" in found[1]
+    assert found[2] == f"validate: {problem}"
     page = write_report(Dataset(copy), copy / "report.html").read_text()
     assert "is &lt;not&gt; there" in page
     assert "IMU against poses" in page
+    assert "<li>something was said</li>" in page
+    assert ": 2 problems</h3>" in page
+
+
+def test_what_validate_measured_is_in_the_report_and_does_not_change_the_dataset(copy):
+    before = tree(copy)
+    assert CliRunner().invoke(app, ["validate", str(copy), "-q"]).exit_code == 0
+    assert tree(copy) == before
+    page = write_report(Dataset(copy), copy.parent / "report.html").read_text()
+    assert re.search(r"Validation, 20\d\d-\d\d-\d\d \d\d:\d\d: no problem", page)
+    assert CliRunner().invoke(app, ["validate", str(copy), "-q"]).exit_code == 0  # what it left is no problem
 
 
 def test_many_warnings_are_counted(data):

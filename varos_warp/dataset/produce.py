@@ -321,7 +321,8 @@ class _Job:
         seconds = self.clock.rounded()
         content = {"ended": stamp.isoformat(timespec="seconds"), "device": renderer.device,
                    "model": renderer.device_name, "compile_seconds": round(renderer.compile_seconds, 3),
-                   "versions": writers.versions(), "stages": seconds, "frames": self.made.timings}
+                   "versions": writers.versions(), "stages": seconds, "messages": self.summary.messages,
+                   "frames": self.made.timings}
         with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
             files.write_json(self.layout.root / "log" / name, content)
         words = [", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)

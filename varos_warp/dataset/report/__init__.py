@@ -49,7 +49,7 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
         "warnings": _warnings(facts.warnings(data, scene.warnings)),
         "data": _json(_content(data, strip, scene)),
     }
-    sections = _sections(data, strip, scene.missing)
+    sections = _sections(data, strip, scene.missing or (None if scene.parts else "it has none"))
     words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
     words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: words[match[1]], _text("page.html"))
@@ -91,7 +91,7 @@ def _readout(data: Dataset, frames: list[int], camera: str) -> list[list[str]]:
     for frame, i in zip(frames, np.searchsorted(data.frames, frames), strict=True):
         x, y, z = T_w_c[i, :3, 3]
         rows.append([f"{x:.2f}, {y:.2f}", f"{z:.2f}", f"{data.meta['surface_depth_m'] - z:.2f}",
-                     *(f"{angle:.1f}°" for angle in heading_pitch_roll(T_w_c[i])),
+                     *(f"{angle:z.1f}°" for angle in heading_pitch_roll(T_w_c[i])),
                      f"{np.linalg.norm(speed[i]):.2f}", f"{gains[frame]:.4g}" if frame in gains else "–",
                      _nearest(data, frame, camera)])
     return rows
@@ -161,7 +161,7 @@ aria-pressed="false">side by side</button></span></div>
 
 def _course(missing: str | None) -> str:
     note = "" if missing is None else (
-        f'<p class="note">The scene’s meshes could not be made anew ({html.escape(missing)}); the points are D of a '
+        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}); the points are D of a '
         "few frames, carried into the world by the poses.</p>")
     return f'''<div id="course" class="card"><div id="world"><canvas tabindex="0" role="img"
 aria-label="Course, ground and camera"></canvas><span class="hint">drag to turn, shift-drag to move</span>

@@ -111,5 +111,5 @@ def attenuation(data: Dataset) -> dict[str, Any]:
     water = data.meta["water"]
     sigma_t = np.add(water["sigma_a"], water["sigma_s"])
     distance = np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
-    return curve("Light left in the water after", "%", distance, 100 * np.exp(-distance[:, None] * sigma_t),
+    return curve("Light left after a distance in the water", "%", distance, 100 * np.exp(-distance[:, None] * sigma_t),
                  ["red", "green", "blue"], distance=True, zero=True)

@@ -1,6 +1,7 @@
 """Facts for the page, as tables: the dataset, its water, cameras and sensors, the plan, the runs, what looks wrong."""
 
 import html
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,6 +11,7 @@ import yaml
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.report.curves import logs
+from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
 
@@ -121,10 +123,12 @@ def plan(data: Dataset) -> Raw:
         text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
     else:
         text = Raw("<ul>" + "".join(f"<li>{html.escape(str(r))}</li>" for r in chosen.get("reasons", [])) + "</ul>")
-    models = table((letter, OUTPUTS[letter].content, how) for letter, how in (chosen.get("models") or {}).items()
+    models = table((letter, f"{OUTPUTS[letter].content}: {how}") for letter, how in (chosen.get("models") or {}).items()
                    if letter in data.outputs)
     by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
-    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}.</p>")
+    meshes = chosen.get("meshes") or {}
+    kept = f"; {meshes['kept']} of {meshes['triangles']} triangles kept" if {"kept", "triangles"} <= set(meshes) else ""
+    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}{kept}.</p>")
 
 
 def _percent(error) -> list[str]:
@@ -136,12 +140,20 @@ def timings(data: Dataset) -> Raw:
     rows = []
     for log in logs(data):
         seconds = np.array([row["seconds"] for row in log["frames"]])
-        rows.append((log.get("ended", "").replace("T", " ")[:16], f"{log.get('model')} ({log.get('device')})",
+        rows.append((_minute(log.get("ended", "")), f"{log.get('model')} ({log.get('device')})",
                      len(seconds), f"{seconds.sum():.1f} s", f"{np.median(seconds):.3g} s" if len(seconds) else "",
                      f"{log.get('compile_seconds', 0):.1f} s"))
     if not rows:
         return Raw("<p class=empty>No run left a log.</p>")
-    return table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
+    text = table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
+    stages: Counter[str] = Counter()
+    for log in logs(data):
+        stages.update(log.get("stages") or {})
+    went = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.items() if seconds >= 0.05)
+    said = dict.fromkeys(str(message) for log in logs(data) for message in log.get("messages") or [])
+    notes = "".join(f"<li>{html.escape(message)}</li>" for message in said)
+    return Raw(text + (f"<p class=note>Where the time of the runs went: {html.escape(went)}.</p>" if went else "")
+               + (f"<h3>What the runs said</h3><ul>{notes}</ul>" if notes else ""))
 
 
 def provenance(data: Dataset) -> Raw:
@@ -150,13 +162,22 @@ def provenance(data: Dataset) -> Raw:
     rows = [("name", meta["name"]), ("sequence, vehicle", f"{meta['sequence']}, {meta['vehicle']}"),
             ("seed", meta["seed"]),
             ("outputs", "; ".join(f"{o}: {OUTPUTS[o].content}" for o in data.outputs) or "none"),
-            ("depth", f"{meta['depth']['kind']}, {numbers(meta['depth']['range_m'])} m, steps of "
-                      f"{1000 * meta['depth']['scale_m']:.3g} mm"),
-            ("device", (meta["device"] or {}).get("model", "nothing rendered yet")),
-            *((package, version) for package, version in meta["versions"].items()),
+            ("depth", "{}, {:g} to {:g} m, steps of {:.3g} mm".format(
+                meta["depth"]["kind"], *meta["depth"]["range_m"], 1000 * meta["depth"]["scale_m"])),
+            ("noise", _noise(data)), ("device", (meta["device"] or {}).get("model", "nothing rendered yet")),
+            ("versions", ", ".join(f"{package} {version}" for package, version in meta["versions"].items())),
             *((f"file {name}", f"SHA-256 {digest}") for name, digest in meta["sources"].items())]
     scene = html.escape(yaml.safe_dump(meta["scene"], sort_keys=False, default_flow_style=None, width=110))
     return Raw(f"{table(rows)}<details><summary>The scene, every key</summary><pre>{scene}</pre></details>")
+
+
+def _noise(data: Dataset) -> str:
+    """Of which profile, or of the scene."""
+    added = data.meta.get("noise") or {}
+    if added:
+        return f"of the profile {added.get('profile', {}).get('name')}, seed {added.get('seed')}"
+    noisy = [name for name, sensor in data.meta["sensors"].items() if sensor["noise"]]
+    return f"of the scene, in {', '.join(noisy)}" if noisy else "none"
 
 
 # ------------------------------------------------------------------------------------------------------------ warnings
@@ -171,7 +192,6 @@ def warnings(data: Dataset, scene: list[str]) -> list[str]:
     """
     found = [*_incomplete(data), *scene]
     for log in logs(data):
-        found += map(str, log.get("messages", []))
         lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}
         if lost:
             found.append(f"{sum(lost.values())} samples in {len(lost)} frames were infinite or not a number and count "
@@ -195,8 +215,8 @@ def _incomplete(data: Dataset) -> list[str]:
 
 
 def validation(data: Dataset) -> dict[str, Any] | None:
-    """What `varos-warp validate` found, where it left its result in the dataset."""
-    path = data.root / "validation.json"
+    """What the last `varos-warp validate` found; None: there was none."""
+    path = data.root / KEPT
     if not path.is_file():
         return None
     try:
@@ -215,9 +235,15 @@ def measures(data: Dataset) -> Raw:
     """What `varos-warp validate` measured."""
     result = validation(data)
     if result is None:
-        return Raw("")
-    rows = [(m["name"], number(m["value"]), number(m["limit"]), m["unit"]) for m in result.get("measures", [])]
-    count = len(result["problems"])
-    words = f"{count} problems" if count != 1 else "1 problem"
-    return Raw(f"<h3>Validation: {'no problem' if not count else words}</h3>"
-               + table(rows, ("measure", "value", "limit", "unit"), "numbers"))
+        return Raw("<h3>Validation</h3><p class=note>None yet: <code>varos-warp validate</code> reads everything back "
+                   "and leaves its measures here.</p>")
+    rows = [(m["name"], "–" if m["value"] is None else number(m["value"]), number(m["limit"]), m["unit"])
+            for m in result.get("measures", [])]
+    count, when = len(result["problems"]), html.escape(_minute(result.get("ended", "")))
+    words = {0: "no problem", 1: "1 problem"}.get(count, f"{count} problems")
+    return Raw(f"<h3>Validation, {when}: {words}</h3>{table(rows, ('measure', 'value', 'limit', 'unit'), 'numbers')}")
+
+
+def _minute(stamp: str) -> str:
+    """An ISO time without seconds and zone."""
+    return str(stamp).replace("T", " ")[:16]

@@ -154,8 +154,8 @@ def filmstrip(data: Dataset, quiet: bool = True, budget: int = BUDGET) -> Filmst
     ends = depth_ends(data, spread(frames, 12), data.cameras) if frames and "D" in data.outputs else (0.0, 1.0)
     if not frames:
         return Filmstrip([], 0, {}, ends)
-    largest = max(data.camera(camera)["width"] for camera in data.cameras)
-    for width in [w for w in WIDTHS if w <= largest] or [largest]:
+    largest = min(WIDTHS[0], max(data.camera(camera)["width"] for camera in data.cameras))
+    for width in [largest, *(w for w in WIDTHS if w < largest)]:
         sample = _encode(data, spread(frames, 6), width, ends, True)
         if _size(sample) * len(frames) / min(6, len(frames)) < 0.9 * budget:
             break

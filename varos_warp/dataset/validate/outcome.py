@@ -1,10 +1,17 @@
 """What validation found: problems, and measures beside their limits."""
 
+import contextlib
+import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
+from varos_warp.dataset import files
 from varos_warp.errors import InputError
+
+KEPT = Path("log", "validation.json")
+"""Where in a dataset its last outcome lies; the log has no checksums."""
 
 MOST_PROBLEMS = 20
 """Of one kind that are listed singly."""
@@ -39,6 +46,13 @@ class Validation:
             self.add(problem)
         if len(problems) > MOST_PROBLEMS:
             self.add(f"... and {len(problems) - MOST_PROBLEMS} more {what} like these")
+
+    def keep(self, root: Path) -> None:
+        """Leave the outcome in the dataset's log, for `varos-warp report`; not where nothing can be written."""
+        plain = json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)  # JSON has no NaN
+        content = {"ended": datetime.now(UTC).isoformat(timespec="seconds"), **plain}
+        with contextlib.suppress(InputError):
+            files.write_json(root / KEPT, content)
 
     def guard(self, root: Path, check: Callable, *args) -> None:
         """Run a check; a damaged file is one problem, and the other checks go on."""
