@@ -10,6 +10,7 @@ import pytest
 from standins import FlatFloorRenderer, make_scene, tree
 
 from varos_warp.dataset import files
+from varos_warp.dataset.folder import claimed
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce, select
 from varos_warp.dataset.timing import BESIDE, MAIN
@@ -165,6 +166,14 @@ def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
     with pytest.raises(InputError, match="not empty and holds no dataset"):
         run(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_run_is_refused_while_another_one_is_at_the_folder_and_writes_nothing(tmp_path):
+    with claimed(tmp_path):
+        with pytest.raises(InputError, match=r"another run is writing to this folder.*Wait for it"):
+            run(tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == [".lock"]
+    assert run(tmp_path, {"outputs": ["D"]})[0].complete
 
 
 def test_an_output_path_that_is_a_file_is_refused(tmp_path):
