@@ -1,6 +1,9 @@
 """Every image by itself: its size and type, PNG against EXR against exposure, C against D, S against its table."""
 
 import hashlib
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
@@ -19,19 +22,29 @@ def check_images(data: Dataset, result: Validation, quiet: bool) -> None:
     """Every image decodes to its size and type; the 8 bit ones are their EXR exposed; C and D agree."""
     problems: list[str] = []
     angles: list[float] = []
-    with Progress("reading", len(data) * len(data.cameras), quiet=quiet) as progress:
+    with (ThreadPoolExecutor(os.cpu_count()) as pool,
+          Progress("reading", len(data) * len(data.cameras), quiet=quiet) as progress):
         for camera in data.cameras:
             colors = [Exposures(data, camera, output) for output in data.outputs if OUTPUTS[output].is_color]
-            for frame in data.frames:
-                for check in (*(color.check for color in colors), _linear_agrees, _depth_exr_agrees, _segments_agree):
-                    problems += _guarded(data, check, data, result, frame, camera)
-                problems += _guarded(data, _geometry_agrees, data, result, frame, camera, angles)
+            for found, slopes in pool.map(partial(_check_frame, data, camera, colors), data.frames):
+                problems += found.problems
+                result.files_read += found.files_read
+                angles += slopes
                 progress.advance()
             for color in colors:
                 problems += color.verdicts()
     result.add_all(problems, "images")
     if angles:
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
+
+
+def _check_frame(data: Dataset, camera: str, colors: list["Exposures"], frame: int) -> tuple[Validation, list[float]]:
+    """What is wrong with one frame, and the median angle between C and the slopes of D, if it has them."""
+    found, angles = Validation(), []
+    for check in (*(color.check for color in colors), _linear_agrees, _depth_exr_agrees, _segments_agree):
+        found.problems += _guarded(data, check, data, found, frame, camera)
+    found.problems += _guarded(data, _geometry_agrees, data, found, frame, camera, angles)
+    return found, angles
 
 
 def _guarded(data: Dataset, check, *args) -> list[str]:

@@ -4,8 +4,10 @@ Points of D seen in one frame lie where D of another frame has them. What C, S a
 show there in the other frame; A changes with the vehicle's lamps.
 """
 
+import os
 from collections.abc import Iterator
-from functools import lru_cache
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -18,6 +20,8 @@ PAIRS = 8
 """Pairs of views compared per camera for the residuals that are reported."""
 MOST_POINTS = 20_000
 """Points of a frame that are looked for in the next ones."""
+CHUNK = 16
+"""Frames that one thread compares in turn."""
 FEWEST_POINTS = 200
 """Fewer common points say nothing."""
 INDEPENDENT = 1.0 - 0.8**3
@@ -55,6 +59,17 @@ def back_project(data: Dataset, frame: int, camera: str) -> tuple[np.ndarray, np
     rays = _pixel_rays(data, camera) @ T_w_c[:3, :3].T
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(depth)[..., None], rays * depth[..., None] + T_w_c[:3, 3], np.inf), rays
+
+
+def _points(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points [N, 3] of a depth map in the world, of a grid of about `MOST_POINTS` pixels, and that grid [H, W]."""
+    step = max(1, round(np.sqrt(depth.size / MOST_POINTS)))
+    pick = np.zeros(depth.shape, bool)
+    pick[step // 2::step, step // 2::step] = True
+    pick &= np.isfinite(depth)
+    row, col = np.nonzero(pick)
+    rays = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(K).T
+    return rays * depth[pick, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3], pick
 
 
 # ---------------------------------------------------------------------------------------------------------- residuals
@@ -98,10 +113,11 @@ def _check_residuals(data: Dataset, result: Validation) -> None:
 
 def _compare_views(data: Dataset, first: tuple[int, str], second: tuple[int, str]) -> np.ndarray:
     """Rows (error in depth [m], error there and back [px], footprint of a pixel [m]) of the pixels seen in both."""
-    points = back_project(data, *first)[0].reshape(-1, 3)
+    frame, camera = first
+    points = _points(planar_depth(data, frame, camera), data.intrinsics(camera), data.T_w_c(frame, camera))[0]
     about, K = data.camera(second[1]), data.intrinsics(second[1])
     T_w_c = data.T_w_c(*second)
-    u, v, z = _project(points[np.isfinite(points).all(-1)], K, T_w_c)
+    u, v, z = _project(points, K, T_w_c)
     row, col = v - 0.5, u - 0.5
     inside = (z > 0) & (row >= 0) & (col >= 0) & (row < about["height"] - 1) & (col < about["width"] - 1)
     u, v, z, row, col = (x[inside] for x in (u, v, z, row, col))
@@ -163,14 +179,7 @@ class _Frames:
             first frame what none of the nine pixels about them shows in the second, channel by channel.
         """
         (depth, images), (other, others) = self.read(first), self.read(second)
-        step = max(1, int(np.sqrt(depth.size / MOST_POINTS)))
-        grid = np.zeros(depth.shape, bool)
-        grid[step // 2::step, step // 2::step] = True
-        pick = grid & np.isfinite(depth)
-        row, col = np.nonzero(pick)
-        rays = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(self.K).T
-        T_w_c = self.data.T_w_c(first, self.camera)
-        points = rays * depth[pick, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+        points, pick = _points(depth, self.K, self.data.T_w_c(first, self.camera))
         u, v, z = _project(points, self.K, self.data.T_w_c(second, self.camera))
         height, width = other.shape
         inside = (z > 0) & (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1)
@@ -199,21 +208,34 @@ def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
     sequence's median.
     """
     for camera in data.cameras:
-        frames, pairs = _Frames(data, camera), {}
-        with Progress(f"views {camera}", len(data), quiet=quiet) as progress:
-            for i, frame in enumerate(data.frames):
-                for earlier in data.frames[max(0, i - 2):i]:
-                    try:
-                        pairs[earlier, frame] = frames.compare(earlier, frame)
-                    except InputError as error:
-                        result.add(problem_of(data.root, error))
-                progress.advance()
-        pairs = {pair: found for pair, found in pairs.items() if found}
+        pairs: dict[tuple[int, int], dict[str, float]] = {}
+        starts = range(0, len(data), CHUNK)
+        with (ThreadPoolExecutor(os.cpu_count()) as pool,
+              Progress(f"views {camera}", len(data), quiet=quiet) as progress):
+            for start, (found, problems) in zip(starts, pool.map(partial(_compare_chunk, data, camera), starts),
+                                                strict=True):
+                pairs |= found
+                result.add_all(problems, "images")
+                progress.reach(min(1.0, (start + CHUNK) / len(data)))
         limits = _limits(pairs)
         for letter, limit in limits.items():
             _measure_neighbours(result, camera, letter, [p[letter] for p in pairs.values() if letter in p], limit)
-        result.add_all([problem for letter in ("D", *frames.letters) if letter in limits
+        result.add_all([problem for letter in "DCSB" if letter in limits
                         for problem in _misfits(data, camera, letter, pairs, limits)], "images")
+
+
+def _compare_chunk(data: Dataset, camera: str, start: int) -> tuple[dict, list[str]]:
+    """What `_Frames.compare` finds for some frames and the two before each, and what cannot be read."""
+    frames, pairs, problems = _Frames(data, camera), {}, []
+    for i in range(start, min(start + CHUNK, len(data))):
+        for earlier in data.frames[max(0, i - 2):i]:
+            try:
+                found = frames.compare(earlier, data.frames[i])
+            except InputError as error:
+                problems.append(problem_of(data.root, error))
+            else:
+                pairs |= {(earlier, data.frames[i]): found} if found else {}
+    return pairs, problems
 
 
 def _limits(pairs: dict) -> dict[str, float]:
