@@ -1,5 +1,6 @@
 """What all exports do: link images, encode depth anew, leave nothing behind, refuse what cannot be."""
 
+import json
 import shutil
 from types import SimpleNamespace
 
@@ -178,3 +179,17 @@ def test_the_command_line_exports_and_refuses(written, tmp_path):
     again = CliRunner().invoke(cli.app, arguments)
     assert again.exit_code == 2
     assert "is there already" in again.output
+
+
+def test_the_command_line_sets_the_clock_and_tells_of_noise(noisy, tmp_path):
+    done = CliRunner().invoke(cli.app, ["export", str(noisy.root), "--to", "mcap", "-o", str(tmp_path / "out"), "--raw",
+                                        "--start-ns", "7000000000", "--quiet"])
+    assert (done.exit_code, done.output) == (0, f"{tmp_path / 'out'}: 10 frames of L0, R0 as mcap; imu0, depth0, A "
+                                                "with the noise of profile test, seed 5\n")
+    with AnyReader([tmp_path / "out/bag"]) as bag:
+        assert bag.start_time == 7 * 10**9
+        assert "/camR0/image" in bag.topics
+    done = CliRunner().invoke(cli.app, ["export", str(noisy.root), "--to", "colmap", "-o", str(tmp_path / "more"),
+                                        "--images", "B", "--json", "--quiet"])
+    noise = "with the noise of profile test, seed 5"
+    assert json.loads(done.output)["noise"] == {"imu0": noise, "depth0": noise, "B": "without noise"}

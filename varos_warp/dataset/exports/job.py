@@ -13,6 +13,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
 
+NO_NOISE = "without noise"
 PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
 """Block of a noise profile by what has the noise."""
 
@@ -115,7 +116,7 @@ class Job:
     def noise(self, name: str) -> str:
         """What noise the readings of ``imu0`` or ``depth0``, or the images of a letter, have, in words."""
         if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
-            return "without noise"
+            return NO_NOISE
         about = self.data.meta.get("noise")
         if about and about["profile"].get(PROFILE_BLOCKS[name]):
             return f"with the noise of profile {about['profile']['name']}, seed {about['seed']}"
@@ -125,6 +126,13 @@ class Job:
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
         return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
+
+    def by_noise(self) -> dict[str, list[str]]:
+        """Names of sensors and images by the noise that they have."""
+        names: dict[str, list[str]] = {}
+        for name, words in self.noises.items():
+            names.setdefault(words, []).append(name)
+        return names
 
 
 def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
