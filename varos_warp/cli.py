@@ -280,12 +280,13 @@ def export(dataset: Folder,
     Where readings have noise, they are exported with it.
     """
     from varos_warp.dataset.exports import export as write
+    from varos_warp.dataset.exports.job import NO_NOISE
 
     job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    noises = "".join(f"; {name} {words}" for name, words in job.noises.items() if words != "without noise")
+    noises = "".join(f"; {', '.join(names)} {words}" for words, names in job.by_noise().items() if words != NO_NOISE)
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 
