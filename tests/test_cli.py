@@ -166,7 +166,21 @@ def test_an_invalid_dataset_ends_with_status_2_and_names_the_problem(scene_file,
     assert result.exit_code == 2
     assert "problem: " in result.output
     assert "D-00000001.png: there is no such file" in result.output
-    assert json.loads(call("validate", out, "-q", "--json").stdout)["problems"]
+    told = json.loads(call("validate", out, "-q", "--json").stdout)
+    assert (told["valid"], told["dataset"], bool(told["problems"])) == (False, str(out), True)
+
+
+def test_noise_makes_a_valid_dataset_of_another(scene_file, tmp_path):
+    out, noisy = tmp_path / "out", tmp_path / "noisy"
+    call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--frames", "0:2", "--outputs", "A,D")
+    result = call("noise", out, "--profile", "adis16448", "--profile", "bar30", "-o", noisy, "--seed", "7", "-q")
+    assert result.exit_code == 0, result.output
+    assert "noise of adis16448+bar30, seed 7" in result.output
+    told = json.loads(call("validate", noisy, "-q", "--json").stdout)
+    assert told["valid"], told["problems"]
+    assert told["files_hashed"] > 0
+    assert "Give a file, or one of: adis16448" in refused("noise", out, "--profile", "mpu", "-o", tmp_path / "x")
+    assert "run` into the folder" in refused("run", scene_file, "-o", noisy, "--device", "cpu", "-q")
 
 
 def test_info_shows_water_and_cameras_with_their_units(scene_file):

@@ -226,13 +226,14 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
     result = check(dataset, quiet)
     result.keep(dataset)
     if json_:
-        print_json(asdict(result))
+        print_json({"dataset": str(dataset), **result.plain()})
     else:
         _print_table(["measure", "value", "limit", "unit"],
                      [[m["name"], f"{m['value']:.3g}", f"{m['limit']:.3g}", m["unit"]] for m in result.measures])
         for problem in result.problems:
             print(f"problem: {problem}")
-        print(f"{dataset}: {result.files_read} images read, {len(result.problems) or 'no'} problems")
+        sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
+        print(f"{dataset}: {result.files_read} images read, {sums}, {len(result.problems) or 'no'} problems")
     if result.problems:
         raise typer.Exit(2)
 

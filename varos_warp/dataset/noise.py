@@ -24,8 +24,8 @@ from varos_warp.scene.noise import NoiseProfile
 from varos_warp.sim import image_noise
 from varos_warp.sim.noise import depth_gauge_noise, imu_noise
 
-ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums")
-"""Files beside dataset.json that tell of the sensors, so they are made anew or left out."""
+ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
+"""Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
 
 
 def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = False) -> Dataset:

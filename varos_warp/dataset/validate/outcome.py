@@ -47,10 +47,13 @@ class Validation:
         if len(problems) > MOST_PROBLEMS:
             self.add(f"... and {len(problems) - MOST_PROBLEMS} more {what} like these")
 
+    def plain(self) -> dict:
+        """Everything as JSON has it: whether the dataset is valid, then the fields; null for NaN and infinity."""
+        return {"valid": not self.problems, **json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)}
+
     def keep(self, root: Path) -> None:
         """Leave the outcome in the dataset's log, for `varos-warp report`; not where nothing can be written."""
-        plain = json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)  # JSON has no NaN
-        content = {"ended": datetime.now(UTC).isoformat(timespec="seconds"), **plain}
+        content = {"ended": datetime.now(UTC).isoformat(timespec="seconds"), **self.plain()}
         with contextlib.suppress(InputError):
             files.write_json(root / KEPT, content)
 
