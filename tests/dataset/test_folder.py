@@ -1,9 +1,13 @@
 """One run at a time in a folder, or shards of one; a run that was killed keeps nobody out."""
 
 import os
+import random
 import signal
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -62,9 +66,29 @@ def test_the_folder_is_free_after_a_failure_within(tmp_path):
         pass
 
 
-def test_who_plans_second_is_told_and_waits(tmp_path):
-    import threading
+def test_never_are_two_in_the_folder_however_many_try_at_once(tmp_path):
+    inside, outcomes = [], []
 
+    def attempt(number):
+        rng = random.Random(number)
+        for _ in range(30):
+            try:
+                with claimed(tmp_path / "new"):
+                    inside.append(number)
+                    time.sleep(rng.uniform(0.0, 0.002))
+                    outcomes.append(inside == [number])
+                    inside.clear()
+            except InputError:
+                time.sleep(rng.uniform(0.0, 0.01))
+
+    with ThreadPoolExecutor(5) as pool:
+        list(pool.map(attempt, range(5)))
+    assert len(outcomes) > 5
+    assert all(outcomes)
+    assert not hidden(tmp_path)
+
+
+def test_who_plans_second_is_told_and_waits(tmp_path):
     order, told = [], []
     with claimed(tmp_path, (0, 2)):
         with planning(tmp_path):

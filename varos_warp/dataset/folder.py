@@ -59,13 +59,22 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
 def _hold(path: Path) -> FileLock:
     """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
     while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path)
-        with contextlib.suppress(FileNotFoundError):  # the folder may have gone, too
+        with contextlib.suppress(FileNotFoundError):  # the folder may have gone with the last run, too
+            _make(path.parent)
+            lock = FileLock(path)
             lock.acquire()
             if path.exists():
                 return lock
             lock.release()
+
+
+def _make(folder: Path) -> None:
+    """Make a folder that another run may be removing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        if folder.exists():  # as a file
+            raise
 
 
 def _drop(lock: FileLock, path: Path) -> None:
@@ -87,9 +96,9 @@ def _in_use(path: Path) -> bool:
 
 def _remove_unused(folder: Path) -> None:
     """Leave nothing behind, unless others are at work."""
-    if not any(folder.glob("run.*.lock")):
-        (folder / "plan.lock").unlink(missing_ok=True)
-        with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):
+        if not any(folder.glob("run.*.lock")):
+            (folder / "plan.lock").unlink(missing_ok=True)
             folder.rmdir()
 
 
