@@ -85,6 +85,8 @@ def test_a_partial_dataset_is_shown_with_what_is_there_and_what_is_missing(copy,
     shutil.rmtree(copy / "log")
     for path in copy.rglob("*_exposure_*.csv"):
         path.unlink()
+    (copy / "log").mkdir()
+    (copy / "log/20260101T000000_host_1.json").write_text('{"frames": [')  # a run that was cut short
     page = write_report(Dataset(copy), tmp_path / "report.html").read_text()
     assert "None yet." in page
     assert "camera L0: A of 10 of 10 frames is missing, the first of frame 0" in page

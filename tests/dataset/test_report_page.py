@@ -6,8 +6,10 @@ import re
 import shutil
 
 import pytest
+from standins import make_scene
 
 from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.produce import produce
 from varos_warp.dataset.report import write_report
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -170,6 +172,18 @@ def test_dark_and_light_differ_and_follow_what_the_user_prefers(browser, address
     dark, light = (sum(map(int, re.findall(r"\d+", ground)[:3])) for ground, _, _ in found)
     assert dark < 150 < 600 < light
     assert found[0][2] != found[1][2]
+
+
+@pytest.mark.parametrize("options", [{"images": False}, {"frames": slice(4, 5)}, {"sensors": False}])
+def test_what_is_not_there_is_no_error(browser, tmp_path, options):
+    produce(make_scene(), tmp_path / "data", quiet=True, **options)
+    path = write_report(Dataset(tmp_path / "data"), tmp_path / "report.html")
+    for page in opened(browser, path.as_uri()):
+        page.keyboard.press("ArrowRight")
+        page.locator("#world canvas").click()
+        shown = {(): 10, ("images",): 0, ("frames",): 1}.get(tuple(options), 10)
+        assert page.locator("#viewer figure").count() == (4 if shown else 0)
+        assert page.locator("#transport").is_visible() == bool(shown)
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (768, 1024), (390, 844), (320, 568)])

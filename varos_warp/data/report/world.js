@@ -25,11 +25,10 @@ function buildWorld() {
     };
   }
 
-  function draw() {
-    const ratio = devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
-    if (!w) return;
-    canvas.width = w * ratio; canvas.height = h * ratio;
-    const pen = canvas.getContext("2d"), project = projector(), near = eye.distance * 0.05, items = [];
+  let scenery = null;  // what stays as it is while time goes on, drawn when the eye moves
+  function drawScenery(w, h, ratio, project, near) {
+    scenery = element("canvas", { width: w * ratio, height: h * ratio });
+    const pen = scenery.getContext("2d"), items = [];
     pen.scale(ratio, ratio);
     for (const mesh of meshes) collect(mesh, project, near, items);
     for (const { p, fill } of cloud) { const q = project(p); if (q[2] > near) items.push([q[2], () => { pen.fillStyle = fill; const s = Math.max(1.5, 40 / q[2]); pen.fillRect(q[0], q[1], s, s); }]); }
@@ -42,6 +41,16 @@ function buildWorld() {
       pen.beginPath(); pen.moveTo(a[0], a[1]); pen.lineTo(b[0], b[1]); pen.lineTo(c[0], c[1]); pen.closePath();
       pen.fill(); pen.lineWidth = 0.7; pen.stroke();
     }
+  }
+
+  function draw() {
+    const ratio = devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
+    if (!w) return;
+    const project = projector(), near = eye.distance * 0.05, pen = canvas.getContext("2d");
+    if (!scenery) drawScenery(w, h, ratio, project, near);
+    canvas.width = w * ratio; canvas.height = h * ratio;
+    pen.drawImage(scenery, 0, 0);
+    pen.scale(ratio, ratio);
     for (const id of Object.keys(world.cameras)) frustum(pen, project, near, id);
     bar(pen, w, h);
   }
@@ -89,7 +98,8 @@ function buildWorld() {
 
   let pending = false;
   const soon = () => { if (!pending) { pending = true; requestAnimationFrame(() => { pending = false; draw(); }); } };
-  const zoom = factor => { eye.distance = Math.max(radius * 0.15, Math.min(radius * 14, eye.distance * factor)); soon(); };
+  const moved = () => { scenery = null; soon(); };
+  const zoom = factor => { eye.distance = Math.max(radius * 0.15, Math.min(radius * 14, eye.distance * factor)); moved(); };
   const fingers = new Map();
   canvas.onpointerdown = event => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.offsetX, event.offsetY]); };
   canvas.onpointerup = canvas.onpointercancel = event => fingers.delete(event.pointerId);
@@ -107,7 +117,7 @@ function buildWorld() {
       eye.pitch = Math.max(-0.2, Math.min(1.55, eye.pitch + dy * 0.007));
     }
     fingers.set(event.pointerId, now);
-    soon();
+    moved();
   };
   canvas.oncontextmenu = event => event.preventDefault();
   canvas.addEventListener("wheel", event => {  // without a click before, the wheel scrolls the page
@@ -115,14 +125,14 @@ function buildWorld() {
     event.preventDefault();
     zoom(Math.exp(event.deltaY * 0.0012));
   }, { passive: false });
-  const look = change => { eye = { ...home, target: [...home.target], ...change }; soon(); };
+  const look = change => { eye = { ...home, target: [...home.target], ...change }; moved(); };
   canvas.ondblclick = () => look({});
   const tools = { nearer: () => zoom(0.75), farther: () => zoom(1.33), top: () => look({ pitch: 1.55, yaw: -Math.PI / 2 }), whole: () => look({}) };
   for (const [name, act] of Object.entries(tools)) place.querySelector(`[data-tool=${name}]`).onclick = act;
 
   listeners.push(soon);
-  repaint.push(() => { meshes.forEach(tint); soon(); });
-  new ResizeObserver(soon).observe(canvas);
+  repaint.push(() => { meshes.forEach(tint); moved(); });
+  new ResizeObserver(moved).observe(canvas);
 }
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

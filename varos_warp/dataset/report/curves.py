@@ -3,12 +3,14 @@
 A long recording is drawn by the ends of what it does in each of a thousand intervals, so that no peak is lost.
 """
 
+import contextlib
 from typing import Any
 
 import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Dataset
+from varos_warp.errors import InputError
 from varos_warp.render.outputs import OUTPUTS
 
 INTERVALS = 1000
@@ -88,9 +90,10 @@ def logs(data: Dataset) -> list[dict[str, Any]]:
     """What the runs that rendered the dataset logged, in order of their end; those that cannot be read are left out."""
     found = []
     for path in sorted((data.root / "log").glob("*.json")):
-        log = files.read_json(path)
-        if isinstance(log, dict) and isinstance(log.get("frames"), list):
-            found.append(log)
+        with contextlib.suppress(InputError):
+            log = files.read_json(path)
+            if isinstance(log, dict) and isinstance(log.get("frames"), list):
+                found.append(log)
     return found
 
 

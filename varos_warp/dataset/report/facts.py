@@ -89,7 +89,7 @@ def cameras(data: Dataset) -> Raw:
         place = np.array(about.get("T_v_c") or about.get("T_w_c") or np.full((4, 4), np.nan))[:3, 3]
         rows.append((about["id"], f"{about['width']} × {about['height']}", numbers((K[0, 0], K[1, 1])),
                      numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°",
-                     f"{about.get('f_stop', '–')}", number(about["focus_m"]) if about.get("focus_m") else "–",
+                     f"{about.get('f_stop') or 'pinhole'}", number(about["focus_m"]) if about.get("focus_m") else "–",
                      f"{about['mount']}: {numbers(place)}"))
     return table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
                         "mounted on, at [m]"), "numbers")
