@@ -1,5 +1,6 @@
 """PyTorch gets the frames of a dataset as tensors, in as many worker processes as it likes, and only if it is there."""
 
+import shutil
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -90,3 +91,11 @@ def test_a_transform_has_the_last_word(torch, written):
 def test_images_that_the_dataset_has_not_are_bad_input(torch, written, outputs):
     with pytest.raises(InputError, match=r"is not in the dataset.*A, B, C, D, A_radiance, B_radiance"):
         Dataset(written).torch(outputs)
+
+
+def test_a_damaged_image_is_named_by_the_worker_that_met_it(torch, written, tmp_path):
+    data = Dataset(shutil.copytree(written, tmp_path / "copy"))
+    path = data.layout.png("L0", "A", 4)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match=path.name):
+        list(torch.utils.data.DataLoader(data.torch("A"), num_workers=2))
