@@ -115,7 +115,7 @@ def chart(result: dict, path: Path) -> None:
     for axis, names in zip(axes, (COUNTED[:1], COUNTED[1:]), strict=True):
         for name in names:
             axis.plot(frame, [sample[name] for sample in result["samples"]], label=name)
-        axis.set_ylim(bottom=0)
+        axis.set_ylim(0.0, 1.15 * max(sample[name] for sample in result["samples"] for name in names))
         axis.grid(alpha=0.3)
         axis.legend()
     axes[0].set(ylabel="resident memory [MB]")
