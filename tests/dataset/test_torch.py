@@ -97,5 +97,7 @@ def test_a_damaged_image_is_named_by_the_worker_that_met_it(torch, written, tmp_
     data = Dataset(shutil.copytree(written, tmp_path / "copy"))
     path = data.layout.png("L0", "A", 4)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(InputError, match=path.name):
+    with pytest.raises(ValueError, match=path.name):
         list(torch.utils.data.DataLoader(data.torch("A"), num_workers=2))
+    with pytest.raises(InputError, match=path.name):
+        list(torch.utils.data.DataLoader(data.torch("A")))

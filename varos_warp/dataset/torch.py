@@ -67,11 +67,24 @@ class TorchDataset(torch.utils.data.Dataset):
         return len(self.data)
 
     def __getitem__(self, index: int) -> dict:
-        """The item of a frame."""
+        """The item of a frame.
+
+        Raises:
+            InputError: If a file is missing or damaged; in a worker a ValueError with the same message, since a
+                DataLoader makes its exceptions anew from their text.
+        """
+        try:
+            item = self._item(index)
+        except InputError as error:
+            if torch.utils.data.get_worker_info() is None:
+                raise
+            raise ValueError(error.message) from None
+        return item if self.transform is None else self.transform(item)
+
+    def _item(self, index: int) -> dict[str, torch.Tensor]:
         frame = self.data[index, self.camera]
         item = {output: _read(frame, output) for output in self.outputs}
         if "D" in item:
             item["D"][torch.isinf(item["D"])] = self.no_depth
         item |= {name: torch.from_numpy(np.array(getattr(frame, name), np.float64)) for name in ("T_w_c", "T_w_v", "K")}
-        item |= {"time_ns": torch.tensor(frame.time_ns), "frame": torch.tensor(frame.number)}
-        return item if self.transform is None else self.transform(item)
+        return item | {"time_ns": torch.tensor(frame.time_ns), "frame": torch.tensor(frame.number)}
