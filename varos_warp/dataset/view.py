@@ -194,9 +194,9 @@ def _blueprint(data: Dataset):
     camera = f"world/cam{data.cameras[0]}"
     images = [rrb.Spatial2DView(origin=f"{camera}/{output}", name=f"{output}: {OUTPUTS[output].content}")
               for output in data.outputs]
-    world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", *(
-        f"- $origin/cam{camera}/{output}" for camera in data.cameras for output in data.outputs if output not in "AD"
-        or (output == "A" and "D" in data.outputs))])
+    others = [f"- $origin/cam{camera}/{output}" for camera in data.cameras for output in data.outputs
+              if output not in "AD"]  # A is on the frustum's far side, D is a cloud
+    world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", *others])
     curves = [rrb.TimeSeriesView(origin=entity, name=name) for entity, name, sensor in (
         ("imu0/acceleration", "specific force [m/s²]", "imu0"),
         ("imu0/angular_velocity", "angular velocity [rad/s]", "imu0"),
