@@ -13,7 +13,10 @@ def height(x, y):
 
 
 class HillsRenderer(standins.FlatFloorRenderer):
-    """Rays marched to a height field; B is its albedo, A falls off with the distance."""
+    """Rays marched to a height field; B is its albedo, A falls off with the distance, S parts light from dark."""
+
+    segments = tuple({"id": i, "key": key, "kind": "terrain", "material": key, "material_id": i}
+                     for i, key in ((1, "dark"), (2, "light")))
 
     def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
@@ -50,7 +53,8 @@ class HillsRenderer(standins.FlatFloorRenderer):
             "B": SimpleNamespace(**plain, radiance=grey, stderr=grey * 0),
             "C": SimpleNamespace(normal=np.where(found[..., None], n, 0.0).astype(np.float32)),
             "D": SimpleNamespace(depth=z.astype(np.float32),
-                                 range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))}
+                                 range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32)),
+            "S": SimpleNamespace(instance=np.where(found, 1 + (tone > 0.5), 0).astype(np.int32), material=None)}
         return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
 
 
@@ -58,4 +62,5 @@ def hills_scene():
     vehicle = standins.scene_dict()["vehicle"]
     camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
     return standins.make_scene(vehicle=vehicle | {"cameras": [camera]},
-                               render={"denoise": "none", "denoise_b": "none", "depth_exr": True})
+                               render={"denoise": "none", "denoise_b": "none", "depth_exr": True,
+                                       "outputs": list("ABCDS")})

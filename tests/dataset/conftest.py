@@ -20,3 +20,16 @@ def written(tmp_path_factory):
         standins.install(patch)
         produce(standins.make_scene(), out, quiet=True)
     return out
+
+
+@pytest.fixture(scope="session")
+def hilly(tmp_path_factory):
+    """A complete dataset of one camera over hills, with A to D and S; read it, do not change it."""
+    from hills import HillsRenderer, hills_scene
+
+    out = tmp_path_factory.mktemp("hills")
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        scene = hills_scene()
+        produce(scene, out, quiet=True, renderer=HillsRenderer(scene))
+    return out

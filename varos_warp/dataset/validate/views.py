@@ -28,6 +28,9 @@ INDEPENDENT = 1.0 - 0.8**3 + 0.05
 """Share of points outside the box of nine neighbours in some channel, if all pixels were independent of each other (the
 tenth of ten numbers is the least or the largest of them in two cases of ten), and a little for chance."""
 
+LEAST = {"C": 0.1, "S": 0.01, "B": 0.1}
+"""Share of such points that is no cause for doubt: detail finer than a pixel; S has less of it."""
+
 
 def check_views(data: Dataset, result: Validation, quiet: bool = True) -> None:
     """Residuals between views in mm and px, and every frame against its neighbours."""
@@ -196,7 +199,8 @@ class _Frames:
         for letter in images.keys() & others.keys() if visible.sum() >= FEWEST_POINTS else ():
             here = images[letter][pick][inside][visible]
             nine = np.stack([others[letter][row + i, col + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
-            outside = (here < nine.min(0) - 1) | (here > nine.max(0) + 1)  # a step of rounding
+            slack = letter != "S"  # a step of rounding
+            outside = (here < nine.min(0) - slack) | (here > nine.max(0) + slack)
             found[letter] = float(outside.any(-1).mean())
         return found
 
@@ -205,7 +209,7 @@ def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
     """A frame that fits fewer than half of its neighbours holds images of another one, or its pose is another's.
 
     Limits. D: one step and a tenth of a pixel's footprint for the median of the signed error, from which roughness
-    cancels. C, S, B: as many points as if all pixels were independent, and not more than one in ten and five times the
+    cancels. C, S, B: as many points as if all pixels were independent, and not more than `LEAST` and five times the
     sequence's median.
     """
     for camera in data.cameras:
@@ -245,7 +249,7 @@ def _limits(pairs: dict) -> dict[str, float]:
     for letter in "CSB":
         shares = [found[letter] for found in pairs.values() if letter in found and found["D"] <= 1.0]
         if shares:
-            limits[letter] = min(INDEPENDENT, max(0.1, 5.0 * float(np.median(shares))))
+            limits[letter] = min(INDEPENDENT, max(LEAST[letter], 5.0 * float(np.median(shares))))
     return limits
 
 
