@@ -4,8 +4,9 @@
 
 For each scene: the plan, an image with it, its error as far better images judge it, and its time; and the same for
 settings picked by hand (integrator, samples, bounds on scatterings and reflections), of which the fastest that keeps
-the tolerance is the best; where the plan could not keep it, the fastest that is as good as the plan's image. Tables take their building time, and kernels their compiling, before the clock starts. Writes
-a row per scene, as they come, and a chart beside the JSON.
+the tolerance is the best; where the plan could not keep it, the fastest that is as good as the plan's image. Tables
+take their building time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come,
+and a chart beside the JSON.
 """
 
 import argparse

@@ -467,3 +467,17 @@ def test_a_gpu_denoises_as_the_cpu_does():
             expected = denoise_image(image, "oidn")
             off = rms(device_denoised(denoiser, image) - expected)
             assert off < 0.1 * rms(expected - truth)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("integrator", ["tables", "path"])
+def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
+    pytest.importorskip("pyoidn")
+    scene_ = rough_scene({"kind": "rust", "amount": 0.4})
+    renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
+    how = {"outputs": "AB", "spp": 4, "integrator": integrator, "denoise": "oidn", "denoise_b": "oidn"}
+    whole, brief = (renderer.render(POSE, denoised_only=only, **how) for only in (False, True))
+    for one, other in ((whole.A, brief.A), (whole.B, brief.B)):
+        assert other.radiance is None
+        assert other.spp == one.spp
+        np.testing.assert_allclose(other.denoised, one.denoised, rtol=2**-11)  # half floats in the network

@@ -121,7 +121,8 @@ class _Run:
         keys = (("denoise", "A"), ("denoise_b", "B"))
         on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
         self.options = {key: plan[key] for key in PLANNED} | {
-            "layers": tuple(store.render.layers), "tolerance": plan["tile_tolerance"]} | {
+            "layers": tuple(store.render.layers), "tolerance": plan["tile_tolerance"],
+            "denoised_only": not store.render.linear_exr} | {
             key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
 
     def render(self, job: ImageJob):

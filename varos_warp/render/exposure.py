@@ -43,14 +43,16 @@ def statistics(radiance: np.ndarray) -> Statistics:
 
     Both scale with the radiance, so that twice the light means exactly half the gain.
     """
-    radiance = np.maximum(np.asarray(radiance, np.float64), 0.0)
-    highlight = float(np.percentile(radiance.max(axis=-1), HIGHLIGHT_PERCENTILE))
+    red, green, blue = np.moveaxis(np.maximum(np.asarray(radiance, np.float64), 0.0), -1, 0)
+    brightest = np.maximum(np.maximum(red, green), blue)
+    highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE))
     if not highlight > 0.0:
-        highlight = float(radiance.max())
+        highlight = float(brightest.max())
     if not highlight > 0.0:
         return Statistics(np.nan, np.nan)
-    luminance = np.maximum(radiance @ _LUMINANCE, FLOOR * highlight)
-    return Statistics(float(np.exp(np.log(luminance).mean())), highlight)
+    # no matrix product: how BLAS sums depends on its threads
+    luminance = red * _LUMINANCE[0] + green * _LUMINANCE[1] + blue * _LUMINANCE[2]
+    return Statistics(float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean())), highlight)
 
 
 def known_gain(setting: str | float, output: str) -> float | None:

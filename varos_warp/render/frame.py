@@ -2,7 +2,9 @@
 
 import functools
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -39,10 +41,10 @@ PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
 
 @dataclass(frozen=True)
 class RadianceImage:
-    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]."""
+    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]; None where only ``denoised`` was asked for."""
 
-    radiance: np.ndarray
-    stderr: np.ndarray
+    radiance: np.ndarray | None
+    stderr: np.ndarray | None
     """Standard error of the mean; inf for one sample."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
@@ -97,6 +99,14 @@ class Frame:
     C: NormalImage | None = None
     D: DepthImage | None = None
     S: SegmentImage | None = None
+
+
+class Asked(NamedTuple):
+    """What is asked of a radiance image."""
+
+    layers: Sequence[str]
+    denoise: str | None
+    denoised_only: bool
 
 
 def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None) -> str:
@@ -187,6 +197,7 @@ class FrameRenderer:
         integrator: str | None = None,
         denoise: str | None = None,
         denoise_b: str | None = None,
+        denoised_only: bool = False,
         seed: int | None = None,
         frame: int = 0,
     ) -> Frame:
@@ -207,6 +218,8 @@ class FrameRenderer:
             integrator: of A: auto, tables, path or reference; absent: the scene's.
             denoise: oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not.
             denoise_b: the same for B.
+            denoised_only: of what is denoised on a GPU copy ``denoised`` alone to the host: all the rest takes longer
+                than denoising it.
             seed: of the random numbers; absent: the scene's.
             frame: number of the frame, which keys the random numbers too.
         """
@@ -222,11 +235,12 @@ class FrameRenderer:
             key = stream_key(seed, frame, view.id, "A")
             integrator = resolve_integrator(self.scene, view, integrator, max_scatterings)
             bounds = (ALL if bound is None else bound for bound in bounds.values())
-            how = (layers, integrator, denoise, key)
-            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, *how)
+            asked = Asked(layers, denoise, denoised_only)
+            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, integrator, asked, key)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
-            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, denoise_b, key)
+            asked = Asked((), denoise_b, denoised_only)
+            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, asked, key)
         if set("CDS") & set(outputs):
             first_hits = self._render_first_hits(view, T_w_v)
             images |= {name: image for name, image in first_hits.items() if name in outputs}
@@ -246,19 +260,19 @@ class FrameRenderer:
     # ------------------------------------------------------------------------------------------------- the images
 
     def _render_water(
-        self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, layers, integrator, denoise, key
+        self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, integrator, asked, key
     ) -> RadianceImage:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
-            image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in layers})
-            return self._denoised(image, {}, denoise)
+            image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in asked.layers})
+            return self._denoised(image, {}, asked.denoise)
         max_scatterings = max_scatterings if medium else 0
-        wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
+        wanted = tuple(layer in asked.layers for layer in LAYERS)
         surfaces = (self.world.has_instances, self.world.has_textures)
         self.world.pose_lights(T_w_v)
         if integrator == "tables":
-            return self._render_with_tables(view, T_w_v, spp, max_bounces, layers, denoise, key)
+            return self._render_with_tables(view, T_w_v, spp, max_bounces, asked, key)
         film = self._film(view, spp, halves=1 if tolerance is None else 2)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
@@ -271,11 +285,11 @@ class FrameRenderer:
         if tolerance is not None:
             more = more_samples(*self._tile_statistics(film), first, tolerance, spp)
             self._take_samples(film, kernel, before, how, more)
-        return self._develop(film, layers, denoise)
+        return self._develop(film, asked)
 
-    def _render_with_tables(self, view, T_w_v, spp, max_bounces, layers, denoise, key) -> RadianceImage:
+    def _render_with_tables(self, view, T_w_v, spp, max_bounces, asked, key) -> RadianceImage:
         """The pixels, after the grid of the veil and the residual of the glow if there is anything to make them."""
-        wanted = ("direct" in layers, "single" in layers, "multiple" in layers)
+        wanted = tuple(layer in asked.layers for layer in LAYERS)
         surfaces = (self.world.has_instances, self.world.has_textures)
         keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
         camera = self.world.camera(view, T_w_v)
@@ -283,7 +297,7 @@ class FrameRenderer:
         grid = empty_veil_grid(self.launcher, view)
         spp_residual = 0
         if wanted[2] and self.world.has_surfaces:
-            filtered = (denoise or self.scene.render.denoise) != "none"
+            filtered = (asked.denoise or self.scene.render.denoise) != "none"
             spp_residual = -(-spp // (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES))
         reflects = spp_residual > 0 and max_bounces > 0
         film = self._film(view, spp, residual=int(reflects))
@@ -295,19 +309,19 @@ class FrameRenderer:
         kernel = make_tables_kernel(*wanted, *surfaces)
         how = [tables, grid, max_bounces, wp.uint32(keys[1]), film]
         self._take_samples(film, kernel, [self.world.data, camera], how, spp)
-        guides = self._trace_guides(view, T_w_v) if spp_residual and denoise != "none" else {}
-        return self._develop(film, layers, denoise, spp_residual, guides, tables=True)
+        guides = self._trace_guides(view, T_w_v) if spp_residual and asked.denoise != "none" else {}
+        return self._develop(film, asked, spp_residual, guides, tables=True)
 
-    def _render_ambient(self, view, T_w_v, spp, denoise, key) -> RadianceImage:
+    def _render_ambient(self, view, T_w_v, spp, asked, key) -> RadianceImage:
         if not self.world.has_surfaces:
             shape = (*view.resolution[::-1], 3)
             image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
-            return self._denoised(image, {}, denoise)
+            return self._denoised(image, {}, asked.denoise)
         film = self._film(view, spp)
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
-        return self._develop(film, (), denoise)
+        return self._develop(film, asked)
 
     def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
@@ -357,33 +371,38 @@ class FrameRenderer:
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def _develop(
-        self, film: Film, layers, denoise, spp_residual: int = 0, guides=None, tables: bool = False
-    ) -> RadianceImage:
+    def _develop(self, film: Film, asked: Asked, spp_residual: int = 0, guides=None, tables: bool = False):
+        """The `RadianceImage` of a film."""
         shape = film.squares.shape[1:]
         names = (*LAYERS, "residual", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film, spp_residual], list(images.values()))
-        kept = {layer: images[layer].numpy() for layer in LAYERS if layer in layers}
         # what a denoiser works on, still on the device
         work = {"radiance": images["radiance"]} | ({"residual": images["residual"], **guides} if tables else {})
-        on_host = {name: image.numpy() for name, image in work.items()}
         lost = int(film.lost.numpy()[0])
         if lost:
             warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
                           "and the image is darker there", stacklevel=5)
-        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, lost_samples=lost,
-                              spp=_mean_over_pixels(film.count.numpy().sum(0), shape))
-        return self._denoised(image, work, denoise)
+        facts = {"lost_samples": lost, "spp": _mean_over_pixels(film.count.numpy().sum(0), shape)}
+        if asked.denoised_only and self._denoises(asked.denoise):
+            return RadianceImage(None, None, denoised=self._device_denoiser.denoise(**work).numpy(), **facts)
+        kept = {layer: images[layer].numpy() for layer in LAYERS if layer in asked.layers}
+        on_host = {name: image.numpy() for name, image in work.items()}
+        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, **facts)
+        return self._denoised(image, work, asked.denoise)
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
         if method is None:
             return image
-        if method != "oidn" or not on_device or self._device_denoiser is None:
+        if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
         return replace(image, denoised=self._device_denoiser.denoise(**on_device).numpy())
+
+    def _denoises(self, method: str | None) -> bool:
+        """Whether the device does that."""
+        return method == "oidn" and self._device_denoiser is not None
 
     @functools.cached_property
     def _device_denoiser(self):

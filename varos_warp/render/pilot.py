@@ -111,16 +111,18 @@ def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) ->
         limit = FIREFLY * np.maximum(np.maximum(image, around), DARK * image.mean((0, 1)))
         sane = np.clip(judges, -limit, limit)
         square = (image - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
-        cut = _squared_offset(image, judges) - _squared_offset(image, sane)
-        squares.append(square.mean((0, 1)) + cut)
-        unsure.append(square.std((0, 1)) / np.sqrt(square[..., 0].size))
+        (offset, chance), (sane_offset, sane_chance) = (_offset(image, those) for those in (judges, sane))
+        rare = offset**2 - chance - (sane_offset**2 - sane_chance)
+        squares.append(square.mean((0, 1)) + rare)
+        unsure.append(np.hypot(square.std((0, 1)) / np.sqrt(square[..., 0].size),
+                               2.0 * offset * np.sqrt(np.maximum(chance - sane_chance, 0.0))))
     return np.mean(squares, axis=0), np.mean(unsure, axis=0)
 
 
-def _squared_offset(image: np.ndarray, judges: np.ndarray) -> np.ndarray:
-    """Square of how far the mean of an image is from that of its judges [3], less what their noise adds to it."""
+def _offset(image: np.ndarray, judges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far the mean of an image [3] is from that of its judges, and the variance of theirs."""
     means = judges.mean((1, 2))
-    return (image.mean((0, 1)) - means.mean(0)) ** 2 - means.var(axis=0, ddof=1) / len(judges)
+    return image.mean((0, 1)) - means.mean(0), means.var(axis=0, ddof=1) / len(judges)
 
 
 def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
