@@ -26,6 +26,7 @@ from varos_warp.scene.load import demo_scene_path, load_scene
 from varos_warp.scene.meshes import build_parts
 from varos_warp.sim.trajectory import simulate
 
+EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"
 SIZE = "vehicle.cameras.0.resolution=[320,180]"
 CLEAR, REF1 = HERE / "scenes/floor_clear.yaml", HERE / "scenes/ref1/scene.yaml"
 PAPER = ("water={principled: {density: 0.125, color: [0.014, 0.146, 0.345], absorption_color: [0.0, 0.394, 1.0], "
@@ -60,6 +61,9 @@ CASES = {
     "ref1_loose": Case("ref1, 5 %, 1280 x 720", REF1, ("render.denoise=oidn", "render.tolerance=0.05",
                                                        "vehicle.cameras.0.resolution=[1280,720]")),
     "demo": Case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
+    "ocean_III": Case("Jerlov III, from 6 m", CLEAR, (jerlov("III", 0.85), ABOVE)),
+    "near_IB": Case("Jerlov IB, near by", CLEAR, (jerlov("IB", 0.8), NEAR)),
+    "munkholmen": Case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
     "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C", 0.85),)),
     "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C", 0.85),)),
     "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C", 0.85), NEAR)),

@@ -30,10 +30,10 @@ CHANNELS = ("red", "green", "blue")
 
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
-MARGIN, MARGIN_VARIES, MARGIN_TABLES = 1.05, 1.1, 1.2
+MARGIN, MARGIN_ADAPTING, MARGIN_TABLES = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-images that vary more from one to the next, as samples adapt or a denoiser leaves more or less of the noise; the third
-for tables with a denoiser, which leave it so little that what it makes of it varies most."""
+samples that adapt, and vary with the few that they adapt to; the third for tables with a denoiser: they leave it so
+little noise that what it makes of it varies most from image to image."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
 FEWEST_SPP, MOST_SPP = 2, 4096
@@ -414,15 +414,15 @@ class _Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        denoised = available_method(self.render.denoise) != "none"
-        margin = MARGIN if not denoised else MARGIN_TABLES if "tables" in self.integrators else MARGIN_VARIES
+        varies = available_method(self.render.denoise) != "none" and "tables" in self.integrators
+        margin = MARGIN_TABLES if varies else MARGIN
         law = self.error_law(target / margin)
         spp = law.whole_samples(target / margin)
         adapting = None
         if "tables" not in self.integrators and FEWEST_ADAPTIVE <= spp <= MOST_REHEARSED:
             adapting = self.adapting(law, spp)
         if adapting is not None:
-            law, margin = adapting, MARGIN_VARIES
+            law, margin = adapting, MARGIN_ADAPTING
             spp = max(law.whole_samples(target / margin), spp // 2)
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
         return spp, None if adapting is None else _round(law.noise(spp).max())
