@@ -148,3 +148,12 @@ def test_remains_of_a_dead_process_are_swept_and_those_of_a_living_one_stay(tmp_
         files.sweep(tmp_path)
         assert mine.exists()
         assert not dead.exists()
+
+
+def test_folders_that_a_killed_export_left_are_swept_too(tmp_path):
+    with files.new_folder(tmp_path / "euroc") as mine:
+        dead = mine.with_name(mine.name.replace(f"-{os.getpid()}-", "-999999999-"))
+        files.write_bytes(dead / "mav0" / "body.yaml", b"comment: whole\n")
+        files.sweep(tmp_path)
+        assert mine.exists()
+        assert not dead.exists()

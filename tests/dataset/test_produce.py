@@ -211,7 +211,7 @@ def test_a_disk_that_fills_up_ends_with_a_message_and_only_whole_files(tmp_path,
 def test_a_corrupt_dataset_json_is_refused(written, tmp_path):
     out = shutil.copytree(written, tmp_path / "copy")
     (out / "dataset.json").write_text("{")
-    with pytest.raises(InputError, match=r"dataset.json: cannot be read"):
+    with pytest.raises(InputError, match=r"dataset.json: cannot be read.*Make the dataset anew"):
         run(out)
     (out / "dataset.json").write_text('{"schema_version": 1}')
     with pytest.raises(InputError, match=r"dataset.json.*missing or damaged"):
@@ -283,11 +283,11 @@ def test_values_that_were_cut_are_counted_whichever_thread_cut_them(tmp_path, mo
 
 
 def test_the_denoiser_that_was_really_used_is_recorded_and_not_mixed_with_another(tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.produce.available_method", lambda method: "nlm")
+    monkeypatch.setattr("varos_warp.dataset.engine.available_method", lambda method: "nlm")
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))
     assert Dataset(tmp_path).meta["samples"]["denoise"] == "nlm"
     assert Dataset(tmp_path).meta["scene"]["render"]["denoise"] == "oidn"
-    monkeypatch.setattr("varos_warp.dataset.produce.available_method", lambda method: method)
+    monkeypatch.setattr("varos_warp.dataset.engine.available_method", lambda method: method)
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))  # nothing is left to denoise
     before = times(tmp_path)
     with pytest.raises(InputError, match=r"samples.denoise: .*denoised with 'nlm', .*'oidn'"):

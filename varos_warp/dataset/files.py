@@ -148,10 +148,13 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 
 def sweep(folder: Path, every: bool = False) -> None:
     """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
-    for temp in folder.rglob(".*.tmp"):
+    for temp in list(folder.rglob(".*.tmp")):
         match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", temp.name)
         if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
-            temp.unlink(missing_ok=True)
+            if temp.is_dir():
+                shutil.rmtree(temp)  # of `new_folder`
+            else:
+                temp.unlink(missing_ok=True)
 
 
 def _alive(pid: int) -> bool:
@@ -171,7 +174,8 @@ def _alive(pid: int) -> bool:
 
 
 @contextlib.contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def _reading(path: Path, remedy: str = "The file is damaged; delete it and `run` again to make it anew."
+             ) -> Iterator[None]:
     try:
         yield
     except InputError:
@@ -179,13 +183,12 @@ def _reading(path: Path) -> Iterator[None]:
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
     except (OSError, ValueError, SyntaxError, RuntimeError, IndexError, KeyError, struct.error) as error:
-        raise InputError(f"cannot be read: {error}", file=path,
-                         remedy="The file is damaged; delete it and `run` again to make it anew.") from error
+        raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
-def read_json(path: Path) -> dict:
-    """Contents of a JSON file."""
-    with _reading(path):
+def read_json(path: Path, **reading) -> dict:
+    """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
+    with _reading(path, **reading):
         return json.loads(path.read_text(encoding="utf-8"))
 
 

@@ -152,7 +152,7 @@ class Dataset:
         if not (self.root / "dataset.json").is_file():
             raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
                              remedy="Give the folder that `varos-warp run` wrote to.")
-        self.meta = files.read_json(self.root / "dataset.json")
+        self.meta = files.read_json(self.root / "dataset.json", remedy="Make the dataset anew.")
         if not isinstance(self.meta, dict) or self.meta.get("schema_version") != SCHEMA_VERSION:
             raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}",
                              file=self.root / "dataset.json", remedy="Make it anew, or read it with the version of "
