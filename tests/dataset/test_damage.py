@@ -417,6 +417,37 @@ def test_damage_to_noise_and_to_truth_is_told_apart(noisy):
         assert problem in text
 
 
+def rewrite_imu(noisy, white=1.0, bias=1.0):
+    """The IMU's readings with a part of their noise, and the bias that is then in them."""
+    imu, truth, noise = noisy.imu(), noisy.imu(truth=True), noisy.imu_bias()
+    parts = [(imu[name] - truth[name] - noise[name], noise[name], truth[name])
+             for name in ("acceleration", "angular_velocity")]
+    writers.write_imu(noisy.layout, imu["time_ns"], [t + white * w + bias * b for w, b, t in parts],
+                      [t for _, _, t in parts], [bias * b for _, b, _ in parts])
+
+
+def rewrite_gauge(noisy, white=1.0, bias=1.0):
+    """The same of the depth gauge."""
+    truth, bias_in = noisy.depth_gauge(truth=True), list(files.read_csv(noisy.layout.sensor("depth0")).values())[3]
+    part = noisy.depth_gauge()["depth"] - truth["depth"] - bias_in
+    writers.write_depth_gauge(noisy.layout, truth["time_ns"], truth["depth"] + white * part + bias * bias_in,
+                              truth["depth"], bias * bias_in)
+
+
+@pytest.mark.parametrize(("rewrite", "problem"), [
+    (lambda noisy: rewrite_imu(noisy, bias=0.0), "imu0: readings against profile and seed"),
+    (lambda noisy: rewrite_imu(noisy, white=0.0), "imu0: white noise of the accelerometer"),
+    (lambda noisy: rewrite_gauge(noisy, bias=0.0), "depth0: readings against profile and seed"),
+    (lambda noisy: rewrite_gauge(noisy, white=0.0), "depth0: readings against profile and seed"),
+    (lambda noisy: change_meta(noisy.root, lambda meta: meta["sensors"]["imu0"]["noise"].update(
+        gyroscope_random_walk=0.5)), "sensors.imu0.noise.gyroscope_random_walk is 0.5"),
+])
+def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy, rewrite, problem):
+    (noisy.root / "checksums").unlink()
+    rewrite(noisy)
+    assert problem in "\n".join(validate(noisy.root, quiet=True).problems)
+
+
 def test_no_run_goes_on_in_a_dataset_with_noise(noisy):
     with pytest.raises(InputError, match=r"noise was added.*made of"):
         produce(hills_scene(), noisy.root, quiet=True)

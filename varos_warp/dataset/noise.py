@@ -64,6 +64,11 @@ def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:
     return about and (NoiseProfile.model_validate(about["profile"]), about["seed"])
 
 
+def is_repeatable(data: Dataset) -> bool:
+    """Whether the noise was added by this version of NumPy, whose random numbers another may not repeat."""
+    return data.meta["noise"]["versions"]["numpy"] == writers.versions()["numpy"]
+
+
 def noisy_pixels(data: Dataset, frame: int, camera: str) -> np.ndarray:
     """Pixels uint8 [H, W, 3] of A as the dataset's profile and seed make them from the frame's linear radiance.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from varos_warp.dataset import files, writers
 from varos_warp.dataset.layout import Dataset
-from varos_warp.dataset.noise import noisy_pixels
+from varos_warp.dataset.noise import is_repeatable, noisy_pixels
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.validate.outcome import Validation, problem_of
 from varos_warp.dataset.validate.views import back_project
@@ -117,7 +117,7 @@ class Exposures:
             self.wrong_statistics[frame] = exposure.statistics(linear)
         problems = []
         if clean:
-            if not np.array_equal(noisy_pixels(data, frame, camera), pixels) and _same_numpy(data):
+            if not np.array_equal(noisy_pixels(data, frame, camera), pixels) and is_repeatable(data):
                 problems = [f"{data.layout.png(camera, 'A', frame).name}: is not its EXR with the noise of "
                             "dataset.json"]
             pixels = data.pixels("A", frame, camera, truth=True)
@@ -173,11 +173,6 @@ def _same(one: exposure.Statistics, other: exposure.Statistics) -> bool:
 
 def _digest(pixels: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(pixels).tobytes()).hexdigest()
-
-
-def _same_numpy(data: Dataset) -> bool:
-    """Whether the noise was made by this version of NumPy, whose random numbers another may not repeat."""
-    return data.meta["noise"]["versions"]["numpy"] == writers.versions()["numpy"]
 
 
 def _linear_agrees(data: Dataset, result: Validation, frame: int, camera: str) -> list[str]:

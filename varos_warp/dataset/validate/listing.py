@@ -110,8 +110,10 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         "sensors": {name: writers.describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
     }
-    for sensor in made["sensors"].values() if meta.get("noise") else ():
-        del sensor["noise"]  # that of the profile
+    profile = (meta.get("noise") or {}).get("profile", {})
+    for name, block in (("imu0", "imu"), ("depth0", "depth_gauge")):
+        if profile.get(block):
+            made["sensors"][name]["noise"] = profile[block]
     told = [f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
             for key, here, there in differences(meta, made)]
     if meta["frames"]["rate_hz"] != scene.render.frame_rate_hz:

@@ -5,7 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset.noise import is_repeatable, noise_of
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.sim.noise import depth_gauge_noise, imu_noise
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0
@@ -260,7 +262,7 @@ def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: n
 
 
 def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
-    """Readings are truth, bias and white noise of the density that dataset.json names."""
+    """Readings are truth, bias and white noise of the density that dataset.json names, or of its profile and seed."""
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
     for name, sensor, unit in (("acceleration", "accelerometer", "m/s^2"), ("angular_velocity", "gyroscope", "rad/s")):
         white = imu[name] - truth[name] - bias[name]
@@ -270,6 +272,12 @@ def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
                        5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
         rows = np.flatnonzero(np.abs(white).max(1) > 8 * sigma + 1e-9)
         result.add_all(_row(f"its {name} is off by more than noise can be", data.layout.sensor("imu0"), rows), "rows")
+    profile, seed = noise_of(data) or (None, 0)
+    if profile and profile.imu and is_repeatable(data):
+        made = imu_noise(profile.imu, len(imu["time_ns"]), about["rate_hz"], seed)
+        off = [np.abs([bias[name] - noise.bias, imu[name] - truth[name] - noise.bias - noise.white]).max()
+               for name, noise in zip(("acceleration", "angular_velocity"), made, strict=True)]
+        result.measure("imu0: readings against profile and seed", max(off), 1e-9, "m/s^2, rad/s")
 
 
 # --------------------------------------------------------------------------------------------------------- depth gauge
@@ -289,12 +297,21 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
     result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m")
     result.add_all(_row("its depth is not that of the poses", path, np.flatnonzero(~(off <= 1e-9))), "rows")
     if data.has_noise("depth0"):
-        about = data.meta["sensors"]["depth0"]
-        bias = list(files.read_csv(path).values())[3]
-        white = data.depth_gauge()["depth"] - gauge["depth"] - bias
-        density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
-        most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
-        result.measure("depth0: reading off truth and bias, at most", np.abs(white).max(), most, "m")
+        _check_gauge_noise(data, result, gauge["depth"])
+
+
+def _check_gauge_noise(data: Dataset, result: Validation, truth: np.ndarray) -> None:
+    """Readings are no farther off than noise can be, and those of profile and seed."""
+    about, reading = data.meta["sensors"]["depth0"], data.depth_gauge()["depth"]
+    bias = list(files.read_csv(data.layout.sensor("depth0")).values())[3]
+    density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
+    most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
+    result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")
+    profile, seed = noise_of(data) or (None, 0)
+    if profile and profile.depth_gauge and is_repeatable(data):
+        made = depth_gauge_noise(profile.depth_gauge, truth, about["rate_hz"], seed)
+        off = np.abs(np.subtract(made, (reading, bias))).max()
+        result.measure("depth0: readings against profile and seed", off, 1e-9, "m")
 
 
 CHECKS = (check_poses, check_mounting, check_lights, check_states, check_imu, check_depth_gauge)
