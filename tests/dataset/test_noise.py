@@ -128,6 +128,8 @@ def test_a_failure_leaves_nothing(written, tmp_path):
     ("camera: {electrons_per_dn: 2, bits: 99}", r"camera\.bits = 99"),
     ("camera: {bits: 12}", "give one of electrons_per_dn and electrons_per_radiance"),
     ("imu: {gyroscope_noise_dens: 1}", "gyroscope_noise_dens: unknown key. Did you mean 'gyroscope_noise_density'"),
+    ("camera: {electrons_per_radiance: 1.0e+20}", r"camera\.electrons_per_radiance = 1e\+20"),
+    ("camera: {electrons_per_dn: 1.0e+20}", r"camera\.electrons_per_dn = 1e\+20"),
     ("depth_gauge: {resolution: -1}", r"depth_gauge\.resolution = -1"),
     ("", "the noise profile is empty"),
 ])

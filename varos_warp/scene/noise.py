@@ -56,9 +56,9 @@ class CameraNoise(Block):
     same in every frame, and its gain is an amplifier's, which amplifies the noise as well.
     """
 
-    electrons_per_dn: Positive | None = None
+    electrons_per_dn: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
     """Conversion, the reciprocal of the system gain K [e-/DN]"""
-    electrons_per_radiance: Positive | None = None
+    electrons_per_radiance: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
     """[e- per W/sr/m^2]"""
     full_well_electrons: Positive | None = None
     """Electrons at which a pixel saturates [e-]; absent: above white"""
