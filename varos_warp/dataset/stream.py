@@ -31,7 +31,7 @@ FIELDS = {
     IMU: "int64 time [ns]; float64 specific force x y z [m/s^2]; float64 angular velocity x y z [rad/s], IMU axes",
     DEPTH_GAUGE: "int64 time [ns]; float64 depth below the surface [m]",
     VEHICLE_POSE: "int64 time [ns]; float64 position x y z [m]; float64 quaternion w x y z: vehicle in world",
-    IMAGE: "int64 time [ns]; uint32 frame; uint8 number of the camera; uint8 image type, ASCII A B C D; path",
+    IMAGE: "int64 time [ns]; uint32 frame; uint8 number of the camera; uint8 image type, ASCII A B C D S; path",
     END: "int64 time [ns]; nothing follows",
 }
 
