@@ -37,6 +37,9 @@ Denoise = Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Deno
 LinearExr = Annotated[bool, typer.Option("--linear-exr", help="Also write A as rendered, with its standard error.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
 Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
+Scheduler = Annotated[str | None, typer.Option(metavar="dask://HOST:PORT",
+                                               help="Render on the workers of a Dask scheduler.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
 
@@ -67,11 +70,12 @@ def _job(name: str, text: str, **kind):
                 tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
                 max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None,
                 seed: Seed = None, denoise: Denoise = None, linear_exr: LinearExr = False, set_: Set = None,
-                shard: Shard = None, json_: Json = False, quiet: Quiet = False):
+                shard: Shard = None, workers: Workers = None, scheduler: Scheduler = None, json_: Json = False,
+                quiet: Quiet = False):
         changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed,
                             denoise, linear_exr)
         make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
-             **kind)
+             workers=workers, scheduler=scheduler, **kind)
 
     command.__name__, command.__doc__ = name, text
     return verb(command)

@@ -6,6 +6,7 @@ nothing is copied to other processes. At most `room` frames are between the rend
 memory whichever the length of the sequence.
 """
 
+import contextlib
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
@@ -44,33 +45,18 @@ class Rendered:
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
     """What could not be made, and why."""
 
-
-def open_renderer(scene, poses: list[np.ndarray], device: str, *, parts=None, compare: bool = False):
-    """The scene on a device, with the level of detail that the whole sequence needs, and every lamp.
-
-    Args:
-        scene: The scene.
-        poses: T_w_v [4, 4] of every frame of the sequence.
-        device: ``cpu`` or ``cuda:N``.
-        parts: The scene's geometry, where it is built already.
-        compare: Whether to measure the error of the level of detail, for a planner.
-
-    Returns:
-        The `FrameRenderer`, from which `planned_renderer` makes one to render with, and what a planner is told of the
-        meshes.
-    """
-    from varos_warp.render.detail import choose_detail
-    from varos_warp.render.frame import FrameRenderer
-    from varos_warp.scene.meshes import build_parts
-
-    detail = choose_detail(scene, build_parts(scene) if parts is None else parts, poses, device, compare=compare)
-    return FrameRenderer(scene, device, detail.parts), detail.meshes
+    def add(self, other: "Rendered") -> None:
+        """Take in what is known of further images."""
+        self.statistics |= other.statistics
+        self.clamped += other.clamped
+        self.timings += other.timings
+        self.failures += other.failures
 
 
 def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
                   T_w_v: Callable[[int], np.ndarray], *, made: Rendered | None = None, clock: Clock | None = None,
                   done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
-                  ) -> Rendered:
+                  turn: contextlib.AbstractContextManager | None = None, cores: int | None = None) -> Rendered:
     """Render images and write their files. Exposure is left to whoever knows all frames.
 
     An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
@@ -78,7 +64,7 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
     names goes on from there.
 
     Args:
-        renderer: The scene's renderer as planned (`open_renderer`, `plan.planned_renderer`).
+        renderer: The scene's renderer as planned (`plan.planned_renderer`).
         store: Writes the images.
         plan: Of the sequence, as `Plan.to_dict` has it.
         jobs: What to render.
@@ -87,6 +73,8 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
         clock: Counts the time of the stages.
         done: Called after each image.
         say: Told what the user should know.
+        turn: Held while an image is rendered, where several threads share the renderer.
+        cores: That denoise and write; absent: all that the process may use.
 
     Raises:
         InputError: If the disk refuses a file.
@@ -94,8 +82,9 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
     """
     from varos_warp.render.launch import usable_cores
 
-    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), say)
-    cores = usable_cores()
+    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), say,
+               turn or contextlib.nullcontext())
+    cores = cores or usable_cores()
     under_way: deque[tuple[ImageJob, list[Future]]] = deque()
     with ThreadPoolExecutor(cores, "write") as pool:
         for job in jobs:
@@ -114,8 +103,8 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
 class _Run:
     """State of `render_frames`."""
 
-    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, say):
-        self.renderer, self.store, self.plan, self.T_w_v = renderer, store, plan, T_w_v
+    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, say, turn):
+        self.renderer, self.store, self.plan, self.T_w_v, self.turn = renderer, store, plan, T_w_v, turn
         self.made, self.clock, self.say, self.in_a_row = made, clock, say, 0
         self.cameras = {camera.id: camera for camera in renderer.scene.vehicle.cameras}
         keys = (("denoise", "A"), ("denoise_b", "B"))
@@ -127,22 +116,26 @@ class _Run:
 
     def render(self, job: ImageJob):
         """An image; None where it cannot be made."""
-        start, compiled = time.perf_counter(), self.renderer.compile_seconds
-        camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
         try:
-            with self.clock("render"):
-                image = self.renderer.render(self.T_w_v(job.frame), camera=camera, outputs=job.letters,
-                                             frame=job.frame, **self.options)
+            with self.turn, self.clock("render"):
+                image, seconds = self.timed(job)
         except InputError:
             raise
         except Exception as error:
             self.fail(job, error)
             return None
         self.in_a_row = 0
-        seconds = time.perf_counter() - start - (self.renderer.compile_seconds - compiled)
         self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
                                   "seconds": round(seconds, 4)} | self.samples_of(job, image))
         return image
+
+    def timed(self, job: ImageJob):
+        """An image, and the seconds it took without those of compiling."""
+        start, compiled = time.perf_counter(), self.renderer.compile_seconds
+        camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
+        image = self.renderer.render(self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame,
+                                     **self.options)
+        return image, time.perf_counter() - start - (self.renderer.compile_seconds - compiled)
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""

@@ -8,6 +8,7 @@ import contextlib
 import os
 import sys
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -15,14 +16,14 @@ import numpy as np
 
 from varos_warp.dataset import files, folder, writers
 from varos_warp.dataset.checksums import write_checksums
+from varos_warp.dataset.engine import Engine
 from varos_warp.dataset.expose import expose
 from varos_warp.dataset.layout import Dataset, Layout, from_runs
-from varos_warp.dataset.pipeline import Rendered, open_renderer, render_frames
+from varos_warp.dataset.pipeline import Rendered
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.store import ImageJob, Store
 from varos_warp.dataset.timing import BESIDE, Clock
 from varos_warp.errors import InputError
-from varos_warp.render.denoise import available_method
 from varos_warp.render.outputs import OUTPUTS, SEGMENT_LEVELS
 
 
@@ -47,7 +48,8 @@ class Summary:
 
 
 def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), shard: tuple[int, int] = (0, 1),
-            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None) -> Summary:
+            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None, workers: int | None = None,
+            scheduler: str | None = None) -> Summary:
     """Simulate, render and write a dataset; completes one that was interrupted, and leaves a complete one alone.
 
     Args:
@@ -61,24 +63,24 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         images: Whether to render.
         quiet: No progress on stderr.
         renderer: A `FrameRenderer` of this scene, where there is one already.
+        workers: Render in so many processes of this host (cluster.py).
+        scheduler: Render on the workers of this Dask scheduler, ``dask://HOST:PORT``.
 
     Raises:
-        InputError: If the folder cannot be used, holds a dataset of another scene, or another run is at it.
+        InputError: If the folder cannot be used, holds a dataset of another scene, or another run is at it; or there
+            is no such device, worker or scheduler.
         RuntimeError: If images could not be made; all others are.
     """
     start = time.monotonic()
     layout = Layout.of(scene, out)
-    if images and renderer is None:
-        from varos_warp.scene.device import resolve_device
-
-        device = resolve_device(device)
+    engine = _engine(device, renderer, workers, scheduler) if images else contextlib.nullcontext()
     new = not layout.root.exists()
     try:
-        with folder.claimed(layout.root, shard):
+        with folder.claimed(layout.root, shard), engine:
             previous = folder.open_folder(scene, layout, alone=shard[1] == 1)
             job = _Job(scene, layout, shard, quiet)
             job.simulate(frames, previous)
-            job.run(device, sensors, images, renderer)
+            job.run(engine, sensors, images)
     finally:
         if new:
             with contextlib.suppress(OSError):
@@ -86,6 +88,15 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     job.summary.seconds = round(time.monotonic() - start, 3)
     job.summary.stages = job.clock.rounded()
     return job.summary
+
+
+def _engine(device: str, renderer, workers: int | None, scheduler: str | None):
+    """What renders."""
+    if workers is None and scheduler is None:
+        return Engine(device, renderer)
+    from varos_warp.dataset.cluster import Cluster
+
+    return Cluster(device, workers, scheduler)
 
 
 def simulated(scene, quiet: bool = False):
@@ -117,7 +128,6 @@ class _Job:
         self.scene, self.layout, self.shard, self.quiet = scene, layout, shard, quiet
         self.clock, self.made = Clock(), Rendered()
         self.work: list[ImageJob] = []
-        self.renderer, self.meshes = None, None
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
         """The course of the vehicle, and the frames of it that are asked for."""
@@ -138,14 +148,14 @@ class _Job:
         self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
         self.store = Store(self.layout, self.scene.render, self.denoisers)
 
-    def run(self, device: str, sensors: bool, images: bool, renderer) -> None:
+    def run(self, engine, sensors: bool, images: bool) -> None:
         """Everything after the simulation."""
+        self.engine = engine
         if images:
             self.find_work()
         if self.work:
-            self.choose_denoisers()
             with self.clock("load"):
-                self.load(device, renderer)
+                self.load()
         with folder.planning(self.layout.root, self.tell_of_waiting):
             self.take_over(folder.recorded(self.scene, self.layout))
             if self.work:
@@ -208,7 +218,7 @@ class _Job:
         for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
             if not any(letter in job.letters for job in self.work):
                 continue
-            method, before = available_method(asked), self.denoisers[letter]
+            method, before = self.engine.available_method(asked), self.denoisers[letter]
             if before not in (None, method):
                 raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
                                  f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
@@ -216,21 +226,17 @@ class _Job:
                                         "folder with -o.")
             self.denoisers[letter] = method
 
-    def load(self, device: str, renderer) -> None:
+    def load(self) -> None:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
-        if renderer is None:
-            from varos_warp.scene.checks import check_scene
-            from varos_warp.scene.meshes import build_parts
-            from varos_warp.sim.trajectory import path_samples
+        from varos_warp.sim.trajectory import path_samples
 
-            parts = build_parts(self.scene)
-            for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
-                self.say(warning)
-            renderer, self.meshes = open_renderer(self.scene, self.poses(), device, parts=parts,
-                                                    compare=not self.plan)
-        self.renderer = renderer
-        if "S" in self.scene.render.outputs and len(renderer.segments) > SEGMENT_LEVELS:
-            raise InputError(f"{len(renderer.segments)} objects cannot be numbered in 16 bits", key="render.outputs",
+        self.engine.start(self.layout.root)
+        self.choose_denoisers()
+        for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation),
+                                        compare=not self.plan):
+            self.say(warning)
+        if "S" in self.scene.render.outputs and len(self.engine.segments) > SEGMENT_LEVELS:
+            raise InputError(f"{len(self.engine.segments)} objects cannot be numbered in 16 bits", key="render.outputs",
                              value="S", remedy="Leave out S, or scatter fewer.")
 
     def settle(self) -> None:
@@ -242,20 +248,19 @@ class _Job:
 
     def note_device(self) -> None:
         """Keep the first device on record, and say when another one goes on."""
-        here = {"name": self.renderer.device, "model": self.renderer.device_name}
-        self.summary.device = _device(here)
-        self.device = self.device or here
-        if here != self.device:
-            self.say(f"earlier frames were rendered on {_device(self.device)}, these are on {_device(here)}: pixels "
-                     "may differ in rounding; dataset.json keeps the first")
+        self.device = self.device or self.engine.devices[0]
+        words = Counter(_device(here) for here in self.engine.devices)
+        self.summary.device = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in words.items())
+        for here in {here["model"]: here for here in self.engine.devices}.values():
+            if here["model"] != self.device["model"]:
+                self.say(f"earlier frames were rendered on {_device(self.device)}, these are on {_device(here)}: "
+                         "pixels may differ in rounding; dataset.json keeps the first")
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.render.plan import plan_render
-
         start = time.monotonic()
         self.tell("planning from a few poses ...")
-        plan = plan_render(self.scene, self.renderer, self.poses(), meshes=self.meshes)
+        plan = self.engine.plan()
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
         self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp} samples per pixel of A{error}")
         return plan.to_dict()
@@ -271,7 +276,7 @@ class _Job:
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
         self.write_metadata()
         if self.work and "S" in self.scene.render.outputs:
-            files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
+            files.write_json(self.layout.segments, {"0": "nothing", "segments": self.engine.segments})
         writers.write_readme(self.layout, self.scene)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
@@ -299,13 +304,9 @@ class _Job:
         """
         if not self.work:
             return
-        from varos_warp.render.plan import planned_renderer
-
-        with self.clock("load"):
-            self.renderer = planned_renderer(self.renderer, self.plan, self.poses())
         with Progress("rendering", len(self.work), quiet=self.quiet) as progress:
-            self.made = render_frames(self.renderer, self.store, self.plan, self.work, self.T_w_v, made=self.made,
-                                      clock=self.clock, done=progress.advance, say=self.say)
+            self.engine.render(self.store, self.plan, self.work, made=self.made, clock=self.clock,
+                               done=progress.advance, say=self.say)
         if self.made.failures:
             (job, error), *rest = self.made.failures
             more = f"; {len(rest)} more failed" if rest else ""
@@ -316,11 +317,11 @@ class _Job:
         """When and how fast this run rendered; the only file that differs from run to run."""
         if not self.made.timings:
             return
-        stamp, renderer = datetime.now(UTC), self.renderer
+        stamp, first = datetime.now(UTC), self.engine.devices[0]
         name = f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json"
         seconds = self.clock.rounded()
-        content = {"ended": stamp.isoformat(timespec="seconds"), "device": renderer.device,
-                   "model": renderer.device_name, "compile_seconds": round(renderer.compile_seconds, 3),
+        content = {"ended": stamp.isoformat(timespec="seconds"), "device": first["name"],
+                   "model": first["model"], "compile_seconds": round(self.engine.compile_seconds, 3),
                    "versions": writers.versions(), "stages": seconds, "messages": self.summary.messages,
                    "frames": self.made.timings}
         with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already

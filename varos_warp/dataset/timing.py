@@ -31,6 +31,12 @@ class Clock:
             with self._lock:
                 self.seconds[stage] += seconds
 
+    def add(self, seconds: dict[str, float]) -> None:
+        """Count what was measured elsewhere."""
+        with self._lock:
+            for stage, more in seconds.items():
+                self.seconds[stage] += more
+
     def rounded(self) -> dict[str, float]:
         """Seconds of each stage, for the log."""
         return {stage: round(seconds, 3) for stage, seconds in self.seconds.items()}

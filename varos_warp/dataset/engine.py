@@ -1,0 +1,113 @@
+"""What renders a dataset: here, one device of this process; in cluster.py, many workers. Both have the same methods."""
+
+import contextlib
+import threading
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from varos_warp.dataset.pipeline import Rendered, render_frames
+from varos_warp.dataset.store import ImageJob, Store
+from varos_warp.dataset.timing import Clock
+from varos_warp.render.denoise import available_method
+
+
+class Engine:
+    """Renders in this process.
+
+    Args:
+        device: ``auto``, ``cpu`` or ``cuda:N``.
+        renderer: A `FrameRenderer` of the scene, where there is one already.
+        cores: That rendering on a CPU, and writing, may use; absent: all that the process may.
+
+    Raises:
+        InputError: If there is no such device.
+    """
+
+    def __init__(self, device: str = "auto", renderer=None, cores: int | None = None):
+        from varos_warp.scene.device import resolve_device
+
+        self.asked = device if renderer is not None else resolve_device(device)
+        self.renderer, self.cores = renderer, cores
+        self.meshes: dict | None = None
+        self.compared = False
+        """Whether the error of the level of detail was measured, for a planner."""
+        self._turn = threading.Lock()
+        self._plan: dict | None = None
+
+    def __enter__(self) -> "Engine":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.renderer = None
+
+    def start(self, root) -> None:
+        """Nothing is to be started; see `Cluster.start`."""
+
+    def available_method(self, asked: str) -> str:
+        """The denoiser that stands in for another one, or this one itself."""
+        return available_method(asked)
+
+    def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
+        """Bring the scene onto the device, with the level of detail that the whole sequence needs, and every lamp.
+
+        Args:
+            scene: The scene.
+            poses: T_w_v [4, 4] of every frame of the sequence.
+            path: Where the vehicle comes, as `path_samples` has it; absent: the scene is not looked at for errors.
+            compare: Whether to measure the error of the level of detail, for a planner.
+
+        Returns:
+            What looks wrong in the scene.
+        """
+        self.scene, self.poses = scene, poses
+        if self.renderer is not None:
+            return []
+        from varos_warp.render.detail import choose_detail
+        from varos_warp.render.frame import FrameRenderer
+        from varos_warp.scene.checks import check_scene
+        from varos_warp.scene.meshes import build_parts
+
+        parts = build_parts(scene)
+        warnings = [] if path is None else check_scene(scene, parts, path)
+        detail = choose_detail(scene, parts, poses, self.asked, compare=compare)
+        threads = {"threads": self.cores} if self.cores else {}
+        self.renderer = FrameRenderer(scene, self.asked, detail.parts, **threads)
+        self.meshes, self.compared = detail.meshes, compare
+        return warnings
+
+    @property
+    def devices(self) -> list[dict[str, str]]:
+        """Name and model of every device that renders; the first is the one that plans."""
+        return [{"name": self.renderer.device, "model": self.renderer.device_name}]
+
+    @property
+    def segments(self) -> Sequence[dict]:
+        """What the numbers of S stand for."""
+        return self.renderer.segments
+
+    @property
+    def compile_seconds(self) -> float:
+        """Spent so far on compiling kernels."""
+        return self.renderer.compile_seconds
+
+    def plan(self):
+        """The `Plan` of the sequence."""
+        from varos_warp.render.plan import plan_render
+
+        return plan_render(self.scene, self.renderer, self.poses, meshes=self.meshes)
+
+    def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
+               done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
+               turn: contextlib.AbstractContextManager | None = None) -> None:
+        """Render images and write their files; the arguments are those of `render_frames`. Every plan must be the same.
+
+        Several threads may call it: only one of them renders at a time.
+        """
+        from varos_warp.render.plan import planned_renderer
+
+        with self._turn, clock("load"):
+            if self._plan is None:
+                self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
+        render_frames(self.renderer, store, plan, jobs, self.poses.__getitem__, made=made, clock=clock, done=done,
+                      say=say, turn=turn or self._turn, cores=self.cores)
