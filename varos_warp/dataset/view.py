@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.dataset.depth import planar_depth
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
@@ -176,8 +177,6 @@ def _record_images(rr, stream, data: Dataset, camera: str, number: int) -> None:
 
 def _depth_image(rr, data: Dataset, camera: str, number: int):
     """D along the camera's axis; 0, which Rerun takes for none, where there is none."""
-    from varos_warp.dataset.exports.job import planar_depth
-
     start, end = data.meta["depth"]["range_m"]
     if data.meta["depth"]["kind"] == "z" and start == 0:
         pixels = data.pixels("D", number, camera)

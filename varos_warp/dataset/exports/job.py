@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.dataset.depth import planar_depth
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
 
@@ -133,16 +134,6 @@ class Job:
         for name, words in self.noises.items():
             names.setdefault(words, []).append(name)
         return names
-
-
-def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
-    """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none."""
-    depth = data.depth(frame, camera).astype(float)
-    if data.meta["depth"]["kind"] == "z":
-        return depth
-    K = data.intrinsics(camera)
-    row, col = np.indices(depth.shape) + 0.5
-    return depth / np.sqrt(1 + ((col - K[0, 2]) / K[0, 0]) ** 2 + ((row - K[1, 2]) / K[1, 1]) ** 2)
 
 
 def baseline(job: Job, left: str, right: str) -> float | None:

@@ -12,7 +12,8 @@ from operator import itemgetter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.dataset.exports.job import Job, baseline, planar_depth, quaternion, to_units
+from varos_warp.dataset.depth import planar_depth
+from varos_warp.dataset.exports.job import Job, baseline, quaternion, to_units
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.dataset.exports.job import Job, planar_depth
+from varos_warp.dataset.depth import planar_depth, points_at
+from varos_warp.dataset.exports.job import Job
 
 COUNT = 50_000
 """Points in all, as many from each image."""
@@ -28,16 +29,13 @@ def seeds(job: Job, camera: str) -> list[Seed]:
     They are as exact as D is: half of one of its 65535 steps along the camera's z, and the middle of a pixel.
     """
     count = -(-COUNT // (len(job.cameras) * len(job.data)))
-    K_inverse, T_w_c = np.linalg.inv(job.data.intrinsics(camera)), job.poses(camera)[1]
+    K, T_w_c = job.data.intrinsics(camera), job.poses(camera)[1]
 
     def points(place: int, frame: int) -> Seed:
         z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
-        uv = np.column_stack([col, row]) + 0.5
-        ray = np.column_stack([uv, np.ones(len(uv))]) @ K_inverse.T
-        xyz = (ray * z[row, col, None]) @ T_w_c[place, :3, :3].T + T_w_c[place, :3, 3]
-        return Seed(xyz, colors[row, col], uv)
+        return Seed(points_at(z, K, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
 
     return job.each(f"points {camera}", points)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.dataset import writers
+from varos_warp.dataset.depth import planar_depth, points_at
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.report.pictures import spread
 from varos_warp.errors import InputError
@@ -172,13 +173,9 @@ def _cloud(data: Dataset, frames: list[int], origin: np.ndarray) -> dict[str, li
 
 def back_project(data: Dataset, frame: int, camera: str, most: int) -> tuple[np.ndarray, tuple]:
     """World points [N, 3] of at most ``most`` evenly spread pixels that hit something, and their (rows, columns)."""
-    from varos_warp.dataset.exports.job import planar_depth
-
-    z, K = planar_depth(data, frame, camera), data.intrinsics(camera)
+    z = planar_depth(data, frame, camera)
     step = max(1, int(np.ceil(np.sqrt(z.size / most))))
     row, col = (index[::step, ::step].ravel() for index in np.indices(z.shape))
     hit = np.isfinite(z[row, col])
     row, col = row[hit], col[hit]
-    ray = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(K).T
-    T = data.T_w_c(frame, camera)
-    return (ray * z[row, col][:, None]) @ T[:3, :3].T + T[:3, 3], (row, col)
+    return points_at(z, data.intrinsics(camera), data.T_w_c(frame, camera), row, col), (row, col)

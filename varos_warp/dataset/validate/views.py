@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from varos_warp.dataset.depth import pixel_rays, planar_depth, points_at
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.validate.outcome import Validation, problem_of
@@ -42,25 +43,10 @@ def check_views(data: Dataset, result: Validation, quiet: bool = True) -> None:
 # ----------------------------------------------------------------------------------------------------------- geometry
 
 
-def _pixel_rays(data: Dataset, camera: str) -> np.ndarray:
-    """K^-1 (u, v, 1) [H, W, 3] of every pixel's centre, camera axes."""
-    about = data.camera(camera)
-    u, v = np.meshgrid(np.arange(about["width"]) + 0.5, np.arange(about["height"]) + 0.5)
-    return np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(data.intrinsics(camera)).T
-
-
-def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
-    """Depth [H, W] along the camera's z axis [m], whichever kind D holds; inf where there is none."""
-    depth = data.depth(frame, camera).astype(float)
-    if data.meta["depth"]["kind"] == "range":
-        depth = depth / np.linalg.norm(_pixel_rays(data, camera), axis=-1)
-    return depth
-
-
 def back_project(data: Dataset, frame: int, camera: str) -> tuple[np.ndarray, np.ndarray]:
     """Points [H, W, 3] of D in the world (inf where there are none) and the directions to them."""
     depth, T_w_c = planar_depth(data, frame, camera), data.T_w_c(frame, camera)
-    rays = _pixel_rays(data, camera) @ T_w_c[:3, :3].T
+    rays = pixel_rays(data.intrinsics(camera), *np.indices(depth.shape)) @ T_w_c[:3, :3].T
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(depth)[..., None], rays * depth[..., None] + T_w_c[:3, 3], np.inf), rays
 
@@ -71,9 +57,7 @@ def _points(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray) -> tuple[np.nda
     pick = np.zeros(depth.shape, bool)
     pick[step // 2::step, step // 2::step] = True
     pick &= np.isfinite(depth)
-    row, col = np.nonzero(pick)
-    rays = np.column_stack([col + 0.5, row + 0.5, np.ones(len(row))]) @ np.linalg.inv(K).T
-    return rays * depth[pick, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3], pick
+    return points_at(depth, K, T_w_c, *np.nonzero(pick)), pick
 
 
 # ---------------------------------------------------------------------------------------------------------- residuals
