@@ -116,6 +116,14 @@ def test_a_part_for_which_there_is_no_sensor_is_left_out_with_a_warning(tmp_path
     assert made.meta["noise"]["profile"]["camera"] is None
 
 
+def test_no_noise_is_added_to_a_dataset_that_is_not_complete(tmp_path):
+    """A shard's images are there, those of the other are not."""
+    produce(make_scene(), tmp_path / "d", quiet=True, shard=(0, 2))
+    with pytest.raises(InputError, match=r"A-00000000\.png: this image and 49 more are missing.*`run` again"):
+        add_noise(tmp_path / "d", load_profile("mpu6050"), tmp_path / "out", quiet=True)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_failure_leaves_nothing(written, tmp_path):
     broken = shutil.copytree(written, tmp_path / "broken")
     Dataset(broken).layout.exr("L0", "A", 4).write_bytes(b"no image")

@@ -119,7 +119,7 @@ def test_objects_and_range_are_recorded_and_frames_may_be_chosen(tmp_path):
     """D of kind range is made planar, as Rerun takes it."""
     from rerun.dataframe import load_recording
 
-    from varos_warp.dataset.exports.job import planar_depth
+    from varos_warp.dataset.depth import planar_depth
 
     produce(make_scene(render={"depth_kind": "range"}), tmp_path / "data", quiet=True)
     data = Dataset(tmp_path / "data")

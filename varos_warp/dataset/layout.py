@@ -273,6 +273,23 @@ class Dataset:
         clean = truth and output == "A" and self.has_noise("A")
         return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
+    def require_images(self, outputs=None, cameras=None) -> None:
+        """Refuse to go on where the PNG of an image is not there, or not whole.
+
+        Args:
+            outputs: Letters; absent: all.
+            cameras: Ids; absent: all.
+
+        Raises:
+            InputError: Naming the first such file.
+        """
+        paths = [self.layout.png(camera, output, frame) for camera in cameras or self.cameras
+                 for output in outputs or self.outputs for frame in self.frames]
+        missing = [path for path in paths if not files.is_complete(path)]
+        if missing:
+            raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],
+                             remedy="`run` again to complete the dataset.")
+
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
         channels = files.read_exr(self.layout.exr(self._camera(camera), output, frame))

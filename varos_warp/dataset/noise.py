@@ -39,13 +39,14 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         quiet: No progress on stderr.
 
     Raises:
-        InputError: If the dataset has noise already, lacks files, or ``out`` is there or cannot be written.
+        InputError: If the dataset has noise already, is not complete, or ``out`` is there or cannot be written.
     """
     data, out = Dataset(root), Path(out)
     if seed < 0:
         raise InputError("is negative", key="seed", value=seed, remedy="Give a whole number from 0 on.")
     profile = _applicable(data, profile)
     _refuse_noise(data, profile)
+    data.require_images()
     with files.new_folder(out) as temp:
         _link(data, profile, temp)
         _describe(data, profile, seed, temp)

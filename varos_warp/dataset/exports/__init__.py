@@ -17,6 +17,8 @@ from varos_warp.render.outputs import OUTPUTS
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
+LATEST_NS = (2**31 - 86_400) * 10**9
+"""ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
 
 
 def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False,
@@ -43,13 +45,16 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
-    if start_ns < 0:
-        raise InputError("is negative", key="start_ns", value=start_ns, remedy="Give nanoseconds since 1970.")
+    if not 0 <= start_ns < LATEST_NS:
+        raise InputError("is no time that every format has", key="start_ns", value=start_ns,
+                         remedy="Give nanoseconds since 1970, of a time before the year 2038.")
     data, out = Clocked(dataset_root, start_ns), Path(out)
     module = import_module(f"{__name__}.{to}")
     _check_choice(data, images, cameras)
     job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet, raw)
-    _check_images(job, module.IMAGES)
+    # ``A`` alone among A and B stands for the chosen one
+    wanted = {images if letter == "A" and "B" not in module.IMAGES else letter for letter in module.IMAGES}
+    data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
     with files.new_folder(out) as temp:
         module.write(replace(job, out=temp))
     return job
@@ -73,14 +78,3 @@ def _fitting(to: str, module, cameras: tuple[str, ...]) -> tuple[str, ...]:
     if cameras[most:]:
         warnings.warn(f"{to} has room for {most}; left out: {', '.join(cameras[most:])}", stacklevel=3)
     return cameras[:most]
-
-
-def _check_images(job: Job, letters: str) -> None:
-    """Every image that the format takes is complete; ``A`` alone among A and B stands for the chosen one."""
-    wanted = {job.images if letter == "A" and "B" not in letters else letter for letter in letters}
-    paths = [job.data.layout.png(camera, letter, frame) for camera in job.cameras
-             for letter in sorted(wanted & set(job.data.outputs)) for frame in job.data.frames]
-    missing = [path for path in paths if not files.is_complete(path)]
-    if missing:
-        raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],
-                         remedy="`run` again to complete the dataset.")
