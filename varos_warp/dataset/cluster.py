@@ -291,9 +291,10 @@ class _Run:
                 if number == 0:
                     for job in jobs[1:]:
                         self.submit(job)
+        except SchedulerGone:
+            raise
         except BaseException:
-            with contextlib.suppress(Exception):
-                self.drain()
+            self.drain()
             raise
 
     def submit(self, job: ImageJob) -> None:
@@ -377,9 +378,9 @@ class _Run:
 
     def drain(self) -> None:
         """Begin nothing more, and wait for what is under way."""
-        from distributed import wait
-
-        client = self.cluster.client
-        under_way = {key for keys in client.processing().values() for key in keys}
-        client.cancel([future for key, (future, _) in self.jobs.items() if key not in under_way])
-        wait([future for key, (future, _) in self.jobs.items() if key in under_way], timeout=DRAIN_S)
+        client, deadline = self.cluster.client, time.monotonic() + DRAIN_S
+        begun = {key for keys in client.processing().values() for key in keys}
+        client.cancel([future for key, (future, _) in self.jobs.items() if key not in begun])
+        begun = [self.jobs[key][0] for key in begun & self.jobs.keys()]
+        while not all(future.done() for future in begun) and time.monotonic() < deadline:
+            time.sleep(POLL_S)
