@@ -140,7 +140,11 @@ class Cluster:
         """What a function returns on every worker, by its address; waits for the first ones to come."""
         deadline = time.monotonic() + START_S
         while True:
-            answers = self.client.run(function)
+            try:
+                answers = self.client.run(function)
+            except (ImportError, AttributeError) as error:
+                raise InputError(f"a worker cannot do this work: {error}", key="--scheduler", value=self.scheduler,
+                                 remedy="Install varos_warp in the same version for the workers.") from error
             if len(answers) >= (self.workers or 1):
                 return answers
             if time.monotonic() > deadline:
