@@ -24,7 +24,7 @@ from varos_warp.scene.frames import pinhole
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
 GIVE_UP = 3
-"""Images in a row that cannot be made: something is broken for all of them."""
+"""Jobs in a row that cannot be made: something is broken for all of them."""
 
 
 def room(cores: int) -> int:
@@ -124,7 +124,6 @@ class _Run:
         except Exception as error:
             self.fail(job, error)
             return None
-        self.in_a_row = 0
         self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
                                   "seconds": round(seconds, 4)} | self.samples_of(job, image))
         return image
@@ -150,6 +149,7 @@ class _Run:
 
     def collect(self, job: ImageJob, writing: list[Future]) -> None:
         """Wait until an image is written."""
+        errors = []
         with self.clock("wait"):
             for letter, future in zip(job.letters, writing, strict=True):
                 try:
@@ -157,7 +157,11 @@ class _Run:
                 except InputError:
                     raise
                 except Exception as error:
-                    self.fail(job, error)
+                    errors.append(error)
+        if errors:
+            self.fail(job, *errors)
+        else:
+            self.in_a_row = 0
 
     def keep(self, job: ImageJob, letter: str, stored: Stored) -> None:
         """Note what is known of an image."""
@@ -165,10 +169,11 @@ class _Run:
         if stored.statistics is not None:
             self.made.statistics[job.camera, letter, job.frame] = stored.statistics
 
-    def fail(self, job: ImageJob, error: Exception) -> None:
-        """Note a failure, or give up."""
-        self.made.failures.append((job, error))
+    def fail(self, job: ImageJob, *errors: Exception) -> None:
+        """Note what kept a job from being made, or give up: jobs count, however many of their images fail."""
+        for error in errors:
+            self.made.failures.append((job, error))
+            self.say(f"frame {job.frame}, camera {job.camera} failed: {error}")
         self.in_a_row += 1
-        self.say(f"frame {job.frame}, camera {job.camera} failed: {error}")
         if self.in_a_row >= GIVE_UP:
-            raise error
+            raise errors[0]
