@@ -45,6 +45,8 @@ class Summary:
     messages: list[str] = field(default_factory=list)
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage (timing.py)."""
+    rate: float | None = None
+    """Frames of a camera per second, without the first one, which waits for compilers and caches."""
 
 
 def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), shard: tuple[int, int] = (0, 1),
@@ -307,6 +309,7 @@ class _Job:
         with Progress("rendering", len(self.work), quiet=self.quiet) as progress:
             self.engine.render(self.store, self.plan, self.work, made=self.made, clock=self.clock,
                                done=progress.advance, say=self.say)
+            self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures
             more = f"; {len(rest)} more failed" if rest else ""
@@ -322,7 +325,8 @@ class _Job:
         seconds = self.clock.rounded()
         content = {"ended": stamp.isoformat(timespec="seconds"), "device": first["name"],
                    "model": first["model"], "compile_seconds": round(self.engine.compile_seconds, 3),
-                   "versions": writers.versions(), "stages": seconds, "messages": self.summary.messages,
+                   "devices": self.engine.devices, "versions": writers.versions(), "stages": seconds,
+                   "messages": self.summary.messages,
                    "frames": self.made.timings}
         with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
             files.write_json(self.layout.root / "log" / name, content)

@@ -10,7 +10,10 @@ MAIN = ("simulate", "load", "plan", "render", "wait", "expose", "checksums")
 expose: gains, PNG of the images that they decide, contact sheet; checksums:
 SHA-256 of every new file."""
 BESIDE = ("denoise", "encode")
-"""What threads do beside them, the seconds of all threads added up. On a GPU that denoises, ``render`` has that."""
+"""What threads do beside them, the seconds of all threads added up. On a GPU that denoises, ``render`` has that.
+
+With several workers, ``render`` and these are sums over workers, and ``wait`` is the time until all
+images were there."""
 
 
 class Clock:

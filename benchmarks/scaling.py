@@ -1,0 +1,119 @@
+"""Strong scaling: the same frames with 1, 2, 4 ... workers of this host, one for each GPU; writes numbers and a chart.
+
+    python -m benchmarks.scaling [--scene examples/munkholmen/scene.yaml] [--frames 200] [--workers 1,2,4]
+        [--device auto] [--set KEY=VALUE ...] [-o benchmarks/results/scaling]
+
+Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
+kernels are compiled (a run before the others does that) and scenes uploaded, which is told apart. 0 workers are a run
+in one process without Dask, to show what Dask costs. Workers on a CPU share its cores, so that more of them are no
+faster: there, only the machinery is measured.
+"""
+
+import argparse
+import json
+import os
+import tempfile
+from pathlib import Path
+
+from benchmarks.machine import machine
+from varos_warp.dataset.produce import produce
+from varos_warp.scene.device import resolve_device
+from varos_warp.scene.load import load_scene
+
+ROOT = Path(__file__).parents[1]
+MUNKHOLMEN = ROOT / "examples" / "munkholmen" / "scene.yaml"
+
+
+def measure(scene, frames: int, workers: int, device: str, out: Path) -> dict:
+    """One run.
+
+    Args:
+        scene: The scene.
+        frames: How many of its frames.
+        workers: Processes; 0: none, all in this one.
+        device: As `produce` has it.
+        out: Folder to make.
+    """
+    summary = produce(scene, out, device=device, frames=slice(0, frames), workers=workers or None, quiet=True)
+    log, = (json.loads(path.read_text()) for path in (out / "log").iterdir())
+    seconds, spent = summary.stages, summary.stages["wait"] if workers else None
+    return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
+            "frames_per_s": summary.rate, "seconds": summary.seconds,
+            "start_and_upload_s": seconds["load"], "plan_s": seconds["plan"],
+            "compile_s": log["compile_seconds"], "expose_and_checksums_s": seconds["expose"] + seconds["checksums"],
+            "busy": round(seconds["render"] / (workers * spent), 3) if workers else None,
+            "stages": seconds, "checksums": (out / "checksums").read_text()}
+
+
+def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, say=print) -> dict:
+    """All runs, and what they gained over one worker."""
+    measure(scene, max(1, *counts), max(counts), device, folder / "first")
+    rows = []
+    for count in counts:
+        rows.append(measure(scene, frames, count, device, folder / str(count)))
+        say(json.dumps({key: value for key, value in rows[-1].items() if key not in ("stages", "checksums")}))
+    one = next((row["frames_per_s"] for row in rows if row["workers"] == 1), None)
+    same = len({row.pop("checksums") for row in rows}) == 1
+    for row in rows:
+        row["efficiency"] = round(row["frames_per_s"] / (one * row["workers"]), 3) if one and row["workers"] else None
+    return {"machine": machine(resolve_device(device)), "scene": scene.name, "frames": frames, "same_bytes": same,
+            "resolution": scene.vehicle.cameras[0].resolution, "outputs": scene.render.outputs, "runs": rows}
+
+
+def chart(result: dict, path: Path) -> None:
+    """Rate against workers with the straight line of one worker's, and the seconds that are spent once."""
+    import matplotlib.pyplot as plt
+
+    from benchmarks.chart import DPI, subtitle
+
+    rows = [row for row in result["runs"] if row["workers"]]
+    counts, rates = [row["workers"] for row in rows], [row["frames_per_s"] for row in rows]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.8), constrained_layout=True)
+    left.plot(counts, [rates[0] / counts[0] * n for n in counts], "--", color="#999999", label="in proportion")
+    left.plot(counts, rates, "o-", label="workers")
+    for row in rows:
+        left.annotate(f"{row['frames_per_s']:.3g}" + (f", {row['efficiency']:.0%}" if row["efficiency"] else ""),
+                      (row["workers"], row["frames_per_s"]), textcoords="offset points", xytext=(6, -12), fontsize=9)
+    for row in (row for row in result["runs"] if not row["workers"]):
+        left.axhline(row["frames_per_s"], color="C2", linestyle=":",
+                     label=f"one process without Dask: {row['frames_per_s']:.3g}")
+    left.set(xlabel="workers", ylabel="frames/s, all files written", ylim=(0, None), xticks=counts,
+             xlim=(0, 1.2 * counts[-1]))
+    left.legend(fontsize=9)
+    bottom = [0.0] * len(rows)
+    for name in ("start_and_upload_s", "plan_s", "expose_and_checksums_s"):
+        heights = [row[name] for row in rows]
+        right.bar([str(n) for n in counts], heights, bottom=bottom, label=name[:-2].replace("_", " "))
+        bottom = [low + height for low, height in zip(bottom, heights, strict=True)]
+    right.set(xlabel="workers", ylabel="seconds beside rendering")
+    right.legend(fontsize=9)
+    width, height = result["resolution"]
+    figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, "
+                    f"{''.join(result['outputs'])}\n{subtitle(result)}", fontsize=11)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", type=Path, default=MUNKHOLMEN)
+    parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--workers", default="0,1,2,4", help="Numbers of workers; 0: one process, no Dask.")
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "scaling")
+    parser.add_argument("--folder", type=Path, help="Where the datasets go for a while; a temporary folder by default.")
+    options = parser.parse_args()
+    counts = [int(count) for count in options.workers.split(",")]
+    if options.folder:
+        os.makedirs(options.folder, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+        result = scaling(load_scene(options.scene, options.changed), options.frames, counts, options.device,
+                         Path(folder))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    chart(result, options.out.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()

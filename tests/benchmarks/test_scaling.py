@@ -1,0 +1,36 @@
+"""The scaling chart counts what it says."""
+
+import json
+
+from standins import make_scene
+
+from benchmarks import scaling
+
+
+def test_efficiency_is_the_gain_over_one_worker_and_differing_bytes_are_told(tmp_path, monkeypatch):
+    rates, calls = {0: 12.0, 1: 10.0, 2: 18.0, 4: 30.0}, []
+
+    def measure(scene, frames, workers, device, out):
+        calls.append((frames, workers))
+        return {"workers": workers, "frames_per_s": rates[workers], "start_and_upload_s": 4.0, "plan_s": 1.0,
+                "expose_and_checksums_s": 2.0, "stages": {}, "checksums": str(workers == 4)}
+
+    monkeypatch.setattr(scaling, "measure", measure)
+    result = scaling.scaling(make_scene(), 50, [0, 1, 2, 4], "cpu", tmp_path, say=lambda line: None)
+    assert calls == [(4, 4), (50, 0), (50, 1), (50, 2), (50, 4)]
+    assert [row["efficiency"] for row in result["runs"]] == [None, 1.0, 0.9, 0.75]
+    assert not result["same_bytes"]
+    scaling.chart(result, tmp_path / "scaling.png")
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+
+
+def test_a_run_is_measured_by_its_log(tmp_path):
+    from benchmarks.soak import small_scene
+
+    scene = small_scene(6, (16, 9), integrator="path", max_scatterings=1, denoise="none", denoise_b="none")
+    row = scaling.measure(scene, 6, 0, "cpu", tmp_path / "out")
+    assert row["images"] == 24
+    log, = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").iterdir())
+    assert 0 < row["frames_per_s"] <= 1.01 * 5 / sum(entry["seconds"] for entry in log["frames"][1:])
+    assert row["busy"] is None
+    assert len(row["checksums"].splitlines()) > 24
