@@ -50,10 +50,14 @@ def new_folder(out: Path) -> Iterator[Path]:
     """A hidden folder beside ``out`` that becomes it on success and is removed on anything else.
 
     Raises:
-        InputError: If ``out`` is there already, or cannot be made or written to.
+        InputError: If ``out`` is there already, lies within a dataset, or cannot be made or written to.
     """
     if out.exists() or out.is_symlink():
         raise InputError("is there already", file=out, remedy="Name another folder with -o; nothing is overwritten.")
+    inside = [folder for folder in out.absolute().parents if (folder / "dataset.json").exists()]
+    if inside:
+        raise InputError(f"lies within the dataset {inside[0]}, which holds its own files alone", file=out,
+                         remedy="Name a folder elsewhere with -o.")
     temp = out.absolute().with_name(f".{out.absolute().name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
     try:
         with writing(out):

@@ -105,7 +105,8 @@ def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
     for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"), ({"images": "C"}, "no colour images.*A, B"),
                           ({"cameras": ["X1"]}, "no such camera"), ({"start_ns": -1}, "nanoseconds since 1970"),
                           ({"start_ns": 2**31 * 10**9}, "before the year 2038"),
-                          ({"out": written}, "is there already")):
+                          ({"out": written}, "is there already"),
+                          ({"out": written / "to" / "tum"}, "lies within the dataset")):
         with pytest.raises(InputError, match=words):
             export(**({"dataset_root": written, "to": "tum", "out": tmp_path / "out"} | change))
     assert list(tmp_path.iterdir()) == []
