@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.dataset import files, writers
+from varos_warp.dataset import files
 from varos_warp.dataset.pipeline import GIVE_UP, PLANNED, Rendered, room
 from varos_warp.dataset.store import ImageJob, Store
 from varos_warp.dataset.timing import Clock
@@ -28,6 +28,8 @@ CONNECT_S = 5.0
 """A scheduler answers in this time, or is not there."""
 START_S = 60.0
 """Workers come within this time, at the start and after all have died."""
+SETTLE_S = 1.0
+"""A scheduler's workers are taken for all when no more have come for so long; later ones get work, too."""
 DRAIN_S = 10.0
 """What is under way at an interruption has so long to be written."""
 POLL_S = 0.02
@@ -112,6 +114,7 @@ class Cluster:
 
         if self.scheduler is None:
             self._start_workers()
+        self._wait_for_workers()
         token = root.resolve() / ".lock" / f"{self.name}.token"
         with files.writing(token):
             token.parent.mkdir(parents=True, exist_ok=True)
@@ -136,35 +139,38 @@ class Cluster:
             memory_limit=None, silence_logs=SILENT, preload=["varos_warp.dataset.worker"])
         self._connect(self.local)
 
+    def _wait_for_workers(self) -> None:
+        """Wait for those that were started; of a scheduler's, until no more come."""
+        start, settled, known = time.monotonic(), 0.0, -1
+        while known < (self.workers or 1) or (self.local is None and time.monotonic() < settled):
+            time.sleep(POLL_S)
+            number = len(self.addresses())
+            if number != known:
+                known, settled = number, time.monotonic() + SETTLE_S
+            if not known and time.monotonic() > start + START_S:
+                raise InputError(f"has no workers after {START_S:.0f} s", key="--scheduler", value=self.scheduler,
+                                 remedy="Start some with `dask worker`.")
+
     def _ask_all(self, function: Callable) -> dict:
-        """What a function returns on every worker, by its address; waits for the first ones to come."""
-        deadline = time.monotonic() + START_S
-        while True:
-            try:
-                answers = self.client.run(function)
-            except (ImportError, AttributeError) as error:
-                raise InputError(f"a worker cannot do this work: {error}", key="--scheduler", value=self.scheduler,
-                                 remedy="Install varos_warp in the same version for the workers.") from error
-            if len(answers) >= (self.workers or 1):
-                return answers
-            if time.monotonic() > deadline:
-                raise InputError(f"has {len(answers)} workers after {START_S:.0f} s", key="--scheduler",
-                                 value=self.scheduler, remedy="Start some with `dask worker`.")
-            time.sleep(10 * POLL_S)
+        """What a function returns on every worker, by its address."""
+        try:
+            return self.client.run(function)
+        except (ImportError, AttributeError) as error:
+            raise InputError(f"a worker cannot do this work: {error}", key="--scheduler", value=self.scheduler,
+                             remedy="Install varos_warp in the same version for the workers.") from error
 
     def _check(self, root: Path) -> None:
-        from varos_warp.dataset.worker import check_versions
+        from varos_warp.dataset.worker import check_versions, different_kinds, kind_of
 
         for facts in self.facts.values():
-            check_versions(writers.versions(), facts.versions, facts.host)
+            check_versions(facts.versions, facts.host)
             if not facts.sees:
                 raise InputError(f"a worker on {facts.host} does not see this folder", file=root.resolve(),
                                  remedy="Give a folder on a file system that all workers share, under the same path.")
-        kinds = {facts.device.split(":")[0]: facts.host for facts in self.facts.values()}
+        kinds = {kind_of(facts.device): facts.host for facts in self.facts.values()}
         if len(kinds) > 1:
             where = " and ".join(f"{kind} on {host}" for kind, host in kinds.items())
-            raise InputError(f"the workers have different kinds of device: {where}", key="--device", value=self.asked,
-                             remedy="Give cpu, or start workers with GPUs only: images must not differ in noise.")
+            raise different_kinds(where, self.asked)
 
     # ---------------------------------------------------------------------------------------------- as an engine does
 
@@ -185,10 +191,11 @@ class Cluster:
     def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
         """Bring the scene to every worker and onto its device; see `Engine.load`."""
         from varos_warp.dataset import worker
+        from varos_warp.dataset.worker import kind_of
 
         workers = Counter(facts.host for facts in self.facts.values())
         cores = {facts.host: max(1, facts.cores // workers[facts.host]) for facts in self.facts.values()}
-        site = worker.Site(self.name, scene, list(poses), self.asked, cores, writers.versions())
+        site = worker.Site(self.name, scene, list(poses), self.asked, kind_of(self.devices[0]["name"]), cores)
         self.client.register_plugin(site, name=self.name)
         tasks = [self.submit(worker.open_site, self.name, *(() if i else (path, compare)), at=address)
                  for i, address in enumerate(self.order)]

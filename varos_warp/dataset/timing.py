@@ -12,8 +12,8 @@ SHA-256 of every new file."""
 BESIDE = ("denoise", "encode")
 """What threads do beside them, the seconds of all threads added up. On a GPU that denoises, ``render`` has that.
 
-With several workers, ``render`` and these are sums over workers, and ``wait`` is the time until all
-images were there."""
+With several workers, ``render`` and these are sums over workers, and ``wait`` is the time until all images
+were there."""
 
 
 class Clock:

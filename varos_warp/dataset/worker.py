@@ -122,14 +122,13 @@ class Site(WorkerPlugin):
         scene: The scene.
         poses: T_w_v [4, 4] of every frame of the sequence.
         device: As it was asked for.
+        kind: ``cpu`` or ``cuda``: what it must be.
         cores: That a worker of each host may use.
-        versions: Of the owner.
     """
 
-    def __init__(self, name: str, scene, poses: list[np.ndarray], device: str, cores: dict[str, int],
-                 versions: dict[str, str]):
-        self.name, self.scene, self.poses, self.device, self.cores = name, scene, poses, device, cores
-        self.versions, self.engine = versions, None
+    def __init__(self, name: str, scene, poses: list[np.ndarray], device: str, kind: str, cores: dict[str, int]):
+        self.name, self.scene, self.poses, self.device, self.kind, self.cores = name, scene, poses, device, kind, cores
+        self.versions, self.engine = writers.versions(), None
 
     def setup(self, worker) -> None:
         """Nothing yet: this runs where the worker talks to the scheduler."""
@@ -143,21 +142,35 @@ class Site(WorkerPlugin):
         with _turn:
             if self.engine is not None and (self.engine.compared or not compare):
                 return self.engine, []
-            check_versions(self.versions, writers.versions(), files.HOST)
-            engine = Engine(take_device(self.device), cores=self.cores.get(socket.gethostname()))
+            check_versions(writers.versions(), files.HOST, self.versions)  # it may have come late
+            device = take_device(self.device)
+            if kind_of(device) != self.kind:
+                raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
+            engine = Engine(device, cores=self.cores.get(socket.gethostname()))
             found = engine.load(self.scene, self.poses, path, compare=compare)
             self.engine = engine
             return engine, found
 
 
-def check_versions(owner: dict[str, str], worker: dict[str, str], host: str) -> None:
+def kind_of(device: str) -> str:
+    """``cpu`` or ``cuda``."""
+    return device.split(":", maxsplit=1)[0]
+
+
+def different_kinds(where: str, asked: str) -> InputError:
+    """What a user is told of CPU and GPU side by side."""
+    return InputError(f"the workers have different kinds of device: {where}", key="--device", value=asked,
+                      remedy="Give cpu, or start workers with GPUs only: images must not differ in noise.")
+
+
+def check_versions(worker: dict[str, str], host: str, owner: dict[str, str] | None = None) -> None:
     """Refuse a worker that would make other bytes.
 
     Raises:
         InputError: Naming the first package that differs.
     """
-    for name, version in owner.items():
-        if worker.get(name) != version:
+    for name, version in (owner or writers.versions()).items():
+        if name != "python" and worker.get(name) != version:
             raise InputError(f"a worker on {host} has {name} {worker.get(name, 'absent')}, this process has {version}",
                              key="--scheduler", remedy="Install the same versions for the workers.")
 
