@@ -255,7 +255,7 @@ def test_a_nan_from_the_renderer_is_our_failure_and_names_the_frame(tmp_path):
             return image
 
     scene = make_scene(render={"denoise": "none"})
-    with pytest.raises(RuntimeError, match=r"frame 0, camera L0, image A: .* NaN"):
+    with pytest.raises(RuntimeError, match=r"frame 1, camera L0, image A: .* NaN"):  # the third job
         produce(scene, tmp_path, quiet=True, renderer=Broken(scene))
 
 
