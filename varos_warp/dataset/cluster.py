@@ -8,6 +8,7 @@ owner's folder (and the scene's files) on a file system that all share.
 import contextlib
 import importlib.util
 import logging
+import os
 import time
 import uuid
 from collections import Counter, defaultdict
@@ -115,9 +116,8 @@ class Cluster:
         if self.scheduler is None:
             self._start_workers()
         self._wait_for_workers()
-        token = root.resolve() / ".lock" / f"{self.name}.token"
+        token = root.resolve() / f".{self.name}.{files.HOST}-{os.getpid()}-0.tmp"  # a killed run's is swept
         with files.writing(token):
-            token.parent.mkdir(parents=True, exist_ok=True)
             token.touch()
         try:
             self.facts = self._ask_all(partial(worker.greet, token, self.asked))
@@ -141,13 +141,15 @@ class Cluster:
 
     def _wait_for_workers(self) -> None:
         """Wait for those that were started; of a scheduler's, until no more come."""
-        start, settled, known = time.monotonic(), 0.0, -1
-        while known < (self.workers or 1) or (self.local is None and time.monotonic() < settled):
+        start, settled, known, wanted = time.monotonic(), 0.0, -1, self.workers or 1
+        while known < wanted or (self.local is None and time.monotonic() < settled):
             time.sleep(POLL_S)
             number = len(self.addresses())
             if number != known:
                 known, settled = number, time.monotonic() + SETTLE_S
-            if not known and time.monotonic() > start + START_S:
+            if known < wanted and time.monotonic() > start + START_S:
+                if self.local is not None:
+                    raise RuntimeError(f"{known} of {wanted} workers have started within {START_S:.0f} s")
                 raise InputError(f"has no workers after {START_S:.0f} s", key="--scheduler", value=self.scheduler,
                                  remedy="Start some with `dask worker`.")
 
