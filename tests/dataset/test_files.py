@@ -157,3 +157,17 @@ def test_folders_that_a_killed_export_left_are_swept_too(tmp_path):
         files.sweep(tmp_path)
         assert mine.exists()
         assert not dead.exists()
+
+
+def test_a_folder_made_again_removes_what_a_killed_attempt_left_beside_it(tmp_path):
+    with files.new_folder(tmp_path / "euroc") as mine:
+        dead, other = (mine.with_name(mine.name.replace(f"-{os.getpid()}-", "-999999999-").replace("euroc", name))
+                       for name in ("euroc", "kitti"))
+        for folder in (dead, other):
+            files.write_bytes(folder / "mav0" / "body.yaml", b"comment: whole\n")
+    with files.new_folder(tmp_path / "euroc2"):
+        assert dead.exists()
+    (tmp_path / "euroc").rmdir()
+    with files.new_folder(tmp_path / "euroc"):
+        assert not dead.exists()
+        assert other.exists()

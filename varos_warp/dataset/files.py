@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import errno
+import glob
 import io
 import itertools
 import json
@@ -61,6 +62,8 @@ def new_folder(out: Path) -> Iterator[Path]:
     temp = out.absolute().with_name(f".{out.absolute().name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
     try:
         with writing(out):
+            for left in temp.parent.glob(f".{glob.escape(out.absolute().name)}.{HOST}-*.tmp"):
+                _remove_left(left)  # by an attempt that was killed
             temp.mkdir(parents=True)
             yield temp
             temp.rename(out)
@@ -153,12 +156,16 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 def sweep(folder: Path, every: bool = False) -> None:
     """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
     for temp in list(folder.rglob(".*.tmp")):
-        match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", temp.name)
-        if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
-            if temp.is_dir():
-                shutil.rmtree(temp)  # of `new_folder`
-            else:
-                temp.unlink(missing_ok=True)
+        _remove_left(temp, every)
+
+
+def _remove_left(temp: Path, every: bool = False) -> None:
+    match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", temp.name)
+    if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
+        if temp.is_dir():
+            shutil.rmtree(temp)  # of `new_folder`
+        else:
+            temp.unlink(missing_ok=True)
 
 
 def _alive(pid: int) -> bool:
