@@ -15,7 +15,7 @@ from varos_warp.dataset import checksums, files, writers
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.noise import add_noise
 from varos_warp.dataset.produce import produce
-from varos_warp.dataset.validate import Validation, listing, validate
+from varos_warp.dataset.validate import Validation, listing, validate, views
 from varos_warp.errors import InputError
 from varos_warp.scene.noise import load_profile
 
@@ -327,6 +327,14 @@ def test_damage_is_named(copy, damage):
     text = "\n".join(validate(copy, quiet=True).problems)
     for problem in DAMAGE[damage]:
         assert problem in text
+
+
+@pytest.mark.parametrize("letter", ["C", "S", "B"])
+def test_the_limit_beside_a_measure_of_neighbours_is_the_one_that_is_used(hilly, letter):
+    """A tenth of the points (S: a hundredth) or five times the median, not the share among independent pixels."""
+    measures = validate(hilly, quiet=True).measures
+    found = next(m for m in measures if m["name"] == f"M0: {letter} against neighbours, points that differ")
+    assert found["limit"] == pytest.approx(min(53.8, max(views.LEAST[letter] * 100, 5 * found["value"])))
 
 
 def test_only_the_damaged_frames_are_named(copy):

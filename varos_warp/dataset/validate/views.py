@@ -208,7 +208,7 @@ def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
                 progress.reach(min(1.0, (start + CHUNK) / len(data)))
         limits = _limits(pairs)
         for letter, limit in limits.items():
-            _measure_neighbours(result, camera, letter, [p[letter] for p in pairs.values() if letter in p], limit)
+            _measure_neighbours(result, camera, letter, _shares(pairs, letter), limit)
         result.add_all([problem for letter in "DCSB" if letter in limits
                         for problem in _misfits(data, camera, letter, pairs, limits)], "images")
 
@@ -231,19 +231,23 @@ def _limits(pairs: dict) -> dict[str, float]:
     """Of what `_Frames.compare` finds, by letter."""
     limits = {"D": 1.0} if pairs else {}
     for letter in "CSB":
-        shares = [found[letter] for found in pairs.values() if letter in found and found["D"] <= 1.0]
-        if shares:
+        if shares := _shares(pairs, letter):
             limits[letter] = min(INDEPENDENT, max(LEAST[letter], 5.0 * float(np.median(shares))))
     return limits
 
 
+def _shares(pairs: dict, letter: str) -> list[float]:
+    """What `_Frames.compare` finds of a letter: of D in all pairs, of the others in those whose D fits."""
+    return [p[letter] for p in pairs.values() if letter in p and (letter == "D" or p["D"] <= 1.0)]
+
+
 def _measure_neighbours(result: Validation, camera: str, letter: str, found: list[float], limit: float) -> None:
-    """Report the sequence's median."""
+    """Report the sequence's median, beside the limit that each of its frames is held against."""
     if letter == "D":
-        result.measure(f"{camera}: D against neighbours, share of what is allowed", np.median(found), 1.0, "")
+        result.measure(f"{camera}: D against neighbours, share of what is allowed", np.median(found), limit, "")
     else:
         result.measure(f"{camera}: {letter} against neighbours, points that differ", 100 * np.median(found),
-                       100 * INDEPENDENT, "%")
+                       100 * limit, "%")
 
 
 def _misfits(data: Dataset, camera: str, letter: str, pairs: dict, limits: dict[str, float]) -> Iterator[str]:
