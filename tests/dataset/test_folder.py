@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -104,3 +105,9 @@ def test_who_plans_second_is_told_and_waits(tmp_path):
         thread.join()
     assert order == ["first", "second"]
     assert not hidden(tmp_path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which nothing can be made")
+def test_a_folder_that_cannot_be_made_is_bad_input_and_no_endless_loop():
+    with pytest.raises(InputError, match="cannot be written"), claimed(Path("/proc/nothing"), (0, 1)):
+        pass

@@ -159,3 +159,15 @@ def test_profiles_are_known_by_name_and_combine():
     with pytest.raises(InputError, match="one of: adis16448"):
         load_profile("mpu9999")
     assert NoiseProfile.model_validate(merged.model_dump(mode="json")) == merged
+
+
+def test_a_damaged_image_is_named_where_the_dataset_has_it(written, tmp_path):
+    shutil.copytree(written, tmp_path / "in")
+    data = Dataset(tmp_path / "in")
+    image = data.layout.png("L0", "B", 0)
+    content = bytearray(image.read_bytes())
+    content[len(content) // 2] ^= 255
+    image.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        add_noise(data.root, PROFILE, tmp_path / "out", quiet=True)
+    assert str(caught.value).startswith(str(image))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.render import pilot, truncation
-from varos_warp.render import plan as module
+from varos_warp.render import cost, pilot, truncation
 from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
 from varos_warp.render.pilot import View, pilot_camera
@@ -383,13 +382,13 @@ class Clockwork:
 @pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 16 + 20 + 1), (["D"], 1), (["A"], 16)])
 def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
     clockwork = Clockwork()
-    monkeypatch.setattr(module.time, "perf_counter", lambda: clockwork.now)
+    monkeypatch.setattr(cost.time, "perf_counter", lambda: clockwork.now)
     scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, max_scatterings=1, outputs=outputs)
-    cost = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
+    found = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
     expected = 1e-6 * (1280 * 720 * microseconds + OVERHEAD * (3 if len(outputs) > 1 else 1))
-    assert cost["seconds_per_frame"] == pytest.approx(expected, rel=0.005)  # three digits
-    assert cost["seconds_in_all"] == pytest.approx(50 * cost["seconds_per_frame"], rel=0.005)
-    assert cost["frames"] == 50
+    assert found["seconds_per_frame"] == pytest.approx(expected, rel=0.005)  # three digits
+    assert found["seconds_in_all"] == pytest.approx(50 * found["seconds_per_frame"], rel=0.005)
+    assert found["frames"] == 50
 
 
 # ------------------------------------------------------------------------------------------------------------- tables

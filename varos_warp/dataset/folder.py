@@ -1,6 +1,7 @@
 """The folder of a dataset: whose it is, whether another run is writing to it, and what must not be mixed in it."""
 
 import contextlib
+import errno
 import itertools
 import os
 import re
@@ -18,6 +19,8 @@ from varos_warp.scene.load import scene_to_dict
 
 LOCKS = ".lock"
 """Folder of the lock files, while there are runs."""
+MOST_TRIES = 1000
+"""To make a lock, while other runs that end remove the folder; where it cannot be made at all, that shows soon."""
 _counter = itertools.count()
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
@@ -58,14 +61,18 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
 
 def _hold(path: Path) -> FileLock:
     """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
-    while True:
-        with contextlib.suppress(FileNotFoundError):  # the folder may have gone with the last run, too
+    missing: OSError = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    for _ in range(MOST_TRIES):
+        try:
             _make(path.parent)
             lock = FileLock(path)
             lock.acquire()
             if path.exists():
                 return lock
             lock.release()
+        except FileNotFoundError as error:  # the folder may have gone with the last run, too
+            missing = error
+    raise missing
 
 
 def _make(folder: Path) -> None:
@@ -196,7 +203,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
 
 
 def _short(value) -> str:
-    text = repr(value)
+    text = "nothing" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -287,7 +287,8 @@ class Dataset:
                  for output in outputs or self.outputs for frame in self.frames]
         missing = [path for path in paths if not files.is_complete(path)]
         if missing:
-            raise InputError(f"this image and {len(missing) - 1} more are missing or damaged", file=missing[0],
+            more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
+            raise InputError(f"this image{more} missing or damaged", file=missing[0],
                              remedy="`run` again to complete the dataset.")
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:

@@ -6,8 +6,7 @@ tolerance; noise, and what a denoiser leaves, has the rest. Times are measured f
 depends on them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
 """
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
@@ -16,7 +15,9 @@ import numpy as np
 
 from varos_warp.render import pilot
 from varos_warp.render.adapt import brightness
+from varos_warp.render.cost import sequence_cost, timed
 from varos_warp.render.denoise import available_method, denoise_image
+from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, STEEPEST, ErrorLaw
 from varos_warp.render.frame import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
@@ -36,7 +37,6 @@ samples that adapt, and vary with the few that they adapt to; the third for tabl
 little noise that what it makes of it varies most from image to image."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
-FEWEST_SPP, MOST_SPP = 2, 4096
 FIRST_GUESS = {"tables": 2, "path": 4, "reference": 16}
 """Samples per pixel of the first images that are judged; if far from what is needed, others are."""
 LEVELS = (1, 2, 4)
@@ -58,10 +58,6 @@ MOST_JUDGED = 32
 ROUNDS = 3
 MATCHED = 2
 """Pairs of images with and without something, to see what it does."""
-STEEPEST = {"tables": -0.75, "path": -0.5, "reference": -0.5}
-FLATTEST = -0.15
-"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with tables, that
-of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown."""
 FEWEST_ADAPTIVE = 16
 """With fewer samples per pixel, there is nothing to adapt."""
 WORTH = 0.1
@@ -165,7 +161,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     many = scene.render.spp is None and plan.spp > MANY_SPP
     if many and plan.integrator == "auto" and "tables" in planner.integrators:
         planner, plan = _fewer_by_paths(planner, plan, _why_meshes(meshes))
-    cost = _cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
+    cost = sequence_cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
     return replace(plan, models=_models(planner.scene, plan), meshes=meshes, cost=cost)
 
 
@@ -267,7 +263,7 @@ class _Planner:
 
     def timed(self, spp: int, **changes) -> tuple[list, float]:
         """``MATCHED`` images, and the seconds that one took."""
-        images, seconds = _timed(self.renderer, lambda: [self.image(spp, k, **changes) for k in range(MATCHED)])
+        images, seconds = timed(self.renderer, lambda: [self.image(spp, k, **changes) for k in range(MATCHED)])
         return images, seconds / MATCHED
 
     @property
@@ -427,7 +423,7 @@ class _Planner:
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
         return spp, None if adapting is None else _round(law.noise(spp).max())
 
-    def adapting(self, law: "ErrorLaw", spp: int) -> "ErrorLaw | None":
+    def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
         """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""
         method, first = available_method(self.render.denoise), IMAGES * len(LEVELS) + MOST_JUDGES
         images = [self.image(spp, first + k, tolerance=_round(law.noise(spp).max())) for k in range(IMAGES)]
@@ -438,7 +434,7 @@ class _Planner:
         asked = law.error(spp)
         return replace(law, measured=law.measured * np.divide(found, asked, out=np.ones(3), where=asked > 0.0))
 
-    def error_law(self, target: float) -> "ErrorLaw":
+    def error_law(self, target: float) -> ErrorLaw:
         """How the error falls with the samples: from images with about as many as are needed."""
         spp = self.first_spp
         for _ in range(ROUNDS):
@@ -450,7 +446,7 @@ class _Planner:
             spp = better
         return law
 
-    def judged(self, first: int) -> "ErrorLaw":
+    def judged(self, first: int) -> ErrorLaw:
         """Errors of images with a few times ``first`` samples, as other images judge them."""
         method = available_method(self.render.denoise)
         levels = [first * level for level in LEVELS]
@@ -474,7 +470,7 @@ class _Planner:
                     break
         return judges
 
-    def why_spp(self, law: "ErrorLaw", needed: int, target: float) -> str:
+    def why_spp(self, law: ErrorLaw, needed: int, target: float) -> str:
         """The choice in words."""
         channel = CHANNELS[int(np.argmax(law.measured[-1]))]
         method = available_method(self.render.denoise)
@@ -499,51 +495,6 @@ def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
     aperture = 1e-3 * camera.focal_mm / camera.f_stop
     defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
     return float(aperture * defocus * intrinsics(camera)[0, 0])
-
-
-# ------------------------------------------------------------------------------------------------------ the error's law
-
-
-@dataclass(frozen=True)
-class ErrorLaw:
-    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel."""
-
-    spp: list[int]
-    measured: np.ndarray
-    """Errors [level, 3]."""
-    noisy: np.ndarray
-    """The same before denoising."""
-    judges: list[np.ndarray]
-    """The images that found them."""
-    steepest: float = STEEPEST["tables"]
-    """Exponent, at the least."""
-
-    def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
-        x, y = np.log(self.spp), np.log(np.maximum(errors, 1e-12))
-        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), self.steepest, FLATTEST)
-        return np.exp(y.mean(0) - exponent * x.mean()), exponent
-
-    def error(self, spp: float) -> np.ndarray:
-        """Error [3] with a number of samples."""
-        one, exponent = self._fit(self.measured)
-        return np.where(self.measured.any(0), one * float(spp) ** exponent, 0.0)
-
-    def noise(self, spp: int) -> np.ndarray:
-        """Error [3] before denoising."""
-        one, exponent = self._fit(self.noisy)
-        return np.where(self.noisy.any(0), one * float(spp) ** exponent, 0.0)
-
-    def samples(self, target: float) -> int:
-        """The fewest samples whose error is below ``target`` in every channel."""
-        one, exponent = self._fit(self.measured)
-        needed = np.where(self.measured.any(0), (target / one) ** (1.0 / exponent), 0.0)
-        return int(np.ceil(min(needed.max(), 1e9)))
-
-    def whole_samples(self, target: float) -> int:
-        """The same within what is ever taken; many in steps of four."""
-        needed = self.samples(target)
-        return int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
 
 
 # ------------------------------------------------------------------------------------------------------------ in words
@@ -581,52 +532,3 @@ def _models(scene: Scene, plan: Plan) -> dict[str, str]:
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres"}
     return {letter: how for letter, how in words.items() if letter in render.outputs}
-
-
-# ---------------------------------------------------------------------------------------------------------------- cost
-
-
-def _cost(scene: Scene, renderer, poses, plan: Plan) -> dict[str, Any]:
-    """Seconds that rendering takes on this device, from the middle pose; denoising and writing go on beside it."""
-    asked = scene.render.outputs
-    groups = {letters: bool(set(letters) & set(asked)) for letters in ("A", "B", "CDS")}
-    seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, plan)
-                            for camera in scene.vehicle.cameras) for letters, wanted in groups.items() if wanted}
-    a_frame = sum(seconds.values())
-    return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
-            "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
-            "seconds_by_output": {letters: float(f"{value:.3g}") for letters, value in seconds.items()},
-            "seconds_in_all": float(f"{a_frame * len(poses):.3g}")}
-
-
-MOST_COSTED = 16
-"""Samples per pixel that are rendered to measure a cost on a CPU."""
-
-
-def _timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
-    """What is made, and the seconds that it took, compiling aside."""
-    start, compiled = time.perf_counter(), renderer.compile_seconds
-    made = make()
-    return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
-
-
-def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan: Plan) -> float:
-    """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
-    def measured(view: Camera, factor: float) -> float:
-        few = {"spp": max(1, round(plan.spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = {"max_scatterings": plan.max_scatterings, "max_bounces": plan.max_bounces, "integrator": plan.integrator,
-               "layers": tuple(scene.render.layers), "tolerance": plan.tile_tolerance} | few
-        return _timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
-
-    measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
-    if renderer.device != "cpu":  # a GPU is not full with a small image
-        return measured(camera, 1.0)
-    samples = {"A": plan.spp, "B": scene.render.spp_b, "CDS": 1}[letters]
-    factor = min(1.0, MOST_COSTED / samples)
-    large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
-    at_large = measured(large, factor)
-    if large.resolution == camera.resolution:
-        return at_large / factor
-    pixels = [np.prod(view.resolution) for view in (camera, large, small)]
-    a_pixel = max(at_large - measured(small, factor), 0.0) / (pixels[1] - pixels[2])
-    return (at_large + a_pixel * (pixels[0] - pixels[1])) / factor

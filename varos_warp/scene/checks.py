@@ -245,9 +245,11 @@ def _check_inside(scene, parts, poses):
                 where = f"{stop} {_numbers(inside)}" if stop else ""
                 what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
                 warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}")
-        if scene.water != "none" and (points[:, 2] > scene.surface_depth_m).any():
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): is above the sea surface "
-                            f"(z = {scene.surface_depth_m:g} m){stop}")
+        above = np.flatnonzero(points[:, 2] > scene.surface_depth_m)
+        if scene.water != "none" and len(above):
+            where = f"{stop} {_numbers(above)}" if stop else ""
+            warnings.append(f"vehicle.cameras.{i} ({camera.id}): is above the sea surface (z = "
+                            f"{scene.surface_depth_m:g} m){where}; surface_depth_m is the depth of world z = 0")
     return warnings
 
 

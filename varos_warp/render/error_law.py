@@ -1,0 +1,53 @@
+"""How the error of an image falls with its samples: the law that the planner reads the samples from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FEWEST_SPP, MOST_SPP = 2, 4096
+STEEPEST = {"tables": -0.75, "path": -0.5, "reference": -0.5}
+FLATTEST = -0.15
+"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with tables, that
+of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown."""
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel."""
+
+    spp: list[int]
+    measured: np.ndarray
+    """Errors [level, 3]."""
+    noisy: np.ndarray
+    """The same before denoising."""
+    judges: list[np.ndarray]
+    """The images that found them."""
+    steepest: float = STEEPEST["tables"]
+    """Exponent, at the least."""
+
+    def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
+        x, y = np.log(self.spp), np.log(np.maximum(errors, 1e-12))
+        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), self.steepest, FLATTEST)
+        return np.exp(y.mean(0) - exponent * x.mean()), exponent
+
+    def error(self, spp: float) -> np.ndarray:
+        """Error [3] with a number of samples."""
+        one, exponent = self._fit(self.measured)
+        return np.where(self.measured.any(0), one * float(spp) ** exponent, 0.0)
+
+    def noise(self, spp: int) -> np.ndarray:
+        """Error [3] before denoising."""
+        one, exponent = self._fit(self.noisy)
+        return np.where(self.noisy.any(0), one * float(spp) ** exponent, 0.0)
+
+    def samples(self, target: float) -> int:
+        """The fewest samples whose error is below ``target`` in every channel."""
+        one, exponent = self._fit(self.measured)
+        needed = np.where(self.measured.any(0), (target / one) ** (1.0 / exponent), 0.0)
+        return int(np.ceil(min(needed.max(), 1e9)))
+
+    def whole_samples(self, target: float) -> int:
+        """The same within what is ever taken; many in steps of four."""
+        needed = self.samples(target)
+        return int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
