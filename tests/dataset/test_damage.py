@@ -337,6 +337,14 @@ def test_the_limit_beside_a_measure_of_neighbours_is_the_one_that_is_used(hilly,
     assert found["limit"] == pytest.approx(min(53.8, max(views.LEAST[letter] * 100, 5 * found["value"])))
 
 
+def test_a_damaged_list_of_checksums_hides_no_missing_image(copy):
+    (copy / "checksums").write_text("not a list\n")
+    missing_frame(copy)
+    text = "\n".join(validate(copy, quiet=True).problems)
+    assert "checksums: is not a list of SHA-256 sums" in text
+    assert "A-00000004.png: there is no such file" in text
+
+
 def test_only_the_damaged_frames_are_named(copy):
     (copy / "checksums").unlink()
     for damage in (swapped_a, swapped_c, swapped_d):

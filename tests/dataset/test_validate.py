@@ -1,13 +1,14 @@
 """A sound dataset passes, and every kind of damage is found and named."""
 
 import json
+import os
 import shutil
 
 import numpy as np
 import pytest
 from standins import make_scene
 
-from varos_warp.dataset import files
+from varos_warp.dataset import files, folder
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.produce import produce
 from varos_warp.dataset.validate import validate
@@ -237,3 +238,57 @@ def test_a_missing_table_is_one_problem_and_the_rest_is_still_checked(copy):
 def test_what_is_no_dataset_is_bad_input(tmp_path):
     with pytest.raises(InputError, match="not a dataset"):
         validate(tmp_path)
+
+
+# ------------------------------------------------------------------------------------------------------- not complete
+
+
+@pytest.fixture
+def part(tmp_path):
+    """Frames 0, 3, 6 and 9 of ten, as a run that was interrupted leaves them."""
+    produce(make_scene(), tmp_path, quiet=True, shard=(0, 3))
+    return tmp_path
+
+
+NOT_COMPLETE = "not complete: 6 of 10 frames are missing images; "
+
+
+def test_of_an_interrupted_dataset_one_line_tells(part):
+    (part / "vehicle0/cam0/.x.png.host-1-2.tmp").write_bytes(b"")
+    result = validate(part, quiet=True)
+    assert result.problems == [NOT_COMPLETE + "the same `run` goes on"]
+    assert not result.plain()["valid"]
+    assert result.files_read == 4 * 2 * 2  # C and D
+
+
+def test_a_run_that_is_at_it_is_named(part):
+    with folder.claimed(part):
+        assert problems(part) == NOT_COMPLETE + f"a run is writing there: process {os.getpid()} on {files.HOST}"
+
+
+def test_what_a_second_run_adds_to_a_complete_dataset_is_not_damage(tmp_path):
+    produce(make_scene(), tmp_path, quiet=True, frames=slice(0, 4))
+    produce(make_scene(), tmp_path, quiet=True, shard=(0, 3))
+    assert problems(tmp_path) == "not complete: 4 of 10 frames are missing images; the same `run` goes on"
+    Dataset(tmp_path).layout.png("L0", "C", 2).unlink()
+    assert "camL0_C-00000002.png: there is no such file" in problems(tmp_path)
+
+
+def test_damage_to_what_is_there_is_named_beside_it(part):
+    path = Dataset(part).layout.png("L0", "D", 3)
+    path.write_bytes(path.read_bytes()[:-30])
+    Dataset(part).layout.sensor("imu0").unlink()
+    text = problems(part)
+    assert text.startswith(NOT_COMPLETE)
+    assert "camL0_D-00000003.png: cannot be read" in text
+    assert "imu0_data.csv: there is no such file" in text
+
+
+def test_images_that_are_not_exposed_yet_are_told_of(tmp_path):
+    for index in range(2):
+        produce(make_scene(), tmp_path, quiet=True, shard=(index, 2))
+    for path in [tmp_path / "checksums", tmp_path / "contact_sheet.png", *tmp_path.rglob("*_exposure_A.csv"),
+                 *tmp_path.rglob("A/*.png")]:
+        path.unlink()
+    assert problems(tmp_path) == ("not complete: its images are rendered, but not all exposed; "
+                                  "the same `run` goes on")

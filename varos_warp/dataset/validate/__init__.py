@@ -3,6 +3,7 @@
 Every check states its limit beside its measure. Limits come from rounding, quantisation, the order of a difference or
 of an integration. What is held against what:
 
+* `pending`: whether a run has still to go on; what it will make is no damage.
 * `listing`: files against dataset.json, dataset.json against the scene in it, all of them against ``checksums``.
 * `motion`: poses in three forms, cameras and sensors against the vehicle, IMU and depth gauge against the poses.
 * `images`: PNG against EXR against the table of exposures; C against the slopes of D; S against its table.
@@ -17,6 +18,7 @@ dataset.json that were changed together with the scene in it; changes below the 
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.validate import images, listing, motion, views
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.validate.pending import Pending
 
 __all__ = ["Validation", "validate"]
 
@@ -34,6 +36,7 @@ def validate(root, quiet: bool = False) -> Validation:
     data, result = Dataset(root), Validation()
     for check in (*listing.CHECKS, *motion.CHECKS):
         result.guard(data.root, check, data, result)
-    images.check_images(data, result, quiet)
-    views.check_views(data, result, quiet)
+    pending = Pending.of(data)
+    images.check_images(data, result, pending, quiet)
+    views.check_views(data, result, pending.ready(data), quiet)
     return result

@@ -12,21 +12,26 @@ from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.noise import is_repeatable, noisy_pixels
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.validate.outcome import Validation, problem_of
+from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.validate.views import back_project
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
 from varos_warp.render.outputs import DEPTH_LEVELS, OUTPUTS, to_half
 
 
-def check_images(data: Dataset, result: Validation, quiet: bool) -> None:
-    """Every image decodes to its size and type; the 8 bit ones are their EXR exposed; C and D agree."""
+def check_images(data: Dataset, result: Validation, pending: Pending, quiet: bool) -> None:
+    """Every image decodes to its size and type; the 8 bit ones are their EXR exposed; C and D agree.
+
+    A and B are looked at once the exposure of all frames is done.
+    """
     problems: list[str] = []
     angles: list[float] = []
+    frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
     with (ThreadPoolExecutor(os.cpu_count()) as pool,
-          Progress("reading", len(data) * len(data.cameras), quiet=quiet) as progress):
+          Progress("reading", len(frames) * len(data.cameras), quiet=quiet) as progress):
         for camera in data.cameras:
-            colors = [Exposures(data, camera, output) for output in data.outputs if OUTPUTS[output].is_color]
-            for found, slopes in pool.map(partial(_check_frame, data, camera, colors), data.frames):
+            colors = [Exposures(data, camera, output) for output in exposed]
+            for found, slopes in pool.map(partial(_check_frame, data, camera, colors), frames):
                 problems += found.problems
                 result.files_read += found.files_read
                 angles += slopes

@@ -12,8 +12,8 @@ import yaml
 from varos_warp.dataset import checksums, files, writers
 from varos_warp.dataset.layout import POSE_FORMS, Dataset
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import OUTPUTS
 from varos_warp.scene.load import scene_from_dict
 
 RELATIVE = 1e-9
@@ -22,13 +22,15 @@ RELATIVE = 1e-9
 
 def check_files(data: Dataset, result: Validation) -> None:
     """Every file that dataset.json asks for is there, and none that it does not account for."""
-    required, optional = set(_texts(data)) | set(_images(data)), set(_by_products(data))
-    missing = sorted(path for path in required if not path.is_file())
+    later = Pending.of(data).files
+    required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
+    optional = set(_by_products(data))
+    missing = sorted(path for path in required - later if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
     result.add_all([f"{_name(data, path)}: there is no such file" for path in missing], "files")
     result.add_all([f"{_name(data, path)}: dataset.json does not account for it" for path in strays], "files")
-    remains = sorted(data.root.rglob(".*.tmp"))
+    remains = [] if later else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
     result.add_all([f"{_name(data, path)}: remains of an interrupted run" for path in remains], "files")
 
 
@@ -43,7 +45,7 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield from (layout.poses(name, form) for form in POSE_FORMS)
     for camera in data.cameras:
         yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))
-        yield from (layout.camera_file(camera, f"_exposure_{o}.csv") for o in data.outputs if OUTPUTS[o].is_color)
+    yield from exposure_tables(data)
     if data.meta["lights"]:
         yield layout.lights
     if data.recorded:
@@ -55,19 +57,6 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield layout.segments
 
 
-def _images(data: Dataset) -> Iterator[Path]:
-    render, layout = data.meta["scene"].get("render", {}), data.layout
-    for camera, frame in itertools.product(data.cameras, data.frames):
-        for output in data.outputs:
-            yield layout.png(camera, output, frame)
-            if OUTPUTS[output].is_color or (output == "D" and render.get("depth_exr")):
-                yield layout.exr(camera, output, frame)
-        if "A" in data.outputs and render.get("linear_exr"):
-            yield layout.linear(camera, frame)
-        if "A" in data.outputs and data.has_noise("A"):
-            yield layout.clean(camera, frame)
-
-
 def _by_products(data: Dataset) -> Iterator[Path]:
     """What an earlier run may have been asked for."""
     for camera, frame in itertools.product(data.cameras, data.frames):
@@ -76,8 +65,10 @@ def _by_products(data: Dataset) -> Iterator[Path]:
 
 
 def check_checksums(data: Dataset, result: Validation) -> None:
-    """Every file is as it was written."""
-    known = checksums.read_checksums(data.root)
+    """Every file is as it was written; of a dataset that is still made only images, since all else is written anew."""
+    known, growing = checksums.read_checksums(data.root), bool(Pending.of(data).files)
+    if growing:
+        known = {name: value for name, value in known.items() if Path(name).suffix in (".png", ".exr")}
     if not known:
         return
 
@@ -89,8 +80,8 @@ def check_checksums(data: Dataset, result: Validation) -> None:
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found = [problem for problem in pool.map(compare, known) if problem]
-    later = [_name(data, path) for path in checksums.listed_files(data.root) if _name(data, path) not in known]
-    result.add_all(found + [f"{name}: is not in checksums" for name in later], "files")
+    added = [] if growing else [_name(data, path) for path in checksums.listed_files(data.root)]
+    result.add_all(found + [f"{name}: is not in checksums" for name in added if name not in known], "files")
     result.files_hashed = len(known)
 
 
@@ -173,11 +164,9 @@ def check_times(data: Dataset, result: Validation) -> None:
                 result.add(f"{_name(data, path)}: row {i} names {table[output][i]}, not {names[i]}")
         if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:
             result.add(f"{_name(data, path)}: the IMU has no sample after the last frame")
-    for camera in data.cameras:
-        tables = [data.layout.poses(camera, form) for form in POSE_FORMS]
-        tables += [data.layout.camera_file(camera, f"_exposure_{o}.csv") for o in data.outputs if OUTPUTS[o].is_color]
-        for path in tables:
-            _same_times(data, result, path, files.read_csv(path), expected)
+    tables = [data.layout.poses(camera, form) for camera in data.cameras for form in POSE_FORMS]
+    for path in tables + ([] if Pending.of(data).files else exposure_tables(data)):
+        _same_times(data, result, path, files.read_csv(path), expected)
 
 
 def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expected: np.ndarray) -> bool:
@@ -192,4 +181,4 @@ def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expe
     return not wrong.size
 
 
-CHECKS = (check_files, check_checksums, check_metadata, check_times)
+CHECKS = (check_complete, check_files, check_checksums, check_metadata, check_times)

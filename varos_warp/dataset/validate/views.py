@@ -33,11 +33,11 @@ LEAST = {"C": 0.1, "S": 0.01, "B": 0.1}
 """Share of such points that is no cause for doubt: detail finer than a pixel; S has less of it."""
 
 
-def check_views(data: Dataset, result: Validation, quiet: bool = True) -> None:
-    """Residuals between views in mm and px, and every frame against its neighbours."""
+def check_views(data: Dataset, result: Validation, frames: list[int], quiet: bool = True) -> None:
+    """Residuals between views in mm and px, and every one of some frames against its neighbours."""
     if "D" in data.outputs:
-        result.guard(data.root, _check_residuals, data, result)
-        result.guard(data.root, _check_neighbours, data, result, quiet)
+        result.guard(data.root, _check_residuals, data, result, frames)
+        result.guard(data.root, _check_neighbours, data, result, frames, quiet)
 
 
 # ----------------------------------------------------------------------------------------------------------- geometry
@@ -63,30 +63,30 @@ def _points(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray) -> tuple[np.nda
 # ---------------------------------------------------------------------------------------------------------- residuals
 
 
-def _view_pairs(data: Dataset) -> Iterator[tuple[str, tuple[int, str], tuple[int, str]]]:
+def _view_pairs(data: Dataset, frames: list[int]) -> Iterator[tuple[str, tuple[int, str], tuple[int, str]]]:
     """Pairs of views that see much the same: frames of one camera up to a second apart, and two cameras at once."""
     second = max(1, round(data.meta["frames"]["rate_hz"]))
-    reach = min(second, len(data.frames) - 1)
+    reach = min(second, len(frames) - 1)
     for camera in data.cameras:
         for step, name in {reach: f"D of frames {reach} apart", 1: "D of successive frames"}.items():
-            known = set(data.frames)
-            pairs = [(f, f + step) for f in data.frames if step > 0 and f + step in known]
+            known = set(frames)
+            pairs = [(f, f + step) for f in frames if step > 0 and f + step in known]
             for i in np.unique(np.linspace(0, len(pairs) - 1, min(PAIRS, len(pairs))).astype(int)):
                 yield f"{camera}: {name}", (pairs[i][0], camera), (pairs[i][1], camera)
     for one, other in zip(data.cameras, data.cameras[1:], strict=False):
         if data.camera(one)["mount"] == data.camera(other)["mount"]:
-            for a in data.frames[::max(1, len(data) // PAIRS)]:
+            for a in frames[::max(1, len(frames) // PAIRS)]:
                 yield f"{one}, {other}: D of the same moment", (a, one), (a, other)
 
 
-def _check_residuals(data: Dataset, result: Validation) -> None:
+def _check_residuals(data: Dataset, result: Validation, frames: list[int]) -> None:
     """Points of D seen in one view lie where D of another view has them.
 
     Limits: one step of D and half a pixel's footprint at the median distance; one pixel. On a plane nothing but the
     steps remains; half a footprint leaves room for a surface that is rough on the scale of a pixel.
     """
     errors: dict[str, list[np.ndarray]] = {}
-    for name, first, second in _view_pairs(data):
+    for name, first, second in _view_pairs(data, frames):
         try:
             errors.setdefault(name, []).append(_compare_views(data, first, second))
         except InputError as error:
@@ -189,7 +189,7 @@ class _Frames:
         return found
 
 
-def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
+def _check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet: bool) -> None:
     """A frame that fits fewer than half of its neighbours holds images of another one, or its pose is another's.
 
     Limits. D: one step and a tenth of a pixel's footprint for the median of the signed error, from which roughness
@@ -198,14 +198,14 @@ def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
     """
     for camera in data.cameras:
         pairs: dict[tuple[int, int], dict[str, float]] = {}
-        starts = range(0, len(data), CHUNK)
+        starts = range(0, len(frames), CHUNK)
         with (ThreadPoolExecutor(os.cpu_count()) as pool,
-              Progress(f"views {camera}", len(data), quiet=quiet) as progress):
-            for start, (found, problems) in zip(starts, pool.map(partial(_compare_chunk, data, camera), starts),
+              Progress(f"views {camera}", len(frames), quiet=quiet) as progress):
+            for start, (found, problems) in zip(starts, pool.map(partial(_compare_chunk, data, camera, frames), starts),
                                                 strict=True):
                 pairs |= found
                 result.add_all(problems, "images")
-                progress.reach(min(1.0, (start + CHUNK) / len(data)))
+                progress.reach(min(1.0, (start + CHUNK) / len(frames)))
         limits = _limits(pairs)
         for letter, limit in limits.items():
             _measure_neighbours(result, camera, letter, _shares(pairs, letter), limit)
@@ -213,17 +213,17 @@ def _check_neighbours(data: Dataset, result: Validation, quiet: bool) -> None:
                         for problem in _misfits(data, camera, letter, pairs, limits)], "images")
 
 
-def _compare_chunk(data: Dataset, camera: str, start: int) -> tuple[dict, list[str]]:
+def _compare_chunk(data: Dataset, camera: str, frames: list[int], start: int) -> tuple[dict, list[str]]:
     """What `_Frames.compare` finds for some frames and the two before each, and what cannot be read."""
-    frames, pairs, problems = _Frames(data, camera), {}, []
-    for i in range(start, min(start + CHUNK, len(data))):
-        for earlier in data.frames[max(0, i - 2):i]:
+    kept, pairs, problems = _Frames(data, camera), {}, []
+    for i in range(start, min(start + CHUNK, len(frames))):
+        for earlier in frames[max(0, i - 2):i]:
             try:
-                found = frames.compare(earlier, data.frames[i])
+                found = kept.compare(earlier, frames[i])
             except InputError as error:
                 problems.append(problem_of(data.root, error))
             else:
-                pairs |= {(earlier, data.frames[i]): found} if found else {}
+                pairs |= {(earlier, frames[i]): found} if found else {}
     return pairs, problems
 
 

@@ -1,0 +1,98 @@
+"""What is not there yet in a dataset that is being made, or whose run was interrupted."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from varos_warp.dataset import checksums
+from varos_warp.dataset.folder import LOCKS
+from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.errors import InputError
+from varos_warp.render.outputs import OUTPUTS
+
+
+@dataclass(frozen=True)
+class Pending:
+    """What a run has still to make: nothing in a complete dataset, whatever it lacks."""
+
+    files: frozenset[Path] = frozenset()
+    """Images and tables of exposures."""
+    frames: frozenset[int] = frozenset()
+    """Those that are not rendered, or not in all outputs."""
+
+    @classmethod
+    def of(cls, data: Dataset) -> "Pending":
+        """A run ends with the contact sheet and the checksums: what is listed there was made already."""
+        try:
+            listed = checksums.read_checksums(data.root)
+        except InputError:  # told of by `check_checksums`
+            return cls()
+        if not listed and (data.root / "contact_sheet.png").exists():
+            return cls()
+        missing: dict[int | None, set[Path]] = {None: set(exposure_tables(data))}
+        missing |= {frame: set(images(data, frame)) for frame in data.frames}
+        for frame, paths in missing.items():
+            missing[frame] = {path for path in paths if not path.is_file()
+                              and path.relative_to(data.root).as_posix() not in listed}
+        exposed = {data.layout.png(camera, output, frame) for camera in data.cameras for frame in data.frames
+                   for output in data.outputs if OUTPUTS[output].is_color}
+        frames = [frame for frame, paths in missing.items() if frame is not None and paths - exposed]
+        return cls(frozenset().union(*missing.values()), frozenset(frames))
+
+    def ready(self, data: Dataset) -> list[int]:
+        """Frames that can be looked at."""
+        return [frame for frame in data.frames if frame not in self.frames]
+
+
+def images(data: Dataset, frame: int) -> list[Path]:
+    """Every image of a frame that dataset.json asks for."""
+    render, layout, paths = data.meta["scene"].get("render", {}), data.layout, []
+    for camera in data.cameras:
+        for output in data.outputs:
+            paths.append(layout.png(camera, output, frame))
+            if OUTPUTS[output].is_color or (output == "D" and render.get("depth_exr")):
+                paths.append(layout.exr(camera, output, frame))
+        if "A" in data.outputs and render.get("linear_exr"):
+            paths.append(layout.linear(camera, frame))
+        if "A" in data.outputs and data.has_noise("A"):
+            paths.append(layout.clean(camera, frame))
+    return paths
+
+
+def exposure_tables(data: Dataset) -> list[Path]:
+    """Tables of gains, which are made when all frames are there."""
+    return [data.layout.camera_file(camera, f"_exposure_{output}.csv")
+            for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color]
+
+
+def check_complete(data: Dataset, result: Validation) -> None:
+    """One line for all that a run has still to make, and who is at it."""
+    pending = Pending.of(data)
+    if not pending.files:
+        return
+    count = len(pending.frames)
+    what = f"{count} of {len(data)} frames {'is' if count == 1 else 'are'} missing images"
+    if not count:
+        what = "its images are rendered, but not all exposed"
+    at_work = " and ".join(_writers(data.root))
+    goes_on = f"a run is writing there: {at_work}" if at_work else "the same `run` goes on"
+    result.add(f"not complete: {what}; {goes_on}")
+
+
+def _writers(root: Path) -> list[str]:
+    """The runs that hold a lock on a folder."""
+    found = [(path, re.match(r"run\.(\w+)\.(\d+)-", path.name)) for path in sorted((root / LOCKS).glob("run.*.lock"))]
+    return [f"process {name[2]} on {name[1]}" for path, name in found if name and _is_held(path)]
+
+
+def _is_held(path: Path) -> bool:
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except (Timeout, OSError):
+        return path.exists()
+    lock.release()
+    return False
