@@ -73,10 +73,12 @@ def test_the_reference_integrator_renders_the_same_scene_and_is_on_record(made, 
 
 
 def test_a_plan_says_what_less_detail_would_keep(made):
+    meshes = json.loads(call("plan", made / "scene.yaml", "--json", *SMALL).stdout)["meshes"]
+    assert meshes["level_of_detail"] is None
     text = call("plan", made / "scene.yaml", *SMALL).output
-    assert "all triangles are kept; render.level_of_detail={} would make of them" in text
+    assert (f"all {meshes['triangles']} triangles are kept; with render.level_of_detail={{}} it would be "
+            f"{meshes['kept']}, and D moves by") in text
+    text = call("plan", made / "scene.yaml", *SMALL, "--set", "render.level_of_detail={}").output
     assert "never in view: 4 times the tolerance" in text
     assert "error of D at [m]" in text
-    meshes = json.loads(call("plan", made / "scene.yaml", "--json", *SMALL).stdout)["meshes"]
     assert f"in all {meshes['kept']} of {meshes['triangles']} triangles" in text
-    assert meshes["level_of_detail"] is None

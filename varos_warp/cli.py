@@ -187,8 +187,12 @@ def _percent(error) -> list[str]:
 def _print_meshes(meshes: dict) -> None:
     """The plan's section ``meshes``: what is kept of each, by distance, and what that costs in C and D."""
     detail, memory = meshes["level_of_detail"], meshes["memory_mb"]
-    off = "all triangles are kept; render.level_of_detail={} would make of them"
-    print(f"meshes: {off if detail is None else f'level_of_detail {detail}'}")
+    if detail is None:
+        moved = f", and D moves by {meshes['depth_error']['rms_mm']:.2g} mm (rms)" if "depth_error" in meshes else ""
+        print(f"meshes: all {meshes['triangles']} triangles are kept; with render.level_of_detail={{}} it would be "
+              f"{meshes['kept']}{moved} (--json tells of each mesh)")
+        return
+    print(f"meshes: level_of_detail {detail}")
     _print_table(["mesh", "triangles", "kept", "nearest [m]", "allowed from [mm]", "error [mm]", "why"],
                  [row for part in meshes["parts"] for row in _mesh_rows(part)])
     print(f"  in all {meshes['kept']} of {meshes['triangles']} triangles, {memory['kept']:g} of {memory['given']:g} MB")

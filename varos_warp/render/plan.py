@@ -475,8 +475,8 @@ class _Planner:
         channel = CHANNELS[int(np.argmax(law.measured[-1]))]
         method = available_method(self.render.denoise)
         left = f" after {method}" if method != "none" else ""
-        words = (f"{law.spp[-1]} samples leave {law.measured[-1].max():.2%}{left} ({channel}, {self.worst.label}), "
-                 f"of {self.render.tolerance:.2%} models leave {target:.2%}")
+        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
+                 f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
         if needed > MOST_SPP:
             return f"{words}; that would need {needed}, more than are ever taken: the error will be larger"
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
