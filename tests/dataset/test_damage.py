@@ -288,22 +288,24 @@ DAMAGE = {
     normals_into_the_ground: ["of its normals point away from the camera"],
     deleted_sensor_file: ["imu0_data.csv: there is no such file"],
     stray_file: ["A/copy.png: dataset.json does not account for it"],
-    edited_imu: ["imu0_data.csv: row 57: is not what vehicle0_states.csv makes it",
-                 "imu0_data.csv: row 57: its specific force is not that of the poses"],
-    edited_first_imu_row: ["imu0_data.csv: row 0: is not what vehicle0_states.csv makes it"],
+    edited_imu: ["vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = ", ": is not what vehicle0_states.csv makes it",
+                 "imu0_data.csv:59: a_RS_S_z = ", ": its specific force is not that of the poses"],
+    edited_first_imu_row: ["vehicle0/imu0/imu0_data.csv:2: w_RS_S_y = ", ": is not what vehicle0_states.csv makes it"],
     edited_imu_time: ["imu0: poses and readings have different time stamps"],
-    edited_depth_gauge: ["depth0_data.csv: row 57: its depth is not that of the poses"],
-    edited_matrix: ["camM0_poses_transformation_matrix.csv: row 4: is not the pose that the other two files"],
-    edited_euler: ["vehicle0_poses_euler.csv: row 57: is not the pose that the other two files"],
-    edited_quaternion: ["imu0_poses_quaternion.csv: row 57: is not the pose that the other two files"],
-    edited_states: ["vehicle0_states.csv: row 57: its velocity is not that of the poses"],
+    edited_depth_gauge: ["vehicle0/depth0/depth0_data.csv:59: d_v_w = ", ": its depth is not that of the poses"],
+    edited_matrix: ["camM0_poses/camM0_poses_transformation_matrix.csv:6: s_x_vw = ",
+                    ": is not the pose that the other two files"],
+    edited_euler: ["vehicle0_poses_euler.csv:59: theta_z_vw = ", ": is not the pose that the other two files"],
+    edited_quaternion: ["imu0_poses_quaternion.csv:59: s_x_vw = ", ": is not the pose that the other two files"],
+    edited_states: ["vehicle0_states.csv:59: v_wv_x = ", ": its velocity is not that of the poses"],
     edited_lights: ["lights: against the vehicle's poses"],
-    edited_gain: ["camM0_exposure_A.csv: the gain of frame 4 does not follow"],
-    edited_statistics: ["camM0_exposure_A.csv: row of frame 4: log_average and highlight are not those of its EXR"],
+    edited_gain: ["vehicle0/cam0/camM0_exposure_A.csv:6: gain = ", ": the gain of frame 4 does not follow"],
+    edited_statistics: ["vehicle0/cam0/camM0_exposure_A.csv:6: log_average = ",
+                        ": log_average and highlight of frame 4 are not those of its EXR"],
     shortened_exposures: ["camM0_exposure_A.csv: 8 rows, not 10"],
-    edited_timestamps: ["camM0_timestamps.csv: row 5 is at 500000001 ns, not 500000000"],
-    edited_pose_time: ["camM0_poses_euler.csv: row 5 is at 505000000 ns, not 500000000"],
-    edited_file_name: ["camM0_timestamps.csv: row 5 names seq01_veh0_camM0_C-00000006.png, not"],
+    edited_timestamps: ["vehicle0/cam0/camM0_timestamps.csv:7: timestamp = 500000001: is not 500000000 ns"],
+    edited_pose_time: ["camM0_poses_euler.csv:7: timestamp = 505000000: is not 500000000 ns"],
+    edited_file_name: ["camM0_timestamps.csv:7: C = seq01_veh0_camM0_C-00000006.png: is not seq01_"],
     changed_k: ["dataset.json: cameras.0.K_center_half.0.0 is 100.0, but its scene makes it"],
     changed_focal_length_everywhere: ["M0: D of frames 9 apart, median"],
     wrong_depth_scale_everywhere: ["M0: D of frames 9 apart, median"],
@@ -335,6 +337,26 @@ def test_the_limit_beside_a_measure_of_neighbours_is_the_one_that_is_used(hilly,
     measures = validate(hilly, quiet=True).measures
     found = next(m for m in measures if m["name"] == f"M0: {letter} against neighbours, points that differ")
     assert found["limit"] == pytest.approx(min(53.8, max(views.LEAST[letter] * 100, 5 * found["value"])))
+
+
+@pytest.mark.parametrize(("damage", "most"), [(edited_imu, 3), (edited_first_imu_row, 1), (edited_depth_gauge, 1)])
+def test_one_changed_cell_is_not_many_problems(copy, damage, most):
+    (copy / "checksums").unlink()
+    damage(copy)
+    assert len(validate(copy, quiet=True).problems) <= most
+
+
+@pytest.mark.parametrize(("column", "entry", "problem"), [
+    (3, "x1", "vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = 'x1': is not a number"),
+    (0, "0.5", "vehicle0/imu0/imu0_data.csv:59: timestamp = 0.5: is not a whole number"),
+    (3, "1,2", "vehicle0/imu0/imu0_data.csv:59: cannot be read: a row of 8 entries, not 7")])
+def test_an_entry_that_is_no_number_is_named_with_its_line(copy, column, entry, problem):
+    path = layout(copy).sensor("imu0")
+    lines = path.read_text().splitlines()
+    cells = lines[58].split(",")
+    lines[58] = ",".join([*cells[:column], entry, *cells[column + 1:]])
+    path.write_text("\n".join(lines) + "\n")
+    assert any(found.startswith(problem) for found in validate(copy, quiet=True).problems)
 
 
 def test_a_damaged_list_of_checksums_hides_no_missing_image(copy):
@@ -425,8 +447,8 @@ def test_damage_to_noise_and_to_truth_is_told_apart(noisy):
         unlinked(noisy.layout.clean("M0", frame))
     swap(noisy.layout.clean("M0", 6), noisy.layout.clean("M0", 7))
     text = "\n".join(validate(noisy.root, quiet=True).problems)
-    for problem in ("imu0_data.csv: row 57: its acceleration is off by more than noise can be",
-                    "imu0_data.csv: row 90: is not what vehicle0_states.csv makes it",
+    for problem in ("imu0_data.csv:59: a_RS_S_x = ", ": its acceleration is off by more than noise can be",
+                    "imu0_data.csv:92: ", ": is not what vehicle0_states.csv makes it",
                     "A-00000003.png: is not its EXR with the noise of dataset.json",
                     "A_clean/seq01_veh0_camM0_A-00000006.png: is not its EXR with the gain of the exposure table; "
                     "it is that of frame 7"):

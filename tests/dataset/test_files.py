@@ -73,7 +73,7 @@ def test_csv_keeps_every_bit_of_floats_and_nanoseconds(tmp_path):
 
 def test_a_csv_with_a_short_row_is_refused(tmp_path):
     (tmp_path / "t.csv").write_text("a,b\n1,2\n3\n")
-    with pytest.raises(InputError, match=r"t.csv: cannot be read"):
+    with pytest.raises(InputError, match=r"t.csv:3: cannot be read"):
         files.read_csv(tmp_path / "t.csv")
 
 

@@ -172,7 +172,8 @@ def test_camera_poses_of_another_frame_are_found(copy):
     edit(data.layout.poses("L0", "transformation_matrix"), shift)
     text = problems(copy)
     assert "L0: attitude, three forms" in text
-    assert "L0: pose against the vehicle's" in text
+    assert "camL0_poses_transformation_matrix.csv:2: " in text
+    assert "is not the vehicle's with its mounting" in text
 
 
 def test_camera_axes_of_another_convention_are_found(copy):
@@ -208,7 +209,7 @@ def test_a_gyroscope_in_degrees_is_found(copy):
 
 def test_a_depth_gauge_that_is_off_by_a_millimetre_is_found(copy):
     edit(Dataset(copy).layout.sensor("depth0"), lambda t: t.update({"d_v_w [m]": t["d_v_w [m]"] + 1e-3}))
-    assert "depth0: against poses" in problems(copy)
+    assert "its depth is not that of the poses" in problems(copy)
 
 
 def test_wrong_time_stamps_are_found(copy):
@@ -216,7 +217,7 @@ def test_wrong_time_stamps_are_found(copy):
         table["# timestamp [ns]"] = table["# timestamp [ns]"] + np.arange(10) // 5
 
     edit(Dataset(copy).layout.camera_file("R0", "_timestamps.csv"), later)
-    assert "camR0_timestamps.csv: row 5 is at 500000001 ns, not 500000000" in problems(copy)
+    assert "camR0_timestamps.csv:7: timestamp = 500000001: is not 500000000 ns" in problems(copy)
 
 
 def test_an_imu_that_ends_before_the_last_frame_is_found(copy):

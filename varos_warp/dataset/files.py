@@ -184,9 +184,11 @@ def _alive(pid: int) -> bool:
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
+_REMEDY = "The file is damaged; delete it and `run` again to make it anew."
+
+
 @contextlib.contextmanager
-def _reading(path: Path, remedy: str = "The file is damaged; delete it and `run` again to make it anew."
-             ) -> Iterator[None]:
+def _reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
     try:
         yield
     except InputError:
@@ -208,8 +210,10 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     with _reading(path):
         rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         header, body = rows[0], rows[1:]
-        if any(len(row) != len(header) for row in body):
-            raise ValueError(f"a row has not {len(header)} entries")
+        if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
+            line, row = wrong[0]
+            raise InputError(f"cannot be read: a row of {len(row)} entries, not {len(header)}", file=path, line=line,
+                             remedy=_REMEDY)
         return {name: _typed([row[i] for row in body]) for i, name in enumerate(header)}
 
 
@@ -218,6 +222,38 @@ def _typed(entries: list[str]) -> np.ndarray:
         with contextlib.suppress(ValueError, OverflowError):
             return np.array([int(e) for e in entries] if dtype is np.int64 else entries, dtype)
     return np.array(entries)
+
+
+def read_numbers(path: Path, count: int | None = None) -> list[np.ndarray]:
+    """The first columns of a table of numbers, int64 time stamps first; all of them where no count is given.
+
+    Raises:
+        InputError: If it has fewer columns, no rows, or entries in them that are not numbers.
+    """
+    table = dict(list(read_csv(path).items())[:count])
+    columns = list(table.values())
+    if len(columns) < (count or 1) or not len(columns[0]):
+        problem = f"has {len(columns)} columns, not {count}" if len(columns) < (count or 1) else "has no rows"
+        raise InputError(problem, file=path, remedy=_REMEDY)
+    for i, (name, column) in enumerate(table.items()):
+        if column.dtype.kind not in ("i" if i == 0 else "if"):
+            entries = column.tolist()
+            row = next((row for row, entry in enumerate(entries) if not _is_number(entry, i == 0)), 0)
+            raise InputError("is not a whole number" if i == 0 else "is not a number", file=path, line=row + 2,
+                             key=plain_name(name), value=entries[row], remedy=_REMEDY)
+    return columns
+
+
+def _is_number(entry: str | float, whole: bool) -> bool:
+    try:
+        return float(entry).is_integer() or not whole
+    except ValueError:
+        return False
+
+
+def plain_name(header: str) -> str:
+    """A column's name without its unit."""
+    return header.removeprefix("# ").split(" [")[0]
 
 
 def read_png(path: Path) -> np.ndarray:

@@ -335,11 +335,11 @@ class Dataset:
 
     def time_ns(self, camera: str | None = None) -> np.ndarray:
         """Time of every frame, int64 [N]."""
-        return _table(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
+        return files.read_numbers(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
 
     def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, ``imu0``, ``depth0`` or ``vehicle``."""
-        table = _table(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
+        table = files.read_numbers(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
         return table[0], T
@@ -432,7 +432,7 @@ class Dataset:
 
     def _samples(self, path: Path, widths: dict[str, int], start_ns, stop_ns, first: int = 1) -> dict[str, np.ndarray]:
         """Rows of a table from one time to another: ``time_ns`` and, from column ``first`` on, a block a name."""
-        table = self._once((path, first), lambda: _table(path, first + sum(widths.values())))
+        table = self._once((path, first), lambda: files.read_numbers(path, first + sum(widths.values())))
         rows = slice(*(None if t is None else np.searchsorted(table[0], t) for t in (start_ns, stop_ns)))
         result, column = {"time_ns": table[0][rows].copy()}, first
         for name, width in widths.items():
@@ -450,19 +450,3 @@ class Dataset:
         from varos_warp.dataset.torch import TorchDataset
 
         return TorchDataset(self, outputs, camera, **options)
-
-
-def _table(path: Path, count: int) -> list[np.ndarray]:
-    """The first columns of a table of numbers, int64 time stamps first.
-
-    Raises:
-        InputError: If it has fewer columns, no rows, or entries in them that are not numbers.
-    """
-    columns = list(files.read_csv(path).values())[:count]
-    if len(columns) < count or not len(columns[0]):
-        problem = f"has {len(columns)} columns, not {count}" if len(columns) < count else "has no rows"
-    elif columns[0].dtype != np.int64 or any(column.dtype.kind not in "if" for column in columns):
-        problem = "has an entry that is not a number"
-    else:
-        return columns
-    raise InputError(problem, file=path, remedy="The file is damaged; delete it and `run` again to make it anew.")

@@ -11,6 +11,7 @@ from varos_warp.dataset import files, writers
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.noise import is_repeatable, noisy_pixels
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation, problem_of
 from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.validate.views import back_project
@@ -156,7 +157,8 @@ class Exposures:
             return f"{exr}: is not the image that was exposed: neither its PNG nor its row of the exposure table{holds}"
         if other is not None:
             return f"{name} and {exr}: are not those of the exposure table{holds}"
-        return f"{self.path.name}: row of frame {frame}: log_average and highlight are not those of its EXR"
+        where = place(self.data, self.path, list(self.table).index(frame), "log_average")
+        return f"{where}: log_average and highlight of frame {frame} are not those of its EXR"
 
     def _wrong_gains(self) -> list[str]:
         """Gains follow from the statistics of all frames, as the scene asks for."""
@@ -167,7 +169,8 @@ class Exposures:
         if not wrong:
             return []
         more = f" and of {len(wrong) - 1} more" if wrong[1:] else ""
-        return [f"{self.path.name}: the gain of frame {wrong[0]}{more} does not follow from the table's log_average "
+        where = place(self.data, self.path, list(self.table).index(wrong[0]), "gain")
+        return [f"{where}: the gain of frame {wrong[0]}{more} does not follow from the table's log_average "
                 f"and highlight by the exposure {setting!r}"]
 
 

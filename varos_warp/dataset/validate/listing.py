@@ -11,6 +11,7 @@ import yaml
 
 from varos_warp.dataset import checksums, files, writers
 from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
 from varos_warp.errors import InputError
@@ -161,7 +162,7 @@ def check_times(data: Dataset, result: Validation) -> None:
             wrong = [i for i, (a, b) in enumerate(zip(table[output].tolist(), names, strict=True)) if a != b]
             if wrong:
                 i = wrong[0]
-                result.add(f"{_name(data, path)}: row {i} names {table[output][i]}, not {names[i]}")
+                result.add(f"{place(data, path, i, output)}: is not {names[i]}")
         if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:
             result.add(f"{_name(data, path)}: the IMU has no sample after the last frame")
     tables = [data.layout.poses(camera, form) for camera in data.cameras for form in POSE_FORMS]
@@ -177,7 +178,7 @@ def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expe
         return False
     wrong = np.flatnonzero(time_ns != expected)
     if wrong.size:
-        result.add(f"{_name(data, path)}: row {wrong[0]} is at {time_ns[wrong[0]]} ns, not {expected[wrong[0]]}")
+        result.add(f"{place(data, path, wrong[0], writers.TIME)}: is not {expected[wrong[0]]} ns")
     return not wrong.size
 
 

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS, Dataset
 from varos_warp.dataset.noise import is_repeatable, noise_of
+from varos_warp.dataset.validate.cells import place, wrong_rows
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.sim.noise import depth_gauge_noise, imu_noise
 
@@ -14,12 +15,6 @@ WINDOW_S = 2.0
 """Time over which the IMU is integrated from a pose."""
 GIMBAL = 1e-6
 """Share cos(pitch) of a turn below which Euler angles lose digits: scipy puts one of them to 0 within 1e-7."""
-
-
-def _row(problem: str, path, rows: np.ndarray) -> list[str]:
-    """A problem of some rows of a file, which names the first."""
-    more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
-    return [f"{path.name}: row {rows[0]}{more}: {problem}"] if len(rows) else []
 
 
 # --------------------------------------------------------------------------------------------------------------- poses
@@ -34,7 +29,7 @@ def check_poses(data: Dataset, result: Validation) -> None:
 def _check_forms(data: Dataset, result: Validation, name: str) -> None:
     """The one of three that the other two outvote is named."""
     paths = [data.layout.poses(name, form) for form in POSE_FORMS]
-    tables = [list(files.read_csv(path).values()) for path in paths]
+    tables = [files.read_numbers(path) for path in paths]
     if len({len(table[0]) for table in tables}) > 1 or any((t[0] != tables[1][0]).any() for t in tables):
         result.add(f"{name}: the three pose files have different time stamps")
         return
@@ -50,14 +45,29 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
               for (a, b), off in apart.items()}
     for i, (first, second) in enumerate((((0, 1), (2, 0)), ((0, 1), (1, 2)), ((1, 2), (2, 0)))):
         agreed = next(pair for pair in differ if i not in pair)
-        rows = np.flatnonzero(differ[first] & differ[second] & ~differ[agreed])
-        result.add_all(_row("is not the pose that the other two files of poses have", paths[i], rows), "poses")
+        here, other = np.column_stack(tables[i][1:]), agreed[0]
+        off = here - _in_form(POSE_FORMS[i], turns[other], places[other], here)
+        result.add_all(wrong_rows(data, paths[i], "is not the pose that the other two files of poses have",
+                                  differ[first] & differ[second] & ~differ[agreed], off, range(1, 13)), "poses")
     if (all_three := np.flatnonzero(np.logical_and.reduce(list(differ.values())))).size:
-        result.add(f"{name}: row {all_three[0]}: no two files of poses agree")
+        result.add(f"{place(data, paths[0], all_three[0])}: no two files of poses agree")
     near = [off[~steep] if 0 in pair else off for pair, off in apart.items()]
     result.measure(f"{name}: attitude, three forms", max((x.max() for x in near if x.size), default=0.0), 1e-12, "rad")
     result.measure(f"{name}: rotation matrices",
                    np.abs(turns[1] @ turns[1].transpose(0, 2, 1) - np.eye(3)).max(initial=0.0), 1e-12, "")
+
+
+def _in_form(form: str, R: np.ndarray, position: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Columns of a pose file; angles and quaternions as near to others as they may be written."""
+    if form == "transformation_matrix":
+        return np.concatenate([R, position[:, :, None]], axis=2).reshape(-1, 12)
+    turn = Rotation.from_matrix(R)
+    if form == "euler":
+        angles = turn.as_euler("xyz")
+        return np.hstack([position, angles + 2 * np.pi * np.rint((like[:, 3:] - angles) / (2 * np.pi))])
+    quaternion = turn.as_quat(scalar_first=True)
+    same = np.sum(quaternion * like[:, 3:], axis=1, keepdims=True) >= 0
+    return np.hstack([position, np.where(same, quaternion, -quaternion)])
 
 
 def check_mounting(data: Dataset, result: Validation) -> None:
@@ -77,18 +87,16 @@ def _check_mount(data: Dataset, result: Validation, name: str, about: dict, vehi
     expected = np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else T_w_v[index] @ np.array(about["T_v_c"])
     off = np.abs(T - expected).max((1, 2))
     limit = 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
-    result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m")
-    rows = np.flatnonzero(~(off <= limit))
-    path = data.layout.poses(name, "transformation_matrix")
-    result.add_all(_row(f"is not the vehicle's pose at {time_ns[rows[0]]} ns with its mounting", path, rows)
-                   if rows.size else [], "poses")
+    told = wrong_rows(data, data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
+                      ~(off <= limit), (T - expected)[:, :3].reshape(-1, 12), range(1, 13))
+    result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m", told)
 
 
 def check_lights(data: Dataset, result: Validation) -> None:
     """Lights are on the vehicle where dataset.json has them."""
     if not data.meta["lights"] or not data.recorded or not data.frames:
         return
-    table = list(files.read_csv(data.layout.lights).values())
+    table = files.read_numbers(data.layout.lights)
     vehicle_time, T_w_v = data.poses("vehicle")
     count = len(data.meta["lights"])
     if len(table[0]) != len(data.frames) * count:
@@ -111,17 +119,22 @@ def check_states(data: Dataset, result: Validation) -> None:
         return
     R = Rotation.from_quat(states["quaternion"], scalar_first=True).as_matrix()
     wrong = (states["position"] != T[:, :3, 3]).any(-1) | (np.abs(R - T[:, :3, :3]).max((1, 2)) > 1e-12)
-    result.add_all(_row("does not agree with the poses of the vehicle", path, np.flatnonzero(wrong)), "rows")
+    here = np.hstack([states["position"], states["quaternion"]])
+    off = here - _in_form("quaternion", T[:, :3, :3], T[:, :3, 3], here)
+    result.add_all(wrong_rows(data, path, "does not agree with the poses of the vehicle", wrong, off,
+                              [1, 2, 3, 10, 11, 12, 13]), "rows")
     if len(time_ns) < 5:
         return
     h = (time_ns[1] - time_ns[0]) * 1e-9
     p, v = T[:, :3, 3] - T[0, :3, 3], states["velocity"]
     slope = (p[:-4] - 8 * p[1:-3] + 8 * p[3:-1] - p[4:]) / (12 * h)
-    off = np.linalg.norm(v[2:-2] - slope, axis=1)
+    apart = np.pad(v[2:-2] - slope, ((2, 2), (0, 0)))
+    off = np.linalg.norm(apart[2:-2], axis=1)
     # between neighbours the velocity changes more than the difference errs
     allowed = 1e-6 + 4 * EPS * np.abs(T[:, :3, 3]).max() / h + _around(p, 1.0 / h)
     result.measure("vehicle: velocity against poses, median", np.median(off), 1e-6 + np.median(allowed), "m/s")
-    result.add_all(_row("its velocity is not that of the poses", path, 2 + np.flatnonzero(off > allowed)), "rows")
+    result.add_all(wrong_rows(data, path, "its velocity is not that of the poses",
+                              np.pad(off > allowed, 2), apart, [4, 5, 6]), "rows")
 
 
 def _around(x: np.ndarray, scale: float) -> np.ndarray:
@@ -156,9 +169,10 @@ def check_imu(data: Dataset, result: Validation) -> None:
 def _even(data: Dataset, result: Validation, name: str, time_ns: np.ndarray) -> bool:
     """Whether a sensor's samples are evenly spaced at its rate."""
     step = round(1e9 / data.meta["sensors"][name]["rate_hz"])
-    rows = np.flatnonzero(np.abs(np.diff(time_ns) - step) > 1)
-    result.add_all(_row(f"the next sample is not {step} ns later", data.layout.sensor(name), rows), "rows")
-    return not rows.size
+    wrong = np.abs(np.diff(time_ns) - step) > 1
+    result.add_all(wrong_rows(data, data.layout.sensor(name), f"the next sample is not {step} ns later", wrong,
+                              wrong[:, None], [0]), "rows")
+    return not wrong.any()
 
 
 def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
@@ -169,11 +183,16 @@ def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
     w, alpha, lever = states["angular_velocity"][rows], states["angular_acceleration"][rows], T_v_s[:3, 3]
     felt = R.inv().apply(states["acceleration"][rows] - data.meta["gravity"])
     felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
-    off = np.maximum(np.abs(felt - imu["acceleration"]).max(1), np.abs(w @ T_v_s[:3, :3]
-                                                                     - imu["angular_velocity"]).max(1))
-    result.measure("imu0: readings against the vehicle's states", off.max(), 1e-9, "m/s^2, rad/s")
-    result.add_all(_row(f"is not what {data.layout.states.name} makes it", data.layout.sensor("imu0"),
-                        np.flatnonzero(~(off <= 1e-9))), "rows")
+    off = np.abs(np.hstack([felt - imu["acceleration"], w @ T_v_s[:3, :3] - imu["angular_velocity"]]))
+    wrong = ~(off.max(1) <= 1e-9)
+    told = wrong_rows(data, data.layout.sensor("imu0"), f"is not what {data.layout.states.name} makes it", wrong, off,
+                      _imu_columns(data))
+    result.measure("imu0: readings against the vehicle's states", off.max(), 1e-9, "m/s^2, rad/s", told)
+
+
+def _imu_columns(data: Dataset) -> range:
+    """Where the readings without noise are."""
+    return range(7, 13) if data.has_noise("imu0") else range(1, 7)
 
 
 def _difference2(x: np.ndarray, h: float) -> np.ndarray:
@@ -192,16 +211,18 @@ def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.nda
     acceleration = _difference2(position, h)
     felt = R[2:-2].inv().apply(acceleration - data.meta["gravity"])
     limit = 1e-3 + 6 * EPS * np.abs(T[:, :3, 3]).max() / h**2
-    off = np.linalg.norm(force[2:-2] - felt, axis=1)
+    apart = np.pad(force[2:-2] - felt, ((2, 2), (0, 0)))
+    off = np.linalg.norm(apart[2:-2], axis=1)
     result.measure("imu0: specific force against poses, median", np.median(off), limit, "m/s^2")
     turned = (R[:-1].inv() * R[1:]).as_rotvec() / h
-    turn_off = np.linalg.norm((rate[:-1] + rate[1:]) / 2 - turned, axis=1)
+    turn_apart = (rate[:-1] + rate[1:]) / 2 - turned
+    turn_off = np.linalg.norm(turn_apart, axis=1)
     result.measure("imu0: angular velocity against poses, median", np.median(turn_off), 1e-3, "rad/s")
-    rows = 2 + np.flatnonzero(off > limit + 2 * _changes(acceleration))
-    path = data.layout.sensor("imu0")
-    result.add_all(_row("its specific force is not that of the poses", path, rows), "rows")
-    rows = np.flatnonzero(turn_off > 1e-3 + 2 * _changes(turned))
-    result.add_all(_row("its angular velocity is not that of the poses", path, rows), "rows")
+    path, columns = data.layout.sensor("imu0"), _imu_columns(data)
+    result.add_all(wrong_rows(data, path, "its specific force is not that of the poses",
+                              np.pad(off > limit + 2 * _changes(acceleration), 2), apart, columns[:3]), "rows")
+    result.add_all(wrong_rows(data, path, "its angular velocity is not that of the poses",
+                              turn_off > 1e-3 + 2 * _changes(turned), turn_apart, columns[3:]), "rows")
 
 
 def _changes(x: np.ndarray, reach: int = 3) -> np.ndarray:
@@ -270,8 +291,9 @@ def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
         # the standard error of a variance over 5: less than one false alarm in a million
         result.measure(f"imu0: white noise of the {sensor}, off by", abs(white.std() - sigma),
                        5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
-        rows = np.flatnonzero(np.abs(white).max(1) > 8 * sigma + 1e-9)
-        result.add_all(_row(f"its {name} is off by more than noise can be", data.layout.sensor("imu0"), rows), "rows")
+        result.add_all(wrong_rows(data, data.layout.sensor("imu0"), f"its {name} is off by more than noise can be",
+                                  np.abs(white).max(1) > 8 * sigma + 1e-9, white,
+                                  range(1, 4) if name == "acceleration" else range(4, 7)), "rows")
     profile, seed = noise_of(data) or (None, 0)
     if profile and profile.imu and is_repeatable(data):
         made = imu_noise(profile.imu, len(imu["time_ns"]), about["rate_hz"], seed)
@@ -294,8 +316,9 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
     if not _even(data, result, "depth0", time_ns):
         return
     off = np.abs(gauge["depth"] - (data.meta["surface_depth_m"] - T[:, 2, 3]))
-    result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m")
-    result.add_all(_row("its depth is not that of the poses", path, np.flatnonzero(~(off <= 1e-9))), "rows")
+    told = wrong_rows(data, path, "its depth is not that of the poses", ~(off <= 1e-9), off[:, None],
+                      [2 if data.has_noise("depth0") else 1])
+    result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m", told)
     if data.has_noise("depth0"):
         _check_gauge_noise(data, result, gauge["depth"])
 
@@ -303,7 +326,7 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
 def _check_gauge_noise(data: Dataset, result: Validation, truth: np.ndarray) -> None:
     """Readings are no farther off than noise can be, and those of profile and seed."""
     about, reading = data.meta["sensors"]["depth0"], data.depth_gauge()["depth"]
-    bias = list(files.read_csv(data.layout.sensor("depth0")).values())[3]
+    bias = files.read_numbers(data.layout.sensor("depth0"), 4)[3]
     density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
     most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
     result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")

@@ -29,10 +29,12 @@ class Validation:
     files_hashed: int = 0
     """Files held against their checksums; 0: the dataset has none."""
 
-    def measure(self, name: str, value: float, limit: float, unit: str) -> None:
-        """Note a quantity; above its limit (or NaN) it is a problem."""
+    def measure(self, name: str, value: float, limit: float, unit: str, told: list[str] | None = None) -> None:
+        """Note a quantity; above its limit (or NaN) it is a problem, ``told`` in its place where that is more exact."""
         self.measures.append({"name": name, "value": float(value), "limit": float(limit), "unit": unit})
-        if not value <= limit:
+        if told:
+            self.add_all(told, "rows")
+        elif not value <= limit:
             self.add(f"{name}: {value:.4g} {unit}, more than {limit:.4g}")
 
     def add(self, problem: str) -> None:
