@@ -21,6 +21,8 @@ LOCKS = ".lock"
 """Folder of the lock files, while there are runs."""
 MOST_TRIES = 1000
 """To make a lock, while other runs that end remove the folder; where it cannot be made at all, that shows soon."""
+_NAME = re.compile(r"run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
+"""Of a run's lock file: host, process and shard."""
 _counter = itertools.count()
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
@@ -90,15 +92,28 @@ def _drop(lock: FileLock, path: Path) -> None:
     lock.release()
 
 
-def _in_use(path: Path) -> bool:
-    """Whether a process holds this lock; a file that a dead one left is removed."""
+def _in_use(path: Path, remove: bool = True) -> bool:
+    """Whether a process holds this lock; a file that a dead one left is removed, or stays."""
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except (Timeout, OSError):
         return path.exists()
-    _drop(lock, path)
+    if remove:
+        _drop(lock, path)
+    else:
+        lock.release()
     return False
+
+
+def at_work(root: Path) -> list[str]:
+    """The runs that are writing to a folder, in words; removes nothing."""
+    found = [(path, _NAME.fullmatch(path.name)) for path in sorted((root / LOCKS).glob("run.*.lock"))]
+    return [_words(name) for path, name in found if name and _in_use(path, remove=False)]
+
+
+def _words(name: re.Match) -> str:
+    return f"process {int(name[2])} on {name[1]}"
 
 
 def _remove_unused(folder: Path) -> None:
@@ -111,16 +126,16 @@ def _remove_unused(folder: Path) -> None:
 
 def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
     """Only shards of one division may work beside each other, each once."""
-    found = re.fullmatch(r"run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock", other.name)
+    found = _NAME.fullmatch(other.name)
     if not found:
         return
-    host, pid, index, of = found[1], *map(int, found.groups()[1:])
+    index, of = int(found[3]), int(found[4])
     if of == shard[1] > 1 and index != shard[0]:
         return
     part = f", shard {index}/{of}," if of > 1 else ""
     with contextlib.suppress(OSError):
         part += f" since {time.strftime('%Y-%m-%d %H:%M', time.localtime(other.stat().st_mtime))}"
-    raise InputError(f"another run is writing to this folder: process {pid} on {host}{part}", file=root,
+    raise InputError(f"another run is writing to this folder: {_words(found)}{part}", file=root,
                      remedy="Wait for it, or end it; several runs can share a folder as --shard I/N, each with an I of "
                             "its own and the same N.")
 

@@ -1,13 +1,10 @@
 """What is not there yet in a dataset that is being made, or whose run was interrupted."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from varos_warp.dataset import checksums
-from varos_warp.dataset.folder import LOCKS
+from varos_warp.dataset.folder import at_work
 from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
@@ -77,22 +74,6 @@ def check_complete(data: Dataset, result: Validation) -> None:
     what = f"{count} of {len(data)} frames {'is' if count == 1 else 'are'} missing images"
     if not count:
         what = "its images are rendered, but not all exposed"
-    at_work = " and ".join(_writers(data.root))
-    goes_on = f"a run is writing there: {at_work}" if at_work else "the same `run` goes on"
+    runs = " and ".join(at_work(data.root))
+    goes_on = f"a run is writing there: {runs}" if runs else "the same `run` goes on"
     result.add(f"not complete: {what}; {goes_on}")
-
-
-def _writers(root: Path) -> list[str]:
-    """The runs that hold a lock on a folder."""
-    found = [(path, re.match(r"run\.(\w+)\.(\d+)-", path.name)) for path in sorted((root / LOCKS).glob("run.*.lock"))]
-    return [f"process {name[2]} on {name[1]}" for path, name in found if name and _is_held(path)]
-
-
-def _is_held(path: Path) -> bool:
-    lock = FileLock(path)
-    try:
-        lock.acquire(timeout=0)
-    except (Timeout, OSError):
-        return path.exists()
-    lock.release()
-    return False
