@@ -20,6 +20,7 @@ from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import HERE
 from varos_warp.render import pilot
 from varos_warp.render.adapt import brightness
+from varos_warp.render.cost import timed
 from varos_warp.render.frame import FrameRenderer, resolve_integrator
 from varos_warp.render.plan import plan_render
 from varos_warp.scene.load import demo_scene_path, load_scene
@@ -156,12 +157,8 @@ def check(name: str, device: str) -> dict:
     bench = Bench(CASES[name], device)
     judges, tolerance = bench.judges(), bench.scene.render.tolerance
     bench.image(0, spp=1)
-    watch, compiled = Stopwatch(), bench.renderer.compile_seconds
-    plan = plan_render(bench.scene, bench.renderer, [bench.T_w_v])
-    planning = watch.seconds - (bench.renderer.compile_seconds - compiled)
-    how = {key: getattr(plan, key) for key in ("spp", "max_scatterings", "max_bounces", "integrator")}
-    how["tolerance"] = plan.tile_tolerance
-    made = bench.measure(judges, camera=plan.view(bench.camera), **how)
+    plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.T_w_v]))
+    made = bench.measure(judges, camera=plan.view(bench.camera), **plan.options)
     hand = bench.by_hand(judges, max(tolerance, *made["error"]))
     best = min(hand, key=lambda row: row["seconds"], default=None)
     return {"case": name, "title": bench.case.title, "tolerance": tolerance, "plan": plan.to_dict(),

@@ -182,9 +182,7 @@ def test_turbid_water_beyond_the_measured_depths_has_no_bound():
 
 def rendered(scene, renderer, plan, seed, denoise="none"):
     """Image A as planned, with other random numbers."""
-    how = {key: getattr(plan, key) for key in ("spp", "max_scatterings", "max_bounces", "integrator")}
-    how["tolerance"] = plan.tile_tolerance
-    return renderer.render(POSE, plan.view(scene.vehicle.cameras[0]), "A", seed=seed, denoise=denoise, **how).A
+    return renderer.render(POSE, plan.view(scene.vehicle.cameras[0]), "A", seed=seed, denoise=denoise, **plan.options).A
 
 
 def error_of(images, truth):

@@ -7,7 +7,6 @@ memory whichever the length of the sequence.
 """
 
 import contextlib
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,6 +18,7 @@ from varos_warp.dataset.store import ImageJob, Store, Stored
 from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
+from varos_warp.render.cost import timed
 from varos_warp.scene.frames import pinhole
 
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
@@ -130,11 +130,9 @@ class _Run:
 
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling."""
-        start, compiled = time.perf_counter(), self.renderer.compile_seconds
         camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
-        image = self.renderer.render(self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame,
-                                     **self.options)
-        return image, time.perf_counter() - start - (self.renderer.compile_seconds - compiled)
+        return timed(self.renderer, lambda: self.renderer.render(
+            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame, **self.options))
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""

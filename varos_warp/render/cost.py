@@ -38,8 +38,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan) 
     """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(plan.spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = {"max_scatterings": plan.max_scatterings, "max_bounces": plan.max_bounces, "integrator": plan.integrator,
-               "layers": tuple(scene.render.layers), "tolerance": plan.tile_tolerance} | few
+        how = plan.options | few | {"layers": tuple(scene.render.layers)}
         return timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables

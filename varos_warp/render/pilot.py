@@ -105,13 +105,13 @@ def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) ->
     As if pixels were independent, which those of tables are not quite: they share the grid of the veil.
     """
     judges = np.array(judges, np.float64)
-    squares, unsure = [], []
+    squares, unsure, means = [], [], judges.mean((1, 2))
     for image in np.asarray(images, np.float64):
         around = uniform_filter(image, (AROUND, AROUND, 1))
         limit = FIREFLY * np.maximum(np.maximum(image, around), DARK * image.mean((0, 1)))
         sane = np.clip(judges, -limit, limit)
         square = (image - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
-        (offset, chance), (sane_offset, sane_chance) = (_offset(image, those) for those in (judges, sane))
+        (offset, chance), (sane_offset, sane_chance) = (_offset(image, of) for of in (means, sane.mean((1, 2))))
         rare = offset**2 - chance - (sane_offset**2 - sane_chance)
         squares.append(square.mean((0, 1)) + rare)
         unsure.append(np.hypot(square.std((0, 1)) / np.sqrt(square[..., 0].size),
@@ -119,10 +119,9 @@ def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) ->
     return np.mean(squares, axis=0), np.mean(unsure, axis=0)
 
 
-def _offset(image: np.ndarray, judges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far the mean of an image [3] is from that of its judges, and the variance of theirs."""
-    means = judges.mean((1, 2))
-    return image.mean((0, 1)) - means.mean(0), means.var(axis=0, ddof=1) / len(judges)
+def _offset(image: np.ndarray, means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far the mean of an image [3] is from the ``means`` [judge, 3] of its judges, and the variance of theirs."""
+    return image.mean((0, 1)) - means.mean(0), means.var(axis=0, ddof=1) / len(means)
 
 
 def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:

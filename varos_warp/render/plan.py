@@ -134,6 +134,12 @@ class Plan:
         """The camera to render with."""
         return pinhole(camera) if self.pinhole else camera
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of `FrameRenderer.render` for A as planned."""
+        return {"spp": self.spp, "max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
+                "integrator": self.integrator, "tolerance": self.tile_tolerance}
+
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
         apart = ("decisions", "cost", "meshes")
