@@ -3,60 +3,96 @@
 import numpy as np
 import pytest
 
-from varos_warp.render.adapt import DARK, brightness, first_samples, more_samples
+from varos_warp.render.adapt import (
+    DARK,
+    MOST_SHARED,
+    brightness,
+    first_samples,
+    more_samples,
+    other_noise,
+    share_out,
+)
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Diffuse, Scene
 from varos_warp.scene.geometry import Part
 
 FIRST, SPP, TILES = 4, 64, (12, 16)
 RARE = 0.02
+RULES = {"to a tolerance": lambda noise: more_samples(noise, FIRST, 1.4, SPP),
+         "shared out": lambda noise: share_out(noise, FIRST, SPP / 4)}
 
 
-
-
-def halves(rng, count):
-    """Mean and variance of one sample of the tiles, [half, rows, columns, 1], from 16 pixels of ``count`` samples."""
+def sides(rng, count):
+    """Mean and variance of one sample of the tiles, [side, rows, columns, 1], from 16 pixels of ``count`` samples."""
     hits = rng.binomial(count, RARE, (2, *TILES, 16))
     mean = hits / RARE / count
     variance = (hits / RARE**2 - count * mean**2) / (count - 1)
     return hits, mean.mean(-1)[..., None], variance.mean(-1)[..., None]
 
 
-def trial(rng, own):
-    """Mean of the image when the number of samples of a half follows from the other, or (wrongly) from its own."""
-    hits, mean, variance = halves(rng, FIRST)
-    statistics = (mean[::-1], variance[::-1]) if own else (mean, variance)
-    more = more_samples(*statistics, FIRST, 2.0, SPP)
+def trial(rng, rule, own):
+    """Mean of the image when the number of samples of a side follows from the other, or (wrongly) from its own."""
+    hits, mean, variance = sides(rng, FIRST)
+    more = rule(other_noise(mean[::-1], variance[::-1]) if own else other_noise(mean, variance))
     total = hits + rng.binomial(more[..., None], RARE)
     return (total / RARE / (FIRST + more)[..., None]).mean()
 
 
-def test_the_mean_is_unbiased_and_would_not_be_if_a_half_decided_for_itself():
-    """400 images of 3072 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_the_mean_is_unbiased_and_would_not_be_if_a_side_decided_for_itself(rule):
+    """400 images of 6144 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
     rng = np.random.default_rng(5)
     for own in (False, True):
-        means = np.array([trial(rng, own) for _ in range(400)])
+        means = np.array([trial(rng, rule, own) for _ in range(400)])
         sigmas = abs(means.mean() - 1.0) / (means.std(ddof=1) / np.sqrt(len(means)))
-        assert (sigmas > 20.0) if own else (sigmas < 4.0)
+        assert (sigmas > 6.0) if own else (sigmas < 4.0)
+
+
+def uneven():
+    """Mean and variance of 30 x 30 tiles: a third 100 times as noisy as the next, a third without noise."""
+    mean, variance = np.full((2, 30, 30, 3), 2.0), np.full((2, 30, 30, 3), 4.0 * 0.01)
+    variance[:, :10] *= 100.0
+    variance[:, 20:] = 0.0
+    return mean, variance
 
 
 def test_tiles_get_the_samples_that_their_noise_needs():
-    """Known variances: N = v / (2 tolerance^2 mean^2) in each half, within the limits."""
-    mean = np.full((2, 30, 30, 3), 2.0)
-    variance = np.full((2, 30, 30, 3), 4.0 * 0.01)
-    variance[:, :10] *= 100.0
-    variance[:, 20:] = 0.0
-    more = more_samples(mean, variance, 4, 0.05, 400) + 4
-    assert np.all(more[:, :9] == 200)
-    assert np.all(more[:, 12:19] == 4)
-    assert np.all(more[:, 22:] == 4)
-    assert more_samples(mean, variance, 4, 0.01, 400).max() + 4 == 800  # four times 400 in all
+    """Known variances: N = v / (tolerance mean)^2, within the limits."""
+    noise = other_noise(*uneven())
+    more = more_samples(noise, 8, 0.05, 400) + 8
+    assert np.all(more[:, :9] == 400)
+    assert np.all(more[:, 12:19] == 8)
+    assert np.all(more[:, 22:] == 8)
+    assert more_samples(noise, 8, 0.01, 400).max() + 8 == 1600  # four times 400
+
+
+def test_samples_are_shared_out_in_proportion_to_the_deviation():
+    """As many as asked on average, ten times as many where the deviation is ten times as large, within the limits."""
+    noise = other_noise(*uneven())
+    count = share_out(noise, 2, 40.0) + 2
+    assert count.mean() == pytest.approx(40.0, abs=1.0)
+    assert np.all(count[:, 22:] == 2)
+    assert np.all(np.abs(count[:, :9] - 10.0 * count[:, 14:18].mean()) <= 10.0)
+    noise[:, 0, 0] = 1e9
+    count = share_out(noise, 2, 40.0) + 2
+    assert count.max() == MOST_SHARED * 40
+    assert count.mean() == pytest.approx(40.0, abs=1.0)
+    assert not share_out(np.zeros((2, 3, 4)), 2, 40.0).any()
+
+
+def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
+    mean, variance = uneven()
+    changed = variance.copy()
+    changed[0] *= np.linspace(0.5, 2.0, 30)[:, None]
+    before, after = (share_out(other_noise(mean, v), 2, 40.0) for v in (variance, changed))
+    assert np.array_equal(before[0], after[0])
+    assert not np.array_equal(before[1], after[1])
 
 
 def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
     np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
     black = np.zeros((2, 3, 3, 3))
-    assert not more_samples(black, black, 4, 0.01, 64).any()
+    assert not more_samples(other_noise(black, black), 4, 0.01, 64).any()
 
 
 # --------------------------------------------------------------------------------------------------------- an image
@@ -83,7 +119,7 @@ def test_an_image_keeps_its_tolerance_with_fewer_samples_and_the_same_mean(rende
     level = brightness(truth.radiance.astype(float).mean((0, 1)))
     errors = [np.sqrt(np.mean((image.radiance - truth.radiance) ** 2, axis=(0, 1))) / level for image in images]
     assert np.mean(errors, axis=0).max() < tolerance
-    assert all(first_samples(spp) * 2 <= image.spp < 0.95 * spp for image in images)
+    assert all(first_samples(spp) <= image.spp < 0.95 * spp for image in images)
     means = np.array([image.radiance.astype(float).mean((0, 1)) for image in images])
     spread = np.sqrt(means.var(axis=0, ddof=1) / len(means) + np.square(truth.stderr, dtype=float).mean((0, 1)) / 1120)
     assert np.all(np.abs(means.mean(0) - truth.radiance.astype(float).mean((0, 1))) < 4.0 * spread)

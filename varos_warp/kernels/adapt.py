@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film import TILE, Film, sums_of_half, variance_of_mean
+from varos_warp.kernels.film import TILE, Film, samples_of, side_of, sums_of, variance_of_mean
 
 wp.set_module_options({"enable_backward": False})
 
@@ -11,33 +11,41 @@ wp.set_module_options({"enable_backward": False})
 def pixel_statistics(
     film: Film,
     # out
-    mean: wp.array3d(dtype=wp.vec3d),  # [half, row, column]
-    variance: wp.array3d(dtype=wp.vec3d),  # of one sample
+    mean: wp.array2d(dtype=wp.vec3d),
+    variance: wp.array2d(dtype=wp.vec3d),  # of one sample
 ):
-    """Mean and variance of a pixel's samples, of each half by itself."""
-    half, row, col = wp.tid()
-    sums = sums_of_half(film, half, row, col)
-    count = film.count[half, row / TILE, col / TILE]
+    """Mean and variance of a pixel's samples; without the residual."""
+    row, col = wp.tid()
+    sums = sums_of(film, row, col)
+    count = samples_of(film, row, col)
     light = sums.direct + sums.single + sums.glow + sums.veil
     spread = wp.vec3d(wp.float64(0.0))
     for c in range(3):
         spread[c] = variance_of_mean(sums.squares[c], light[c], count) * wp.float64(count)
-    mean[half, row, col] = light / wp.float64(count)
-    variance[half, row, col] = spread
+    mean[row, col] = light / wp.float64(count)
+    variance[row, col] = spread
+
+
+@wp.kernel(enable_backward=False)
+def residual_squares(film: Film, squares: wp.array2d(dtype=wp.vec3d)):
+    """Mean square of the samples of the residual: about their variance, for they are mostly noise."""
+    row, col = wp.tid()
+    squares[row, col] = film.residual_squares[row, col] / wp.float64(film.residual_count[row, col])
 
 
 @wp.kernel(enable_backward=False)
 def average_tiles(
-    pixels: wp.array3d(dtype=wp.vec3d),  # [half, row, column]
+    pixels: wp.array2d(dtype=wp.vec3d),
     # out
-    tiles: wp.array3d(dtype=wp.vec3d),
+    tiles: wp.array3d(dtype=wp.vec3d),  # [side, tile row, tile column]
 ):
-    """Mean over the pixels of each tile."""
-    half, tile_row, tile_col = wp.tid()
+    """Mean over the pixels of each side of a tile; 0 where there are none."""
+    side, tile_row, tile_col = wp.tid()
     total = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)
-    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, pixels.shape[1])):
-        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, pixels.shape[2])):
-            total += pixels[half, row, col]
-            count += wp.float64(1.0)
-    tiles[half, tile_row, tile_col] = total / count
+    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, pixels.shape[0])):
+        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, pixels.shape[1])):
+            if side_of(tiles.shape[0], row, col) == side:
+                total += pixels[row, col]
+                count += wp.float64(1.0)
+    tiles[side, tile_row, tile_col] = total / wp.max(count, wp.float64(1.0))

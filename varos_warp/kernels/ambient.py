@@ -5,7 +5,8 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
+from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import uniforms
@@ -60,7 +61,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             throughput /= survival
         return wp.vec3(0.0)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(**LONG_KERNEL)
     def trace_ambient(
         scene: SceneData,
         camera: Camera,
@@ -76,11 +77,10 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         width = film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        stream = half_key(film, key, stratum)
-        for sample in range(film.begin[stratum, row / TILE, col / TILE], film.end[stratum, row / TILE, col / TILE]):
-            u = uniforms(stream, pixel, sample, 0)
+        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
+            u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
-            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, stream, pixel, sample)
+            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
             sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
         store(film, stratum, row, col, sums)
 

@@ -8,24 +8,22 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Side of a tile [pixels]: its pixels get equally many samples."""
-SECOND_HALF = wp.constant(wp.uint32(0x9E3779B9))
-"""Added to the key of random numbers for the second half of a film."""
+"""Side of a tile [pixels]: its pixels get equally many samples, or those of one side do."""
 
 
 @wp.struct
 class Film:
     """Sums over the samples of one image, in ``strata`` parts that are added up in a fixed order.
 
-    The strata belong to one or two halves of the film, in a row, which have independent samples and may have different
-    numbers of them. All arrays are [strata, height, width] but for those of samples.
+    Pixels belong to one side, or to two that alternate like the fields of a chessboard and may take different numbers
+    of samples (render/adapt.py). All arrays are [strata, height, width] but for those of samples.
     """
 
     count: wp.array3d(dtype=int)
-    """Samples that a half has [half, tile row, tile column], once those of the launch to come are in."""
-    begin: wp.array3d(dtype=int)
-    end: wp.array3d(dtype=int)
-    """First sample of the next launch, and one past its last [stratum, tile row, tile column]."""
+    """Samples of a pixel [side, tile row, tile column], once those of the launch to come are in."""
+    begin: wp.array4d(dtype=int)
+    end: wp.array4d(dtype=int)
+    """First sample of the next launch, and one past its last [stratum, side, tile row, tile column]."""
 
     direct: wp.array3d(dtype=wp.vec3d)
     single: wp.array3d(dtype=wp.vec3d)
@@ -35,9 +33,11 @@ class Film:
     ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
     squares: wp.array3d(dtype=wp.vec3d)
     """Squares of the total radiance."""
-    residual: wp.array3d(dtype=wp.vec3d)
-    residual_squares: wp.array3d(dtype=wp.vec3d)
-    """What is added to ``glow`` with samples of its own (see kernels/glow.py), and its squares; empty without them."""
+    residual: wp.array2d(dtype=wp.vec3d)
+    residual_squares: wp.array2d(dtype=wp.vec3d)
+    residual_count: wp.array2d(dtype=int)
+    """What is added to ``glow`` with samples of its own (see kernels/glow.py), its squares, and the number of those
+    samples, [height, width]; empty without them."""
     lost: wp.array(dtype=int)
     """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
 
@@ -87,15 +87,27 @@ def first_sample(stratum: int, strata: int, spp: int):
 
 
 @wp.func
-def half_of(film: Film, stratum: int):
-    """The half of the film that a stratum belongs to."""
-    return stratum / (film.squares.shape[0] / film.count.shape[0])
+def side_of(sides: int, row: int, col: int):
+    """The side that a pixel belongs to."""
+    return (row + col) % sides
 
 
 @wp.func
-def half_key(film: Film, key: wp.uint32, stratum: int):
-    """Key of a stratum's random numbers: halves are independent."""
-    return key + wp.uint32(half_of(film, stratum)) * SECOND_HALF
+def samples_of(film: Film, row: int, col: int):
+    """Samples that a pixel has."""
+    return film.count[side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
+
+
+@wp.func
+def first_of(film: Film, stratum: int, row: int, col: int):
+    """The first sample of a pixel in the launch."""
+    return film.begin[stratum, side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
+
+
+@wp.func
+def end_of(film: Film, stratum: int, row: int, col: int):
+    """One past the last sample of a pixel in the launch."""
+    return film.end[stratum, side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
 
 
 @wp.func
@@ -120,24 +132,22 @@ def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
 
 
 @wp.kernel(enable_backward=False)
-def share_samples(samples: wp.array3d(dtype=int), film: Film):
-    """Share ``samples`` more per pixel [half, tile row, tile column] among the strata of each half."""
-    half, tile_row, tile_col = wp.tid()
-    strata = film.begin.shape[0] / film.count.shape[0]
-    more = samples[half, tile_row, tile_col]
-    taken = film.count[half, tile_row, tile_col]
+def share_samples(samples: wp.array3d(dtype=int), strata: int, film: Film):
+    """Share ``samples`` more per pixel [side, tile row, tile column] among the first ``strata``."""
+    side, tile_row, tile_col = wp.tid()
+    more = samples[side, tile_row, tile_col]
+    taken = film.count[side, tile_row, tile_col]
     for k in range(strata):
-        film.begin[half * strata + k, tile_row, tile_col] = taken + first_sample(k, strata, more)
-        film.end[half * strata + k, tile_row, tile_col] = taken + first_sample(k + 1, strata, more)
-    film.count[half, tile_row, tile_col] = taken + more
+        film.begin[k, side, tile_row, tile_col] = taken + first_sample(k, strata, more)
+        film.end[k, side, tile_row, tile_col] = taken + first_sample(k + 1, strata, more)
+    film.count[side, tile_row, tile_col] = taken + more
 
 
 @wp.func
-def sums_of_half(film: Film, half: int, row: int, col: int):
-    """Sums of one pixel over the strata of a half."""
-    strata = film.squares.shape[0] / film.count.shape[0]
+def sums_of(film: Film, row: int, col: int):
+    """Sums of one pixel over the strata."""
     sums = Sums()
-    for k in range(half * strata, (half + 1) * strata):
+    for k in range(film.squares.shape[0]):
         sums.direct += film.direct[k, row, col]
         sums.single += film.single[k, row, col]
         sums.glow += film.glow[k, row, col]
@@ -149,7 +159,6 @@ def sums_of_half(film: Film, half: int, row: int, col: int):
 @wp.kernel(enable_backward=False)
 def develop(
     film: Film,
-    spp_residual: int,
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
@@ -160,39 +169,30 @@ def develop(
 ):
     """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width]."""
     row, col = wp.tid()
-    # the halves weigh the same however many samples each has: their numbers follow from each other's samples, never
-    # from their own (render/adapt.py), so the mean of each is unbiased
-    mean = Sums()
-    variance = wp.vec3d(wp.float64(0.0))
-    halves = film.count.shape[0]
-    for half in range(halves):
-        sums = sums_of_half(film, half, row, col)
-        count = film.count[half, row / TILE, col / TILE]
-        n = wp.float64(count) * wp.float64(halves)
-        mean.direct += sums.direct / n
-        mean.single += sums.single / n
-        mean.glow += (sums.glow + sums.veil) / n
-        total = sums.direct + sums.single + sums.glow + sums.veil
-        for c in range(3):
-            variance[c] += variance_of_mean(sums.squares[c], total[c], count) / wp.float64(halves * halves)
+    sums = sums_of(film, row, col)
+    count = samples_of(film, row, col)
+    n = wp.float64(wp.max(count, 1))
     added = wp.vec3d(wp.float64(0.0))
     added_squares = wp.vec3d(wp.float64(0.0))
-    for k in range(film.residual.shape[0]):
-        added += film.residual[k, row, col]
-        added_squares += film.residual_squares[k, row, col]
-    m = wp.float64(wp.max(spp_residual, 1))
-    direct[row, col] = wp.vec3(mean.direct)
-    single[row, col] = wp.vec3(mean.single)
-    multiple[row, col] = wp.vec3(mean.glow + added / m)
+    extra = int(0)
+    if film.residual.shape[0] > 0:
+        added = film.residual[row, col]
+        added_squares = film.residual_squares[row, col]
+        extra = film.residual_count[row, col]
+    m = wp.float64(wp.max(extra, 1))
+    direct[row, col] = wp.vec3(sums.direct / n)
+    single[row, col] = wp.vec3(sums.single / n)
+    multiple[row, col] = wp.vec3((sums.glow + sums.veil) / n + added / m)
     residual[row, col] = wp.vec3(added / m)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
+    total = sums.direct + sums.single + sums.glow + sums.veil
     error = wp.vec3(0.0)
     for c in range(3):
-        if film.residual.shape[0] > 0:
-            if spp_residual == 1:  # its second moment is all that is known, and no less than the variance
-                variance[c] += added_squares[c]
-            else:
-                variance[c] += variance_of_mean(added_squares[c], added[c], spp_residual)
-        error[c] = float(wp.sqrt(variance[c]))
+        variance = variance_of_mean(sums.squares[c], total[c], count)
+        if extra == 1:  # its second moment is all that is known, and no less than the variance
+            variance += added_squares[c]
+        elif extra > 1:
+            variance += variance_of_mean(added_squares[c], added[c], extra)
+        error[c] = float(wp.sqrt(variance))
     stderr[row, col] = error

@@ -9,7 +9,8 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film, is_finite
+from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.film import TILE, Film, is_finite, side_of
 from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -28,24 +29,27 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
     first_hit, visible = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(**LONG_KERNEL)
     def start_glow(
         scene: SceneData,
         camera: Camera,
-        first_row: int,
-        first_sample: int,
+        first: int,
+        width: int,
         halo: float,
         key: wp.uint32,
+        places: wp.array(dtype=int),  # the pixels,
+        points: wp.array(dtype=int),  # and which of its samples each start is
         # out
-        starts: wp.array3d(dtype=Walk),  # [sample, row, column]
-        light: wp.array3d(dtype=wp.vec3),
+        starts: wp.array(dtype=Walk),
+        light: wp.array(dtype=wp.vec3),
     ):
-        tile_row, col, k = wp.tid()
-        row = first_row + tile_row
-        pixel = row * starts.shape[2] + col
-        u = draw(key, pixel, first_sample + k, 0)
-        v = draw(key, pixel, first_sample + k, 1)
-        w = draw(key + wp.uint32(1), pixel, first_sample + k, 0)
+        i = first + wp.tid()
+        pixel = places[i]
+        row = pixel / width
+        col = pixel % width
+        u = draw(key, pixel, points[i], 0)
+        v = draw(key, pixel, points[i], 1)
+        w = draw(key + wp.uint32(1), pixel, points[i], 0)
         ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
         o = ray.o
         d = ray.d
@@ -81,24 +85,72 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 d = hg_sample(d, scene.medium.g, v[0], v[1])
                 angle = WALK_ANGLE
             leg += 1
-        starts[k, row, col] = start
-        light[k, row, col] = L
+        starts[i] = start
+        light[i] = L
 
     return start_glow
 
 
 @wp.kernel(enable_backward=False)
+def count_starts(
+    more: wp.array3d(dtype=int),  # samples to take [side, tile row, tile column]
+    width: int,
+    # out
+    counts: wp.array(dtype=int),  # per pixel
+):
+    """Samples that each pixel is to take."""
+    pixel = wp.tid()
+    row = pixel / width
+    col = pixel % width
+    counts[pixel] = more[side_of(more.shape[0], row, col), row / TILE, col / TILE]
+
+
+@wp.kernel(enable_backward=False)
+def list_starts(
+    ends: wp.array(dtype=int),  # running sum of the samples over the pixels
+    taken: wp.array2d(dtype=int),  # samples that pixels have
+    begin: int,
+    end: int,
+    # out
+    places: wp.array(dtype=int),  # of the samples ``begin`` to ``end`` of all
+    points: wp.array(dtype=int),
+):
+    """Write down pixel and number of each sample, pixel by pixel."""
+    pixel = wp.tid()
+    start = int(0)
+    if pixel > 0:
+        start = ends[pixel - 1]
+    for i in range(wp.max(start, begin), wp.min(ends[pixel], end)):
+        places[i - begin] = pixel
+        points[i - begin] = taken[pixel / taken.shape[1], pixel % taken.shape[1]] + i - start
+
+
+@wp.kernel(enable_backward=False)
 def add_residual(
-    light: wp.array3d(dtype=wp.vec3),  # [sample, row, column]
+    ends: wp.array(dtype=int),
+    light: wp.array(dtype=wp.vec3),  # of the samples ``begin`` to ``end`` of all
+    begin: int,
+    end: int,
     # out
     film: Film,
 ):
     """Add samples of the residual to the film."""
     row, col = wp.tid()
-    for k in range(light.shape[0]):
-        if is_finite(light[k, row, col]):
-            L = wp.vec3d(light[k, row, col])
-            film.residual[0, row, col] += L
-            film.residual_squares[0, row, col] += wp.cw_mul(L, L)
+    pixel = row * film.residual.shape[1] + col
+    start = int(0)
+    if pixel > 0:
+        start = ends[pixel - 1]
+    for i in range(wp.max(start, begin), wp.min(ends[pixel], end)):
+        if is_finite(light[i - begin]):
+            L = wp.vec3d(light[i - begin])
+            film.residual[row, col] += L
+            film.residual_squares[row, col] += wp.cw_mul(L, L)
         else:
             wp.atomic_add(film.lost, 0, 1)
+
+
+@wp.kernel(enable_backward=False)
+def add_counts(counts: wp.array(dtype=int), film: Film):
+    """Note the samples that pixels took."""
+    row, col = wp.tid()
+    film.residual_count[row, col] += counts[row * film.residual.shape[1] + col]

@@ -129,7 +129,8 @@ def gather_lit_point(scene: SceneData, points: wp.array(dtype=LitPoint), vertex:
     pick = Pick()
     pick.u = v
     best = PointLight()
-    for k in range(CANDIDATES):
+    candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is what GPUs like
+    for k in range(candidates):
         at = int((float(k) + u) / float(CANDIDATES) * float(points.shape[0]))
         point = points[wp.min(at, points.shape[0] - 1)]
         offset = point.p - vertex.p

@@ -36,7 +36,7 @@ def band(cycles: float):
     return wp.clamp(2.0 - 4.0 * cycles, 0.0, 1.0)
 
 
-@wp.func
+@wp.func(inline=False)  # one copy of its long code for all callers, or a GPU waits for its instructions
 def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
     """Fractal sum of gradient noise, about in [-1, 1]; octaves finer than ``footprint`` fade out."""
     total = float(0.0)

@@ -14,7 +14,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -122,9 +122,8 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         row = first_row + tile_row
         width = film.squares.shape[2]
         pixel = row * width + col
-        stream = half_key(film, key, stratum)
-        sample = film.begin[stratum, row / TILE, col / TILE]
-        end = film.end[stratum, row / TILE, col / TILE]
+        sample = first_of(film, stratum, row, col)
+        end = end_of(film, stratum, row, col)
         sums = Sums()
         L_direct = wp.vec3(0.0)
         L_single = wp.vec3(0.0)
@@ -135,23 +134,23 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         while sample < end:
             # a ray: through the pixel, or on from the vertex where a walk turns
             if on_camera:
-                u = uniforms(stream, pixel, sample, 0)
+                u = uniforms(key, pixel, sample, 0)
                 ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
                 walk = camera_segment(ray)
             else:
                 lamp_share = float(0.0)
                 if wp.static(spec.medium):
                     lamp_share = wp.where(walk.scatterings < max_scatterings, 0.5, 0.0)
-                u = uniforms(stream, pixel, sample, walk.dimension)
-                v = uniforms(stream, pixel, sample, walk.dimension + 1)
+                u = uniforms(key, pixel, sample, walk.dimension)
+                v = uniforms(key, pixel, sample, walk.dimension + 1)
                 walk = turn(scene, walk, lamp_share, u, v)
 
             if walk.alive == 1:
                 o = walk.vertex.p
                 d = walk.vertex.d
                 hit = first_hit(scene, o, d)
-                u = uniforms(stream, pixel, sample, walk.dimension + 2)
-                v = uniforms(stream, pixel, sample, walk.dimension + 3)
+                u = uniforms(key, pixel, sample, walk.dimension + 2)
+                v = uniforms(key, pixel, sample, walk.dimension + 3)
                 walk.dimension += 4
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end

@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import transmittance
@@ -103,14 +103,13 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         width = film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        stream = half_key(film, key, stratum)
-        for sample in range(film.begin[stratum, row / TILE, col / TILE], film.end[stratum, row / TILE, col / TILE]):
+        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_glow = wp.vec3(0.0)
             L_veil = wp.vec3(0.0)
             from_surface = bool(False)
-            u = uniforms(stream, pixel, sample, 0)
+            u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
             o = ray.o
             d = ray.d
@@ -120,8 +119,8 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             alive = bool(True)
             while alive:
                 events = scatterings + bounces
-                u = uniforms(stream, pixel, sample, 2 * events + 1)
-                v = uniforms(stream, pixel, sample, 2 * events + 2)
+                u = uniforms(key, pixel, sample, 2 * events + 1)
+                v = uniforms(key, pixel, sample, 2 * events + 2)
 
                 # to the next vertex: in the water or on a surface, and the light of the lamps there
                 L = wp.vec3(0.0)

@@ -74,28 +74,6 @@ class Connection:
     L: wp.vec3
 
 
-@wp.struct
-class Order:
-    """Which random numbers a start gets: start i is point ``i % inner`` of place ``i / inner % places``."""
-
-    inner: int
-    places: int
-    first: int
-    """Number of the first sample, of ``inner`` points each."""
-
-
-@wp.func
-def place_of(order: Order, i: int):
-    """The place that a start belongs to, whose points are a low-discrepancy sequence."""
-    return i / order.inner % order.places
-
-
-@wp.func
-def point_of(order: Order, i: int):
-    """The number of a start in the sequence of its place."""
-    return (order.first + i / (order.inner * order.places)) * order.inner + i % order.inner
-
-
 @wp.func
 def halo_share(eye: wp.vec3, d: wp.vec3, p: wp.vec3, width: float):
     """Share of the light of a surface at ``p`` that belongs to the halo of a ray from ``eye``, and not to the grid.
@@ -121,7 +99,8 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
         first: int,
         stride: int,
         starts: wp.array(dtype=Walk),
-        order: Order,
+        places: wp.array(dtype=int),
+        points: wp.array(dtype=int),
         key: wp.uint32,
         # out
         light: wp.array(dtype=wp.vec3),  # what is blocked is subtracted
@@ -145,9 +124,9 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
                 group = int(8)
                 fresh = False
             if walk.alive == 1:
-                u = draw(key, place_of(order, i), point_of(order, i), group)
-                v = draw(key, place_of(order, i), point_of(order, i), group + 1)
-                w = draw(key, place_of(order, i), point_of(order, i), group + 2)
+                u = draw(key, places[i], points[i], group)
+                v = draw(key, places[i], points[i], group + 1)
+                w = draw(key, places[i], points[i], group + 2)
                 group += 3
                 # the tables know of one normal only: light between it and the surface is blocked like any other
                 facing = walk.vertex.n_geometric
@@ -198,7 +177,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         first: int,
         stride: int,
         starts: wp.array(dtype=Walk),  # in the end those of what is blocked of the glow that walks met
-        order: Order,
+        places: wp.array(dtype=int),
+        points: wp.array(dtype=int),
         tables: Tables,
         lit_points: wp.array(dtype=LitPoint),
         max_bounces: int,
@@ -224,14 +204,14 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 at_start = walk.vertex.on_surface == 0
                 L = wp.vec3(0.0)
                 weights = float(0.0)
-                pick.u = draw(key + wp.uint32(1), place_of(order, i), point_of(order, i), 1)[0]
+                pick.u = draw(key + wp.uint32(1), places[i], points[i], 1)[0]
                 pick.index = 0
                 group = int(2)
                 fresh = False
             if walk.alive == 1:
-                u = draw(key, place_of(order, i), point_of(order, i), group)
-                v = draw(key, place_of(order, i), point_of(order, i), group + 1)
-                w = draw(key, place_of(order, i), point_of(order, i), group + 2)
+                u = draw(key, places[i], points[i], group)
+                v = draw(key, places[i], points[i], group + 1)
+                w = draw(key, places[i], points[i], group + 2)
                 group += 3
                 # a lit point, or what a metal sees on the way to the next surface; and lamp light off that surface
                 connection = Connection()

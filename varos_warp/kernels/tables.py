@@ -17,7 +17,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import TILE, Film, Sums, add_sample, half_key, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -54,10 +54,9 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
         height, width = film.squares.shape[1], film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        stream = half_key(film, key, stratum)
-        for sample in range(film.begin[stratum, row / TILE, col / TILE], film.end[stratum, row / TILE, col / TILE]):
-            u = draw(stream, pixel, sample, 0)
-            v = draw(stream, pixel, sample, 1)
+        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
+            u = draw(key, pixel, sample, 0)
+            v = draw(key, pixel, sample, 1)
             x = float(col) + u[0]
             y = float(row) + u[1]
             ray = camera_ray(camera, x, y, wp.vec2(u[2], u[3]))

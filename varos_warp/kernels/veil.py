@@ -77,6 +77,8 @@ def make_start_veil_kernel(instances: bool) -> wp.Kernel:
         key: wp.uint32,
         # out
         starts: wp.array4d(dtype=Walk),  # [sample, row, column, slab]; without a scattering behind a surface
+        places: wp.array4d(dtype=int),  # which random numbers they get: the node's sequence,
+        points: wp.array4d(dtype=int),  # and the number in it
     ):
         tile_row, col, sample = wp.tid()
         row = first_row + tile_row
@@ -95,6 +97,8 @@ def make_start_veil_kernel(instances: bool) -> wp.Kernel:
             if t < hit.t:
                 start = walk_from_water(scene, ray.o, ray.d, t, 1.0 / width)
             starts[sample, row, col, k] = start
+            places[sample, row, col, k] = node
+            points[sample, row, col, k] = sample * slabs + k
 
     return start_veil
 

@@ -1,9 +1,12 @@
-"""Adaptive sampling: tiles of an image stop once their standard error is below a tolerance, without bias.
+"""Adaptive sampling: samples where an image is noisy, without bias.
 
 A number of samples that follows from those same samples makes their mean wrong: tiles that happened to miss their rare
-bright samples would stop early, and stay too dark. So the film has two halves. Each takes a few samples first; how many
-more one takes is decided from the first samples of the other alone, which know nothing of it. So the mean of each half
-is unbiased, and so is the image, the mean of both.
+bright samples would stop early, and stay too dark. So the pixels of every tile belong to two sides, like the fields of
+a chessboard. All take a few samples first; how many more those of one side take is decided from the first samples of
+the other side alone, which know nothing of theirs. So the mean of every pixel is unbiased.
+
+Paths go on until each tile has the standard error asked for (`more_samples`). Tables have so many samples to spend, in
+proportion to the noise of one, which is how they leave the least error in all (`share_out`; Neyman 1934).
 """
 
 import numpy as np
@@ -11,12 +14,16 @@ from scipy.ndimage import uniform_filter
 
 DARK = 0.1
 """A channel darker than this share of the brightest is judged as if it had it: its error hardly shows."""
-FIRST_SHARE, FEWEST_FIRST = 8, 4
-"""Each half first takes one sample in so many of those planned for the pixel, but never fewer than so many."""
+FIRST_SHARE = 4
+"""One sample in so many of those planned for the pixel is taken before anything is decided,"""
+FEWEST_FIRST, FEWEST_FIRST_SHARED = 8, 2
+"""but never fewer than so many; the second where samples are shared out."""
+MOST_SHARED = 16
+"""No tile gets more than so many times the samples that an even share would give it."""
 
 
 def first_samples(spp: int) -> int:
-    """Samples per pixel that each half takes before anything is decided."""
+    """Samples per pixel that paths take before anything is decided."""
     return max(FEWEST_FIRST, spp // FIRST_SHARE)
 
 
@@ -25,23 +32,55 @@ def brightness(mean: np.ndarray) -> np.ndarray:
     return np.maximum(mean, DARK * np.max(mean))
 
 
-def more_samples(mean: np.ndarray, variance: np.ndarray, taken: int, tolerance: float, spp: int) -> np.ndarray:
-    """Further samples per pixel of each half and tile, int32 [2, rows, columns].
+def other_noise(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Relative variance of one sample, float64 [2, rows, columns], as the other side of each tile saw it.
 
-    The image's variance is (v / N + v / N) / 4, with v the variance of one sample and N the samples of a half; a tile
-    is done when its root is below the tolerance, relative to the brightness of the image, in every channel. As the
-    variance of a few samples may have missed the bright ones, that of the tiles around counts too.
+    That of the worst channel; and as the variance of a few samples may have missed the bright ones, that of the tiles
+    around counts too.
 
     Args:
-        mean: Radiance of the tiles [2, rows, columns, 3], of each half by itself.
+        mean: Radiance of the tiles [2, rows, columns, 3], of each side by itself.
         variance: Variance of one sample, alike.
-        taken: Samples that each half has.
-        tolerance: Relative standard error asked.
-        spp: Samples per pixel that both halves together are planned to need; no tile takes more than four times that.
     """
-    other_mean, other = mean[::-1], variance[::-1]
-    scale = np.array([brightness(half.mean((0, 1))) for half in other_mean])[:, None, None]
-    around = np.stack([uniform_filter(half, (3, 3, 1), mode="nearest") for half in other])
-    allowed = 2.0 * (tolerance * scale) ** 2
-    needed = np.divide(np.maximum(other, around), allowed, out=np.zeros_like(other), where=allowed > 0.0).max(-1)
-    return (np.clip(np.ceil(needed), taken, max(2 * spp, taken)) - taken).astype(np.int32)
+    other = variance[::-1]
+    level = np.array([brightness(side.mean((0, 1))) for side in mean[::-1]])[:, None, None] ** 2
+    around = np.stack([uniform_filter(side, (3, 3, 1), mode="nearest") for side in other])
+    return np.divide(np.maximum(other, around), level, out=np.zeros_like(other), where=level > 0.0).max(-1)
+
+
+def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> np.ndarray:
+    """Further samples per pixel of each side and tile, int32 [2, rows, columns], to a standard error.
+
+    Args:
+        noise: Relative variance of one sample, of `other_noise`.
+        taken: Samples that every pixel has.
+        tolerance: Relative standard error asked.
+        spp: Samples per pixel that are planned to be needed; no tile takes more than four times that.
+    """
+    needed = np.ceil(noise / tolerance**2)
+    return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
+
+
+def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
+    """Further samples per pixel of each side and tile, int32 [2, rows, columns]: ``spp`` in all on average, or fewer.
+
+    In proportion to the deviation of one sample; the numbers of each side are found by itself.
+
+    Args:
+        noise: Relative variance of one sample, of `other_noise`.
+        taken: Samples that every pixel has.
+        spp: Samples per pixel, mean over the image.
+    """
+    return np.stack([_share_out(np.sqrt(side), taken, spp) for side in noise])
+
+
+def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
+    def counts(scale):
+        return np.clip(np.floor(scale * deviation), taken, max(MOST_SHARED * spp, taken)).astype(np.int32)
+
+    least = np.min(deviation, where=deviation > 0.0, initial=np.inf)
+    low, high = 0.0, MOST_SHARED * spp / least  # at which all have the most that they may
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if counts(middle).mean() <= spp else (low, middle)
+    return counts(low) - taken

@@ -36,18 +36,18 @@ class DeviceDenoiser:
         Args:
             radiance: The image.
             residual: Its noisy part, where only that is to be denoised; may be negative.
-            albedo: Guide for the residual, in [0, 1].
-            normal: Guide for the residual; given with ``albedo`` or not at all.
+            albedo: Guide for what is denoised, in [0, 1].
+            normal: Guide for it; given with ``albedo`` or not at all.
 
         Raises:
             RuntimeError: If Open Image Denoise reports a failure.
         """
         with wp.ScopedDevice(self.device):
             result = wp.zeros_like(radiance)
+            guides = {} if albedo is None or normal is None else {"albedo": albedo, "normal": normal}
             if residual is None:
-                self._add_denoised(result, radiance, 1.0, QUALITY, {})
+                self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
-                guides = {} if albedo is None or normal is None else {"albedo": albedo, "normal": normal}
                 wp.launch(subtract, dim=radiance.shape, inputs=[radiance, residual], outputs=[result])
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, residual, sign, RESIDUAL_QUALITY, guides)

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.adapt import average_tiles, pixel_statistics
+from varos_warp.kernels.adapt import average_tiles, pixel_statistics, residual_squares
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
@@ -19,7 +19,14 @@ from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import make_tables_kernel
-from varos_warp.render.adapt import first_samples, more_samples
+from varos_warp.render.adapt import (
+    FEWEST_FIRST_SHARED,
+    FIRST_SHARE,
+    first_samples,
+    more_samples,
+    other_noise,
+    share_out,
+)
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.launch import Launcher
 from varos_warp.render.residual import Residual, empty_veil_grid
@@ -33,10 +40,15 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
-ADAPTIVE_THREADS = 4
-"""So many times as many where tiles get different numbers of samples."""
-PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 6
-"""With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured)."""
+STRATA, STRATA_PIXELS = 8, 1 << 23
+"""Strata of those samples whose numbers differ from tile to tile: threads side by side then have about equally many. Of
+larger images fewer, so that they and their pixels are no more than the second number."""
+PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
+"""With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured);
+the first of them has one already."""
+RESIDUAL = ("residual", "residual_squares", "residual_count")
+MOST_LISTED = 1 << 30
+"""Samples of the residual that are listed at once, at most: their numbers are 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +65,8 @@ class RadianceImage:
     light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising the residual, at the centres of the pixels: what the surface reflects, and its normal in the
-    world as in C; zeros where nothing is hit."""
+    """Guides for denoising B, or the residual of A, at the centres of the pixels: what the surface reflects, and its
+    normal in the world as in C; zeros where nothing is hit."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
     spp: float | None = None
@@ -210,7 +222,7 @@ class FrameRenderer:
             spp: samples per pixel of A; absent: the scene's, or 64.
             tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
                 image, is below it, between a quarter of ``spp`` (8 at least) and four times that
-                (render/adapt.py); absent: all take ``spp``.
+                (render/adapt.py); absent: all take ``spp``. With tables more than two are always shared out by noise.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.
@@ -229,6 +241,7 @@ class FrameRenderer:
         view = self._camera(camera)
         seed = self.scene.seed if seed is None else seed
         T_w_v = np.asarray(T_w_v, np.float64)
+        guides = functools.cache(lambda: self._trace_guides(view, T_w_v))
         images = {}
         if "A" in outputs:
             spp = spp or self.scene.render.spp or 64
@@ -236,11 +249,11 @@ class FrameRenderer:
             integrator = resolve_integrator(self.scene, view, integrator, max_scatterings)
             bounds = (ALL if bound is None else bound for bound in bounds.values())
             asked = Asked(layers, denoise, denoised_only)
-            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, integrator, asked, key)
+            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, integrator, asked, guides, key)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             asked = Asked((), denoise_b, denoised_only)
-            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, asked, key)
+            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, asked, guides, key)
         if set("CDS") & set(outputs):
             first_hits = self._render_first_hits(view, T_w_v)
             images |= {name: image for name, image in first_hits.items() if name in outputs}
@@ -260,7 +273,7 @@ class FrameRenderer:
     # ------------------------------------------------------------------------------------------------- the images
 
     def _render_water(
-        self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, integrator, asked, key
+        self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, integrator, asked, guides, key
     ) -> RadianceImage:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
@@ -272,8 +285,8 @@ class FrameRenderer:
         surfaces = (self.world.has_instances, self.world.has_textures)
         self.world.pose_lights(T_w_v)
         if integrator == "tables":
-            return self._render_with_tables(view, T_w_v, spp, max_bounces, asked, key)
-        film = self._film(view, spp, halves=1 if tolerance is None else 2)
+            return self._render_with_tables(view, T_w_v, spp, max_bounces, asked, guides, key)
+        film = self._film(view, spp, adapts=tolerance is not None)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
         else:
@@ -283,36 +296,54 @@ class FrameRenderer:
         first = spp if tolerance is None else first_samples(spp)
         self._take_samples(film, kernel, before, how, first)
         if tolerance is not None:
-            more = more_samples(*self._tile_statistics(film), first, tolerance, spp)
-            self._take_samples(film, kernel, before, how, more)
+            noise = other_noise(*self._tile_statistics(film))
+            self._take_samples(film, kernel, before, how, more_samples(noise, first, tolerance, spp))
         return self._develop(film, asked)
 
-    def _render_with_tables(self, view, T_w_v, spp, max_bounces, asked, key) -> RadianceImage:
-        """The pixels, after the grid of the veil and the residual of the glow if there is anything to make them."""
+    def _render_with_tables(self, view, T_w_v, spp, max_bounces, asked, guides, key) -> RadianceImage:
+        """The pixels, after the grid of the veil, and the residual of the glow if there is anything to make them."""
         wanted = tuple(layer in asked.layers for layer in LAYERS)
         surfaces = (self.world.has_instances, self.world.has_textures)
         keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
         camera = self.world.camera(view, T_w_v)
         tables = self.open_water.tables(view) if wanted[2] else Tables()
         grid = empty_veil_grid(self.launcher, view)
-        spp_residual = 0
+        spp_residual, residual = 0.0, None
         if wanted[2] and self.world.has_surfaces:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
-            spp_residual = -(-spp // (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES))
-        reflects = spp_residual > 0 and max_bounces > 0
-        film = self._film(view, spp, residual=int(reflects))
-        if spp_residual:
+            first = min(spp, FEWEST_FIRST_SHARED)
+            spp_residual = 1.0 + (spp - first) / (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES)
             residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0], self._lost)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
-            if reflects:
-                residual.add_glow(film, view, camera, spp_residual)
+        reflects = residual is not None and max_bounces > 0
+        first = max(FEWEST_FIRST_SHARED, spp // FIRST_SHARE)
+        film = self._film(view, spp, adapts=spp > first, residual=reflects)
         kernel = make_tables_kernel(*wanted, *surfaces)
-        how = [tables, grid, max_bounces, wp.uint32(keys[1]), film]
-        self._take_samples(film, kernel, [self.world.data, camera], how, spp)
-        guides = self._trace_guides(view, T_w_v) if spp_residual and asked.denoise != "none" else {}
-        return self._develop(film, asked, spp_residual, guides, tables=True)
+        before, how = [self.world.data, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
+        self._take_samples(film, kernel, before, how, min(spp, first))
+        mean = None
+        if spp > first:
+            mean, variance = self._tile_statistics(film)
+            self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
+        if reflects:
+            self._add_residual(film, residual, view, camera, spp_residual, mean)
+        # plain reflectances need no guides (render/denoise.py)
+        guided = residual is not None and self.world.has_textures and asked.denoise != "none"
+        return self._develop(film, asked, guides() if guided else {}, tables=True)
 
-    def _render_ambient(self, view, T_w_v, spp, asked, key) -> RadianceImage:
+    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None):
+        """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
+        first = max(1, int(spp) // FIRST_SHARE) if mean is not None else round(spp)
+        at_once = MOST_LISTED // film.residual.size
+        for taken in range(0, first, at_once):
+            residual.add_glow(film, view, camera, np.full(film.count.shape, min(at_once, first - taken)))
+        if mean is not None:
+            squares = self._buffer(*film.residual.shape)
+            self.launcher.run(residual_squares, squares.shape, [film], [squares])
+            noise = other_noise(mean, self._tile_means(film, squares))
+            residual.add_glow(film, view, camera, share_out(noise, first, spp))
+
+    def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> RadianceImage:
         if not self.world.has_surfaces:
             shape = (*view.resolution[::-1], 3)
             image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
@@ -321,7 +352,7 @@ class FrameRenderer:
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
-        return self._develop(film, asked)
+        return self._develop(film, asked, guides() if asked.denoise != "none" else {})
 
     def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
@@ -342,48 +373,55 @@ class FrameRenderer:
 
     # ---------------------------------------------------------------------------------------------- films, launches
 
-    def _film(self, view, spp: int, halves: int = 1, residual: int = 0) -> Film:
+    def _film(self, view, spp: int, adapts: bool = False, residual: bool = False) -> Film:
         """Buffers for an image, kept from frame to frame, and black.
 
         Strata depend on nothing but device kind, size and spp.
         """
         width, height = view.resolution
-        # with tiles that end early, more strata keep a GPU busy to the end
-        threads = GPU_THREADS * (1 if halves == 1 else ADAPTIVE_THREADS)
-        strata = 1 if self.device == "cpu" else max(1, min(spp, threads // (width * height)) // halves)
-        key = (halves, strata * halves, residual, height, width)
+        strata = 1
+        if self.device != "cpu":
+            strata = max(1, min(spp, GPU_THREADS // (width * height)))
+            if adapts:
+                strata = max(strata, min(spp, STRATA, STRATA_PIXELS // (width * height)))
+        key = (adapts, strata, residual, height, width)
         if key not in self._films:
-            film = Film()
-            for name in ("direct", "single", "glow", "veil", "squares"):
-                setattr(film, name, self._buffer(strata * halves, height, width))
-            for name in ("residual", "residual_squares"):
-                setattr(film, name, self._buffer(residual, height, width))
-            tiles = (-(-height // TILE), -(-width // TILE))
-            film.count = wp.empty((halves, *tiles), dtype=int, device=self.device)
-            film.begin, film.end = (wp.empty((strata * halves, *tiles), dtype=int, device=self.device) for _ in "be")
-            film.lost = self._lost
-            self._films[key] = film
+            self._films[key] = self._new_film(*key)
         film = self._films[key]
-        for buffer in (film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.lost):
+        buffers = [film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.lost]
+        for buffer in [*buffers, *(getattr(film, name) for name in RESIDUAL if residual)]:
             buffer.zero_()
+        return film
+
+    def _new_film(self, adapts: bool, strata: int, residual: bool, height: int, width: int) -> Film:
+        film, sides = Film(), 1 + adapts
+        for name in ("direct", "single", "glow", "veil", "squares"):
+            setattr(film, name, self._buffer(strata, height, width))
+        pixels = (height, width) if residual else (0, 0)
+        film.residual, film.residual_squares = (self._buffer(*pixels) for _ in "rs")
+        film.residual_count = wp.empty(pixels, dtype=int, device=self.device)
+        tiles = (sides, -(-height // TILE), -(-width // TILE))
+        film.count = wp.empty(tiles, dtype=int, device=self.device)
+        film.begin, film.end = (wp.empty((strata, *tiles), dtype=int, device=self.device) for _ in "be")
+        film.lost = self._lost
         return film
 
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def _develop(self, film: Film, asked: Asked, spp_residual: int = 0, guides=None, tables: bool = False):
+    def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False):
         """The `RadianceImage` of a film."""
         shape = film.squares.shape[1:]
         names = (*LAYERS, "residual", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        self.launcher.run(develop, shape, [film, spp_residual], list(images.values()))
+        self.launcher.run(develop, shape, [film], list(images.values()))
         # what a denoiser works on, still on the device
-        work = {"radiance": images["radiance"]} | ({"residual": images["residual"], **guides} if tables else {})
+        work = {"radiance": images["radiance"]} | ({"residual": images["residual"]} if tables else {}) | (guides or {})
         lost = int(film.lost.numpy()[0])
         if lost:
             warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
                           "and the image is darker there", stacklevel=5)
-        facts = {"lost_samples": lost, "spp": _mean_over_pixels(film.count.numpy().sum(0), shape)}
+        facts = {"lost_samples": lost, "spp": _mean_over_pixels(film.count.numpy().mean(0), shape)}
         if asked.denoised_only and self._denoises(asked.denoise):
             return RadianceImage(None, None, denoised=self._device_denoiser.denoise(**work).numpy(), **facts)
         kept = {layer: images[layer].numpy() for layer in LAYERS if layer in asked.layers}
@@ -418,9 +456,7 @@ class FrameRenderer:
             return None
 
     def _trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
-        """Albedo and normals, where there are textures: plain reflectances need no guides (render/denoise.py)."""
-        if not self.world.has_textures:
-            return {}
+        """Albedo and normals."""
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
         kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
@@ -429,22 +465,26 @@ class FrameRenderer:
         return guides
 
     def _take_samples(self, film: Film, kernel, before, after, samples):
-        """Run a kernel over the pixels and strata of a film, for ``samples`` more: a number, or [half, tiles ...]."""
+        """Run a kernel over the pixels and strata of a film, for ``samples`` more: a number, or [side, tiles ...]."""
         strata, height, width = film.squares.shape
+        if np.ndim(samples) == 0 and self.device != "cpu":
+            strata = min(strata, max(1, GPU_THREADS // (width * height)))
         wanted = np.broadcast_to(np.int32(samples), film.count.shape)
         wanted = wp.array(np.ascontiguousarray(wanted), dtype=int, device=self.device)
-        self.launcher.run(share_samples, film.count.shape, [wanted], [film])
+        self.launcher.run(share_samples, film.count.shape, [wanted, strata], [film])
         self.launcher.rows(kernel, (height, width, strata), before, after)
 
     def _tile_statistics(self, film: Film) -> list[np.ndarray]:
-        """Mean and variance of one sample, [half, tile row, tile column, 3]."""
-        shape = (film.count.shape[0], *film.squares.shape[1:])
-        pixels, tiles = ([wp.empty(size, dtype=wp.vec3d, device=self.device) for _ in "mv"]
-                         for size in (shape, film.count.shape))
-        self.launcher.run(pixel_statistics, shape, [film], pixels)
-        for fine, coarse in zip(pixels, tiles, strict=True):
-            self.launcher.run(average_tiles, coarse.shape, [fine], [coarse])
-        return [tile.numpy() for tile in tiles]
+        """Mean and variance of one sample, [side, tile row, tile column, 3]."""
+        pixels = [self._buffer(*film.squares.shape[1:]) for _ in "mv"]
+        self.launcher.run(pixel_statistics, pixels[0].shape, [film], pixels)
+        return [self._tile_means(film, array) for array in pixels]
+
+    def _tile_means(self, film: Film, pixels: wp.array) -> np.ndarray:
+        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3]."""
+        tiles = self._buffer(*film.count.shape)
+        self.launcher.run(average_tiles, tiles.shape, [pixels], [tiles])
+        return tiles.numpy()
 
 
 def _mean_over_pixels(tiles: np.ndarray, shape: tuple[int, int]) -> float:

@@ -18,9 +18,9 @@ from varos_warp.scene.description import Camera, Scene
 SCOUT_POSES = 5
 SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4
 """Size of an image that tells where the noise is; smaller ones get more samples per pixel, the same in all."""
-PIXELS = 320 * 180
-"""Most pixels of an image in which errors are measured. A larger one has more pixels for the same detail, which a
-denoiser then finds easier: its error is less than predicted."""
+PIXELS, LONG = 320 * 180, 1000
+"""Most pixels of an image in which errors are measured, of a short sequence; one of so many frames is worth a pilot of
+its own resolution. A larger image has more pixels for the same edges and details, so it needs fewer samples."""
 SEED = 1 << 31
 """Random numbers of the pilot's images: a scene's seed is below."""
 
@@ -46,6 +46,11 @@ def pilot_camera(camera: Camera, pixels: int = SCOUT_PIXELS) -> Camera:
     """The same field of view with at most so many pixels."""
     scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
     return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+
+
+def judged_pixels(camera: Camera, frames: int) -> int:
+    """Pixels of the images in which the errors of a sequence of so many frames are measured."""
+    return max(PIXELS, round(min(1.0, frames / LONG) * np.prod(camera.resolution)))
 
 
 def pilot_frames(count: int) -> list[int]:

@@ -260,7 +260,8 @@ class _Planner:
 
     def image(self, spp: int, number: int = 0, output: str = "A", **changes):
         """An image of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
-        camera = pilot_camera(self.worst.given_camera, pilot.PIXELS)
+        given = self.worst.given_camera
+        camera = pilot_camera(given, pilot.judged_pixels(given, len(self.poses)))
         camera = pinhole(camera) if self.pinhole else camera
         how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
                "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes

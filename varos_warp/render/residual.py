@@ -8,10 +8,10 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera as CameraData
 from varos_warp.kernels.film import Film
-from varos_warp.kernels.glow import add_residual, make_start_glow_kernel
+from varos_warp.kernels.glow import add_counts, add_residual, count_starts, list_starts, make_start_glow_kernel
 from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.open_water import Tables
-from varos_warp.kernels.residual import Order, make_block_kernel, make_reflect_kernel
+from varos_warp.kernels.residual import make_block_kernel, make_reflect_kernel
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
 from varos_warp.render.launch import Launcher
@@ -26,7 +26,7 @@ SLABS, SCALE_M, FARTHEST_M = 12, 1.0, 200.0
 LEAST_SAMPLES, MOST_SAMPLES = 64, 512
 """Samples of every slab at every node: as many as of a pixel, within these bounds."""
 MOST_STARTS = 1 << 20
-"""Walks at a time; each takes about 150 bytes."""
+"""Walks at a time; each takes about 170 bytes."""
 WALK_THREADS = 1 << 17
 """Threads that share them on a GPU, each taking one after the other."""
 CPU_TILE = 1 << 10
@@ -75,49 +75,62 @@ class Residual:
         kernel = make_lit_points_kernel(*self.kinds)
         launcher.run(kernel, self.lit_points.shape, [world.data, wp.uint32(self.keys[0])], [self.lit_points])
 
-    def fill_veil(self, grid: VeilGrid, view: Camera, pinhole: CameraData, spp: int):
+    def fill_veil(self, grid: VeilGrid, view: Camera, pinhole: CameraData, spp: float):
         """Fill the grid for an image of ``spp`` samples per pixel."""
         slabs, *nodes = grid.radiance.shape
-        shape = (min(max(LEAST_SAMPLES, spp), MOST_SAMPLES), *nodes, slabs)
+        shape = (min(max(LEAST_SAMPLES, round(spp)), MOST_SAMPLES), *nodes, slabs)
         key = self.keys[1]
         starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
+        places, points = (wp.empty(shape, dtype=int, device=self.launcher.device) for _ in "pp")
         before = [self.world.data, pinhole]
-        after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts]
+        after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts, places, points]
         self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
         light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
-        self._walk(starts, slabs, int(np.prod(nodes)), 0, key, light, pinhole.position, halo_width(pinhole, view))
+        flat = [array.flatten() for array in (starts, places, points, light)]
+        self._walk(*flat, key, pinhole.position, halo_width(pinhole, view))
         means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
         self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
         self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
 
-    def add_glow(self, film: Film, view: Camera, camera: CameraData, spp: int):
-        """Add ``spp`` samples of the glow's residual, and of the halo, to a film."""
-        _, height, width = film.residual.shape
-        film.residual.zero_()
-        film.residual_squares.zero_()
-        batch = max(1, min(spp, MOST_STARTS // (height * width)))
-        for first in range(0, spp, batch):
-            shape = (min(batch, spp - first), height, width)
-            starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
-            light = wp.empty(shape, dtype=wp.vec3, device=self.launcher.device)
-            before, key = [self.world.data, camera], self.keys[2]
-            after = [first, halo_width(camera, view), wp.uint32(key), starts, light]
-            self.launcher.rows(make_start_glow_kernel(*self.kinds), (height, width, shape[0]), before, after)
-            self._walk(starts, 1, height * width, first, key, light)
-            self.launcher.run(add_residual, (height, width), [light], [film])
+    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray):
+        """Add samples of the glow's residual and the halo to a film: so many per pixel [side, tile row, column]."""
+        width, height = view.resolution
+        device, pixels = self.launcher.device, (height, width)
+        counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
+        wanted = wp.array(np.ascontiguousarray(more, np.int32), dtype=int, device=device)
+        self.launcher.run(count_starts, counts.shape, [wanted, width], [counts])
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        total = int(ends[-1:].numpy()[0])
+        for begin in range(0, total, MOST_STARTS):
+            end = min(begin + MOST_STARTS, total)
+            places, points = (wp.empty(end - begin, dtype=int, device=device) for _ in "pp")
+            self.launcher.run(list_starts, counts.shape, [ends, film.residual_count, begin, end], [places, points])
+            light = self._glow(view, camera, places, points)
+            self.launcher.run(add_residual, pixels, [ends, light, begin, end], [film])
+        self.launcher.run(add_counts, pixels, [counts], [film])
 
-    def _walk(self, starts, inner: int, places: int, first: int, key: int, light, eye=(0.0, 0.0, 0.0), halo=0.0):
-        """Add the light of walks from ``starts``, but for the halo; see kernels/residual.Order and halo_share."""
-        order = Order()
-        order.inner, order.places, order.first = inner, places, first
-        flat, lights, key = starts.flatten(), light.flatten(), wp.uint32(key)
-        scene, lit = self.world.data, self.lit_points
-        reflected = [flat, order, self.tables, lit, self.max_bounces, wp.vec3(*eye), halo, key, lights]
-        block, count = make_block_kernel(self.kinds[0]), flat.shape[0]
-        self._over(block, scene, count, [flat, order, key, lights])
+    def _glow(self, view: Camera, camera: CameraData, places, points) -> wp.array:
+        """Light of samples of the residual."""
+        starts = wp.empty(places.shape, dtype=Walk, device=self.launcher.device)
+        light = wp.empty(places.shape, dtype=wp.vec3, device=self.launcher.device)
+        after = [view.resolution[0], halo_width(camera, view), wp.uint32(self.keys[2]), places, points, starts, light]
+        kernel = make_start_glow_kernel(*self.kinds)
+        self.launcher.rows(kernel, places.shape, [self.world.data, camera], after, tile_rows=CPU_TILE)
+        self._walk(starts, places, points, light, self.keys[2])
+        return light
+
+    def _walk(self, starts, places, points, light, key: int, eye=(0.0, 0.0, 0.0), halo=0.0):
+        """Add the light of walks from ``starts``, but for the halo; see kernels/residual.halo_share.
+
+        Random numbers are those of the ``points`` of the ``places``' sequences.
+        """
+        scene, walks, key = self.world.data, [starts, places, points], wp.uint32(key)
+        reflected = [*walks, self.tables, self.lit_points, self.max_bounces, wp.vec3(*eye), halo, key, light]
+        block, count = make_block_kernel(self.kinds[0]), starts.shape[0]
+        self._over(block, scene, count, [*walks, key, light])
         self._over(make_reflect_kernel(*self.kinds), scene, count, reflected)
         # the starts now are surfaces that walks met
-        self._over(block, scene, count, [flat, order, wp.uint32(self.keys[3]), lights])
+        self._over(block, scene, count, [*walks, wp.uint32(self.keys[3]), light])
 
     def _over(self, kernel, scene, count: int, arguments):
         """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
