@@ -1,6 +1,6 @@
 """Strong scaling: the same frames with 1, 2, 4 ... workers of this host, one for each GPU; writes numbers and a chart.
 
-    python -m benchmarks.scaling [--scene examples/munkholmen/scene.yaml] [--frames 200] [--workers 1,2,4]
+    python -m benchmarks.scaling [--scene examples/munkholmen/scene.yaml] [--frames 200] [--step 1] [--workers 1,2,4]
         [--device auto] [--set KEY=VALUE ...] [-o benchmarks/results/scaling]
 
 Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 MUNKHOLMEN = ROOT / "examples" / "munkholmen" / "scene.yaml"
 
 
-def measure(scene, frames: int, workers: int, device: str, out: Path) -> dict:
+def measure(scene, frames: int, workers: int, device: str, out: Path, step: int = 1) -> dict:
     """One run.
 
     Args:
@@ -33,8 +33,10 @@ def measure(scene, frames: int, workers: int, device: str, out: Path) -> dict:
         workers: Processes; 0: none, all in this one.
         device: As `produce` has it.
         out: Folder to make.
+        step: Every so many-th frame.
     """
-    summary = produce(scene, out, device=device, frames=slice(0, frames), workers=workers or None, quiet=True)
+    summary = produce(scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None,
+                      quiet=True)
     log, = (json.loads(path.read_text()) for path in (out / "log").iterdir())
     seconds, spent = summary.stages, summary.stages["wait"] if workers else None
     return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
@@ -45,12 +47,14 @@ def measure(scene, frames: int, workers: int, device: str, out: Path) -> dict:
             "stages": seconds, "checksums": (out / "checksums").read_text()}
 
 
-def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, say=print) -> dict:
+def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, compiled: bool = False,
+            step: int = 1, say=print) -> dict:
     """All runs, and what they gained over one worker."""
-    measure(scene, max(1, *counts), max(counts), device, folder / "first")
+    if not compiled:
+        measure(scene, max(1, *counts), max(counts), device, folder / "first")
     rows = []
     for count in counts:
-        rows.append(measure(scene, frames, count, device, folder / str(count)))
+        rows.append(measure(scene, frames, count, device, folder / str(count), step))
         say(json.dumps({key: value for key, value in rows[-1].items() if key not in ("stages", "checksums")}))
     one = next((row["frames_per_s"] for row in rows if row["workers"] == 1), None)
     same = len({row.pop("checksums") for row in rows}) == 1
@@ -98,8 +102,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", type=Path, default=MUNKHOLMEN)
     parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("--step", type=int, default=1, help="Every so many-th frame, to spread them over a long course.")
     parser.add_argument("--workers", default="0,1,2,4", help="Numbers of workers; 0: one process, no Dask.")
     parser.add_argument("--device", default="auto")
+    parser.add_argument("--compiled", action="store_true", help="Kernels are in the cache: no run before the others.")
     parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "scaling")
     parser.add_argument("--folder", type=Path, help="Where the datasets go for a while; a temporary folder by default.")
@@ -109,7 +115,7 @@ def main() -> None:
         os.makedirs(options.folder, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         result = scaling(load_scene(options.scene, options.changed), options.frames, counts, options.device,
-                         Path(folder))
+                         Path(folder), options.compiled, options.step)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
     chart(result, options.out.with_suffix(".png"))

@@ -10,7 +10,7 @@ from benchmarks import scaling
 def test_efficiency_is_the_gain_over_one_worker_and_differing_bytes_are_told(tmp_path, monkeypatch):
     rates, calls = {0: 12.0, 1: 10.0, 2: 18.0, 4: 30.0}, []
 
-    def measure(scene, frames, workers, device, out):
+    def measure(scene, frames, workers, device, out, step=1):
         calls.append((frames, workers))
         return {"workers": workers, "frames_per_s": rates[workers], "start_and_upload_s": 4.0, "plan_s": 1.0,
                 "expose_and_checksums_s": 2.0, "stages": {}, "checksums": str(workers == 4)}

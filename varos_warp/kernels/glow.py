@@ -17,10 +17,31 @@ from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
 from varos_warp.kernels.phase import hg_sample
 from varos_warp.kernels.residual import draw, halo_share
+from varos_warp.kernels.surface import surface_albedo
 from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
-from varos_warp.kernels.walk import Walk, surface_vertex, walk_from_surface
+from varos_warp.kernels.walk import Walk, lamp_light_at, surface_vertex, walk_from_surface
 
 wp.set_module_options({"enable_backward": False})
+
+
+FULL_SHARE, LEAST_SHARE = wp.constant(2.0), wp.constant(0.25)
+"""Walks start everywhere where a surface may send half of what the image has on average; from darker ones in
+proportion, but not under the second number."""
+
+
+@wp.func
+def thinned(scene: SceneData, walk: Walk, level: float, u: float):
+    """Roulette before a walk starts, where all that it may find is small beside the image's ``level`` (0: none)."""
+    after = walk
+    if level > 0.0 and walk.vertex.surface.metal == 0.0:
+        reflected = brightest(wp.cw_mul(walk.throughput, surface_albedo(walk.vertex.surface)))
+        lit = reflected * lamp_light_at(scene, walk.vertex.p) / wp.pi
+        share = wp.clamp(FULL_SHARE * lit / level, LEAST_SHARE, 1.0)
+        if u >= share:
+            after.alive = 0
+        after.throughput /= share
+        after.expected_at_start /= share
+    return after
 
 
 @cache
@@ -36,6 +57,7 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
         first: int,
         width: int,
         halo: float,
+        level: float,
         key: wp.uint32,
         places: wp.array(dtype=int),  # the pixels,
         points: wp.array(dtype=int),  # and which of its samples each start is
@@ -66,7 +88,7 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
                 surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
                 vertex = surface_vertex(hit, d, n, surface)
                 if leg == 0:
-                    start = walk_from_surface(scene, vertex, hit.t)
+                    start = thinned(scene, walk_from_surface(scene, vertex, hit.t), level, v[2])
                 share = halo_share(ray.o, ray.d, hit.p, halo)
                 if leg == 1 and share > 0.0:
                     reflected = gather_reflected(scene, hit, vertex, w[2])

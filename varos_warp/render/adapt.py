@@ -18,6 +18,8 @@ FIRST_SHARE = 4
 """One sample in so many of those planned for the pixel is taken before anything is decided,"""
 FEWEST_FIRST, FEWEST_FIRST_SHARED = 8, 2
 """but never fewer than so many; the second where samples are shared out."""
+GOLDEN = 0.6180339887
+"""Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 16
 """No tile gets more than so many times the samples that an even share would give it."""
 
@@ -42,10 +44,9 @@ def other_noise(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
         mean: Radiance of the tiles [2, rows, columns, 3], of each side by itself.
         variance: Variance of one sample, alike.
     """
-    other = variance[::-1]
     level = np.array([brightness(side.mean((0, 1))) for side in mean[::-1]])[:, None, None] ** 2
-    around = np.stack([uniform_filter(side, (3, 3, 1), mode="nearest") for side in other])
-    return np.divide(np.maximum(other, around), level, out=np.zeros_like(other), where=level > 0.0).max(-1)
+    other = np.divide(variance[::-1], level, out=np.zeros_like(variance), where=level > 0.0).max(-1)
+    return np.maximum(other, uniform_filter(other, (1, 3, 3), mode="nearest"))
 
 
 def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> np.ndarray:
@@ -75,12 +76,12 @@ def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
 
 
 def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
-    def counts(scale):
-        return np.clip(np.floor(scale * deviation), taken, max(MOST_SHARED * spp, taken)).astype(np.int32)
-
+    most = max(MOST_SHARED * spp, taken)
     least = np.min(deviation, where=deviation > 0.0, initial=np.inf)
-    low, high = 0.0, MOST_SHARED * spp / least  # at which all have the most that they may
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if counts(middle).mean() <= spp else (low, middle)
-    return counts(low) - taken
+    low, high = 0.0, most / least  # at which all have the most that they may
+    for _ in range(40):
+        middle = np.sqrt(low * high) if low > 0.0 else 1e-4 * high
+        low, high = (middle, high) if np.clip(middle * deviation, taken, most).mean() <= spp else (low, middle)
+    # whole numbers with the same mean: parts of a sample go to the tiles in turn
+    turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)
+    return np.floor(np.clip(low * deviation, taken, most) + turn).astype(np.int32) - taken

@@ -335,13 +335,14 @@ class FrameRenderer:
         """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
         first = max(1, int(spp) // FIRST_SHARE) if mean is not None else round(spp)
         at_once = MOST_LISTED // film.residual.size
+        level = 0.0 if mean is None else float(mean.max(-1).mean())
         for taken in range(0, first, at_once):
-            residual.add_glow(film, view, camera, np.full(film.count.shape, min(at_once, first - taken)))
+            residual.add_glow(film, view, camera, np.full(film.count.shape, min(at_once, first - taken)), level)
         if mean is not None:
             squares = self._buffer(*film.residual.shape)
             self.launcher.run(residual_squares, squares.shape, [film], [squares])
             noise = other_noise(mean, self._tile_means(film, squares))
-            residual.add_glow(film, view, camera, share_out(noise, first, spp))
+            residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
 
     def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> RadianceImage:
         if not self.world.has_surfaces:

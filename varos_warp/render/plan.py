@@ -34,7 +34,8 @@ MODEL_SHARE = 0.25
 MARGIN, MARGIN_ADAPTING, MARGIN_TABLES = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
 samples that adapt, and vary with the few that they adapt to; the third for tables with a denoiser: they leave it so
-little noise that what it makes of it varies most from image to image."""
+little noise that what it makes of it varies most from image to image. That is of images with `pilot.PIXELS`; of larger
+ones the mean square of all pixels varies less, with the root of their number."""
 TABLES_ERROR = 0.002
 """Relative RMSE of tables without noise: measured, docs/transport.md."""
 FIRST_GUESS = {"tables": 2, "path": 4, "reference": 16}
@@ -253,6 +254,11 @@ class _Planner:
         return max(self.views, key=lambda view: pilot.scouted_noise(view).max())
 
     @property
+    def pixels(self) -> int:
+        """Of the images in which errors are measured."""
+        return pilot.judged_pixels(self.worst.given_camera, len(self.poses))
+
+    @property
     def integrators(self) -> set[str]:
         """What renders A, over the cameras."""
         return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
@@ -260,8 +266,7 @@ class _Planner:
 
     def image(self, spp: int, number: int = 0, output: str = "A", **changes):
         """An image of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
-        given = self.worst.given_camera
-        camera = pilot_camera(given, pilot.judged_pixels(given, len(self.poses)))
+        camera = pilot_camera(self.worst.given_camera, self.pixels)
         camera = pinhole(camera) if self.pinhole else camera
         how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
                "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
@@ -418,7 +423,7 @@ class _Planner:
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
         varies = available_method(self.render.denoise) != "none" and "tables" in self.integrators
-        margin = MARGIN_TABLES if varies else MARGIN
+        margin = max(MARGIN, 1.0 + (MARGIN_TABLES - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
         law = self.error_law(target / margin)
         spp = law.whole_samples(target / margin)
         adapting = None

@@ -92,8 +92,16 @@ class Residual:
         self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
         self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
 
-    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray):
-        """Add samples of the glow's residual and the halo to a film: so many per pixel [side, tile row, column]."""
+    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray, level: float):
+        """Add samples of the glow's residual and the halo to a film.
+
+        Args:
+            film: the film.
+            view: the camera.
+            camera: its record.
+            more: so many per pixel, int [side, tile row, tile column].
+            level: about the radiance of the image, for glow.thinned; 0: not known.
+        """
         width, height = view.resolution
         device, pixels = self.launcher.device, (height, width)
         counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
@@ -105,15 +113,16 @@ class Residual:
             end = min(begin + MOST_STARTS, total)
             places, points = (wp.empty(end - begin, dtype=int, device=device) for _ in "pp")
             self.launcher.run(list_starts, counts.shape, [ends, film.residual_count, begin, end], [places, points])
-            light = self._glow(view, camera, places, points)
+            light = self._glow(view, camera, level, places, points)
             self.launcher.run(add_residual, pixels, [ends, light, begin, end], [film])
         self.launcher.run(add_counts, pixels, [counts], [film])
 
-    def _glow(self, view: Camera, camera: CameraData, places, points) -> wp.array:
+    def _glow(self, view: Camera, camera: CameraData, level: float, places, points) -> wp.array:
         """Light of samples of the residual."""
         starts = wp.empty(places.shape, dtype=Walk, device=self.launcher.device)
         light = wp.empty(places.shape, dtype=wp.vec3, device=self.launcher.device)
-        after = [view.resolution[0], halo_width(camera, view), wp.uint32(self.keys[2]), places, points, starts, light]
+        after = [view.resolution[0], halo_width(camera, view), level, wp.uint32(self.keys[2]), places, points, starts,
+                 light]
         kernel = make_start_glow_kernel(*self.kinds)
         self.launcher.rows(kernel, places.shape, [self.world.data, camera], after, tile_rows=CPU_TILE)
         self._walk(starts, places, points, light, self.keys[2])
