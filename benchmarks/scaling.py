@@ -102,7 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", type=Path, default=MUNKHOLMEN)
     parser.add_argument("--frames", type=int, default=200)
-    parser.add_argument("--step", type=int, default=1, help="Every so many-th frame, to spread them over a long course.")
+    parser.add_argument("--step", type=int, default=1, help="Every so many-th frame, over a long course.")
     parser.add_argument("--workers", default="0,1,2,4", help="Numbers of workers; 0: one process, no Dask.")
     parser.add_argument("--device", default="auto")
     parser.add_argument("--compiled", action="store_true", help="Kernels are in the cache: no run before the others.")

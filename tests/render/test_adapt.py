@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from varos_warp.render import frame, residual
 from varos_warp.render.adapt import (
     DARK,
     MOST_SHARED,
@@ -131,3 +132,56 @@ def test_the_standard_error_is_that_of_the_spread_between_images(renderer):
     found = np.mean([np.square(image.stderr, dtype=float) for image in images])
     assert np.mean(np.var([image.radiance.astype(float) for image in images], axis=0, ddof=1)) == pytest.approx(
         found, rel=0.3)
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+@pytest.fixture(scope="module")
+def bright_spot():
+    """A dark floor with a small white plate under a lamp, by tables: most noise is in a few tiles."""
+    view = {"resolution": [96, 64], "rotation_euler_deg": [-90, 0, 0]}
+    lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
+    water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
+    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "tables"})
+
+    def plate(name, half, z, reflectance):
+        corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
+        return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[reflectance] * 3))
+
+    return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, 0.05), plate("plate", 0.11, -1.4, 0.9)])
+
+
+def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
+    """And the same mean: 12 images of each kind, 4 standard errors of what they differ by."""
+    def images(seed):
+        return [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=seed + k).A for k in range(12)]
+
+    shared = images(0)
+    assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
+    monkeypatch.setattr(frame, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    even = images(100)
+    shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
+    assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()
+    means = [kind.mean((1, 2)) for kind in (shared, even)]
+    error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
+    assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
+
+
+@pytest.mark.parametrize("listed", [7000, 1000])
+def test_samples_of_the_residual_are_each_taken_once_whatever_the_batches(bright_spot, monkeypatch, listed):
+    """Bytes do not depend on how many walks are under way at a time."""
+    expected = bright_spot.render(np.eye(4), outputs="A", spp=6, seed=3).A
+    monkeypatch.setattr(residual, "MOST_STARTS", listed)
+    monkeypatch.setattr(frame, "MOST_LISTED", 96 * 64)
+    found = bright_spot.render(np.eye(4), outputs="A", spp=6, seed=3).A
+    assert np.array_equal(found.radiance, expected.radiance)
+
+
+@pytest.mark.parametrize("resolution", [(1, 1), (2, 1), (9, 3)])
+def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
+    camera = bright_spot.scene.vehicle.cameras[0].model_copy(update={"resolution": resolution})
+    image = bright_spot.render(np.eye(4), camera, "A", spp=16).A
+    assert np.isfinite(image.radiance).all()
+    assert image.spp >= 2

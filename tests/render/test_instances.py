@@ -9,6 +9,7 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene import device
 from varos_warp.scene.assets import make_asset
 from varos_warp.scene.description import Diffuse, Nut, Rust
 from varos_warp.scene.frames import camera_pose, intrinsics
@@ -62,6 +63,28 @@ def test_depth_normals_and_numbers_are_those_of_separate_meshes(pair):
     np.testing.assert_allclose(instanced.D.depth[hit], separate.D.depth[hit], rtol=1e-5)
     # barycentric weights are known to rounding over the size of a bevel, 1e-4 m
     np.testing.assert_allclose(instanced.C.normal[hit], separate.C.normal[hit], atol=5e-3)
+
+
+def test_copies_that_join_the_mesh_are_those_of_separate_meshes(monkeypatch, pair):
+    """What a GPU does, on the CPU."""
+    monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", 1 << 24)
+    joined = render([ground(), nuts()], spp=4, spp_b=4)
+    separate = render([ground(), *nuts().parts()], spp=4, spp_b=4)
+    for name in ("instance", "material"):
+        assert np.array_equal(getattr(joined.S, name), getattr(separate.S, name))
+    assert np.array_equal(joined.D.depth, separate.D.depth)
+    np.testing.assert_allclose(joined.C.normal, separate.C.normal, atol=1e-6)  # turned, or made from turned corners
+    np.testing.assert_allclose(joined.A.radiance, separate.A.radiance, rtol=1e-3, atol=1e-4 * joined.A.radiance.mean())
+
+
+def test_a_joined_copy_has_the_pattern_of_an_instance(monkeypatch):
+    """Rust is laid by the box of a copy, in both."""
+    copies = replace(nuts(8), material=Rust(kind="rust", amount=0.5))
+    alone = render([copies], spp_b=16)
+    monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", 1 << 24)
+    joined = render([copies], spp_b=16)
+    same = binary_erosion(alone.S.instance == joined.S.instance, iterations=2)
+    np.testing.assert_allclose(joined.B.radiance[same], alone.B.radiance[same], atol=2e-3)
 
 
 @pytest.mark.parametrize("letter", ["A", "B"])

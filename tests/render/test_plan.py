@@ -6,7 +6,7 @@ import pytest
 from varos_warp.render import cost, pilot, truncation
 from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
-from varos_warp.render.pilot import View, pilot_camera
+from varos_warp.render.pilot import View, judged_pixels, pilot_camera
 from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, MOST_SPP, circle_of_confusion, plan_render
 from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
 from varos_warp.scene.description import Camera, Diffuse, Scene
@@ -357,6 +357,15 @@ def test_the_pilot_keeps_the_field_of_view():
     assert small.resolution == (160, 90)
     assert small.model_copy(update={"resolution": camera.resolution}) == camera
     assert pilot_camera(small) == small
+
+
+@pytest.mark.parametrize(("resolution", "frames", "pixels"), [
+    ((1280, 720), 1, 320 * 180), ((1280, 720), 250, 230_400), ((1280, 720), 4713, 1280 * 720),
+    ((64, 48), 9000, 64 * 48)])
+def test_long_sequences_are_judged_at_their_own_resolution(resolution, frames, pixels):
+    camera = make_scene(camera={"resolution": list(resolution)}).vehicle.cameras[0]
+    found = pilot_camera(camera, judged_pixels(camera, frames)).resolution
+    assert np.prod(found) == pytest.approx(pixels, rel=0.01)
 
 
 OVERHEAD = 50_000

@@ -1,0 +1,101 @@
+"""Where the time of a frame goes on a GPU, kernel by kernel, and what error its samples leave.
+
+    python -m benchmarks.frame_cost [--scene examples/munkholmen/scene.yaml] [--device cuda:0] [--frames 60,150]
+        [--spp 2,4,8,12,16,24] [--spp-b 2,4,6,8,20] [-o benchmarks/results/frame_cost.json]
+
+Times are of A, of B and of C, D and S by themselves, as a run renders them: denoised on the device, the results copied
+to the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel
+after denoising, judged by two images of ``--judge-spp`` samples, with their noise taken off (render/pilot.py).
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from benchmarks.machine import machine
+from varos_warp.render import pilot
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.trajectory import simulate
+
+ROOT = Path(__file__).parents[1]
+AS_IN_A_RUN = {"denoise": "oidn", "denoise_b": "oidn", "denoised_only": True}
+REPEATS = 6
+SEED = 9000
+
+
+def cost(renderer, poses, letters: str, **how) -> dict:
+    """Median milliseconds of a frame, and those of its kernels, of which the launches of one are added up."""
+    renderer.render(poses[0], outputs=letters, **how)
+    walls = []
+    for k in range(REPEATS):
+        start = time.perf_counter()
+        renderer.render(poses[k * len(poses) // REPEATS], outputs=letters, frame=k, **how)
+        walls.append(1e3 * (time.perf_counter() - start))
+    wp.timing_begin(cuda_filter=wp.TIMING_ALL)
+    renderer.render(poses[len(poses) // 2], outputs=letters, **how)
+    kernels: dict[str, float] = {}
+    for entry in wp.timing_end():
+        name = kernel_name(entry.name)
+        kernels[name] = kernels.get(name, 0.0) + entry.elapsed
+    kernels = {name: round(ms, 2) for name, ms in sorted(kernels.items(), key=lambda item: -item[1]) if ms >= 0.05}
+    return {"outputs": letters, "ms": round(float(np.median(walls)), 2), "kernels_ms": kernels}
+
+
+def kernel_name(timed: str) -> str:
+    """The function's name in what Warp calls an entry: ``forward kernel make_x__locals__trace_rays_1a2b3c4d``."""
+    name = timed.split("(", maxsplit=1)[0].removeprefix("forward kernel ").split("__locals__")[-1]
+    head, _, tail = name.rpartition("_")
+    return head if head and len(tail) == 8 and all(c in "0123456789abcdef" for c in tail) else name
+
+
+def errors(renderer, pose, letter: str, counts: list[int], judge_spp: int) -> list[dict]:
+    """Error of images of one pose with so many samples."""
+    key, method = ("spp", "denoise") if letter == "A" else ("spp_b", "denoise_b")
+
+    def image(spp, seed, denoise):
+        return getattr(renderer.render(pose, outputs=letter, seed=seed, **{key: spp, method: denoise}), letter)
+
+    judges = [image(judge_spp, SEED + k, "none").radiance for k in range(2)]
+    rows = []
+    for spp in counts:
+        images = [image(spp, SEED // 2 + k, "oidn").denoised for k in range(2)]
+        rows.append({"output": letter, "spp": spp, "error": pilot.error(images, judges, 0.0).round(5).tolist()})
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--frames", default="60,150", help="Whose errors are measured.")
+    parser.add_argument("--spp", default="2,4,8,12,16,24")
+    parser.add_argument("--spp-b", default="2,4,6,8,20")
+    parser.add_argument("--judge-spp", type=int, default=768)
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
+    options = parser.parse_args()
+    numbers = {name: [int(n) for n in getattr(options, name).split(",")] for name in ("frames", "spp", "spp_b")}
+    scene = load_scene(options.scene)
+    simulation = simulate(scene)
+    poses = [simulation.trajectory.T_w_v(k) for k in simulation.frame_ticks]
+    renderer = FrameRenderer(scene, options.device)
+    result = {"machine": machine(renderer.device), "scene": scene.name,
+              "resolution": scene.vehicle.cameras[0].resolution, "judge_spp": options.judge_spp}
+    result["cost"] = [{"spp": spp} | cost(renderer, poses, "A", spp=spp, **AS_IN_A_RUN) for spp in numbers["spp"]]
+    result["cost"] += [{"spp": spp} | cost(renderer, poses, "B", spp_b=spp, **AS_IN_A_RUN) for spp in numbers["spp_b"]]
+    result["cost"].append(cost(renderer, poses, "CDS"))
+    result["errors"] = [{"frame": frame} | row for frame in numbers["frames"]
+                        for letter, counts in (("A", numbers["spp"]), ("B", numbers["spp_b"]))
+                        for row in errors(renderer, poses[frame], letter, counts, options.judge_spp)]
+    for row in result["cost"] + result["errors"]:
+        print(json.dumps(row))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
