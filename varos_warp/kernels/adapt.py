@@ -27,7 +27,7 @@ def pixel_statistics(
 
 
 @wp.kernel(enable_backward=False)
-def residual_squares(film: Film, squares: wp.array2d(dtype=wp.vec3d)):
+def residual_mean_squares(film: Film, squares: wp.array2d(dtype=wp.vec3d)):
     """Mean square of the samples of the residual: about their variance, for they are mostly noise."""
     row, col = wp.tid()
     squares[row, col] = film.residual_squares[row, col] / wp.float64(film.residual_count[row, col])

@@ -8,7 +8,7 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Side of a tile [pixels]: its pixels get equally many samples, or those of one side do."""
+"""Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
 
 
 @wp.struct

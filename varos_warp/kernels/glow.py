@@ -31,7 +31,7 @@ proportion, but not under the second number."""
 
 @wp.func
 def thinned(scene: SceneData, walk: Walk, level: float, u: float):
-    """Roulette before a walk starts, where all that it may find is small beside the image's ``level`` (0: none)."""
+    """Roulette before a walk starts, where a surface, even lit, is dark beside the image's ``level`` (0: none)."""
     after = walk
     if level > 0.0 and walk.vertex.surface.metal == 0.0:
         reflected = brightest(wp.cw_mul(walk.throughput, surface_albedo(walk.vertex.surface)))

@@ -118,6 +118,10 @@ def sample_joint(to_light: wp.vec3, u: float, v: float):
     return from_polar(to_light, wp.cos(gamma), wp.sin(gamma), wp.tau * v)
 
 
+LARGEST = wp.constant(1.0 - 2.0**-24)
+"""The number before 1."""
+
+
 @wp.struct
 class Pick:
     """State of a choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
@@ -135,11 +139,12 @@ def reservoir(pick: Pick, index: int, weight: float, total: float):
     after = pick
     if weight <= 0.0:
         return after
-    probability = weight / total
-    if pick.u < probability:
-        after.u = pick.u / probability
+    # without a division in the question: an approximate one may deny the only candidate
+    share = pick.u * total
+    if share < weight:
+        after.u = wp.min(share / weight, LARGEST)
         after.index = index
         after.weight = weight
     else:
-        after.u = (pick.u - probability) / (1.0 - probability)
+        after.u = wp.min((share - weight) / (total - weight), LARGEST)
     return after

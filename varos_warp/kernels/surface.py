@@ -77,7 +77,7 @@ def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
     r = wp.sqrt(u)
     p1 = r * wp.cos(wp.tau * w)
     half = 0.5 * (1.0 + stretched[2])
-    p2 = (1.0 - half) * wp.sqrt(1.0 - p1 * p1) + half * r * wp.sin(wp.tau * w)
+    p2 = (1.0 - half) * wp.sqrt(wp.max(1.0 - p1 * p1, 0.0)) + half * r * wp.sin(wp.tau * w)
     m = p1 * t1 + p2 * t2 + wp.sqrt(wp.max(1.0 - p1 * p1 - p2 * p2, 0.0)) * stretched
     h = wp.normalize(alpha * m[0] * x + alpha * m[1] * y + wp.max(m[2], 1.0e-6) * n)
     return wp.normalize(2.0 * wp.dot(v, h) * h - v)

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.adapt import average_tiles, pixel_statistics, residual_squares
+from varos_warp.kernels.adapt import average_tiles, pixel_statistics, residual_mean_squares
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
@@ -40,15 +40,13 @@ LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
-STRATA, STRATA_PIXELS = 8, 1 << 23
+STRATA, STRATA_PIXELS = 4, 1 << 23
 """Strata of those samples whose numbers differ from tile to tile: threads side by side then have about equally many. Of
 larger images fewer, so that they and their pixels are no more than the second number."""
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
 """With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured);
 the first of them has one already."""
 RESIDUAL = ("residual", "residual_squares", "residual_count")
-MOST_LISTED = 1 << 30
-"""Samples of the residual that are listed at once, at most: their numbers are 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -286,16 +284,17 @@ class FrameRenderer:
         self.world.pose_lights(T_w_v)
         if integrator == "tables":
             return self._render_with_tables(view, T_w_v, spp, max_bounces, asked, guides, key)
-        film = self._film(view, spp, adapts=tolerance is not None)
+        adapts = tolerance is not None and not _is_one_pixel(view)
+        film = self._film(view, spp, adapts=adapts)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
         else:
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
         before = [self.world.data, self.world.camera(view, T_w_v)]
         how = [max_scatterings, max_bounces, wp.uint32(key), film]
-        first = spp if tolerance is None else first_samples(spp)
+        first = first_samples(spp) if adapts else spp
         self._take_samples(film, kernel, before, how, first)
-        if tolerance is not None:
+        if adapts:
             noise = other_noise(*self._tile_statistics(film))
             self._take_samples(film, kernel, before, how, more_samples(noise, first, tolerance, spp))
         return self._develop(film, asked)
@@ -308,41 +307,40 @@ class FrameRenderer:
         camera = self.world.camera(view, T_w_v)
         tables = self.open_water.tables(view) if wanted[2] else Tables()
         grid = empty_veil_grid(self.launcher, view)
-        spp_residual, residual = 0.0, None
-        if wanted[2] and self.world.has_surfaces:
+        lit = wanted[2] and self.world.has_surfaces
+        reflects = lit and max_bounces > 0
+        first = min(spp, max(FEWEST_FIRST_SHARED, spp // FIRST_SHARE))
+        shares = first < spp and not _is_one_pixel(view)
+        film = self._film(view, spp, adapts=shares, residual=reflects)
+        if lit:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
-            first = min(spp, FEWEST_FIRST_SHARED)
-            spp_residual = 1.0 + (spp - first) / (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES)
+            beyond = max(0, spp - FEWEST_FIRST_SHARED) / (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES)
             residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0], self._lost)
-            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
-        reflects = residual is not None and max_bounces > 0
-        first = max(FEWEST_FIRST_SHARED, spp // FIRST_SHARE)
-        film = self._film(view, spp, adapts=spp > first, residual=reflects)
+            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), 1.0 + beyond)
         kernel = make_tables_kernel(*wanted, *surfaces)
         before, how = [self.world.data, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
-        self._take_samples(film, kernel, before, how, min(spp, first))
+        self._take_samples(film, kernel, before, how, first if shares else spp)
         mean = None
-        if spp > first:
+        if shares:
             mean, variance = self._tile_statistics(film)
             self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
         if reflects:
-            self._add_residual(film, residual, view, camera, spp_residual, mean)
+            self._add_residual(film, residual, view, camera, 1.0 + beyond, mean)
         # plain reflectances need no guides (render/denoise.py)
-        guided = residual is not None and self.world.has_textures and asked.denoise != "none"
+        guided = lit and self.world.has_textures and asked.denoise != "none"
         return self._develop(film, asked, guides() if guided else {}, tables=True)
 
     def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None):
         """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
-        first = max(1, int(spp) // FIRST_SHARE) if mean is not None else round(spp)
-        at_once = MOST_LISTED // film.residual.size
-        level = 0.0 if mean is None else float(mean.max(-1).mean())
-        for taken in range(0, first, at_once):
-            residual.add_glow(film, view, camera, np.full(film.count.shape, min(at_once, first - taken)), level)
-        if mean is not None:
-            squares = self._buffer(*film.residual.shape)
-            self.launcher.run(residual_squares, squares.shape, [film], [squares])
-            noise = other_noise(mean, self._tile_means(film, squares))
-            residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
+        if mean is None:
+            residual.add_glow(film, view, camera, np.full(film.count.shape, round(spp)), 0.0)
+            return
+        first, level = max(1, int(spp) // FIRST_SHARE), float(mean.max(-1).mean())
+        residual.add_glow(film, view, camera, np.full(film.count.shape, first), level)
+        squares = self._buffer(*film.residual.shape)
+        self.launcher.run(residual_mean_squares, squares.shape, [film], [squares])
+        noise = other_noise(mean, self._tile_means(film, squares))
+        residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
 
     def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> RadianceImage:
         if not self.world.has_surfaces:
@@ -353,7 +351,8 @@ class FrameRenderer:
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
-        return self._develop(film, asked, guides() if asked.denoise != "none" else {})
+        guided = (asked.denoise or self.scene.render.denoise_b) == "oidn"
+        return self._develop(film, asked, guides() if guided else {})
 
     def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
         width, height = view.resolution
@@ -377,12 +376,12 @@ class FrameRenderer:
     def _film(self, view, spp: int, adapts: bool = False, residual: bool = False) -> Film:
         """Buffers for an image, kept from frame to frame, and black.
 
-        Strata depend on nothing but device kind, size and spp.
+        Strata depend on nothing but device kind, size, spp and whether numbers of samples differ.
         """
         width, height = view.resolution
         strata = 1
         if self.device != "cpu":
-            strata = max(1, min(spp, GPU_THREADS // (width * height)))
+            strata = min(spp, self._even_strata(width * height))
             if adapts:
                 strata = max(strata, min(spp, STRATA, STRATA_PIXELS // (width * height)))
         key = (adapts, strata, residual, height, width)
@@ -406,6 +405,11 @@ class FrameRenderer:
         film.begin, film.end = (wp.empty((strata, *tiles), dtype=int, device=self.device) for _ in "be")
         film.lost = self._lost
         return film
+
+    @staticmethod
+    def _even_strata(pixels: int) -> int:
+        """Strata that fill a GPU where all pixels take equally many samples."""
+        return max(1, GPU_THREADS // pixels)
 
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
@@ -468,8 +472,9 @@ class FrameRenderer:
     def _take_samples(self, film: Film, kernel, before, after, samples):
         """Run a kernel over the pixels and strata of a film, for ``samples`` more: a number, or [side, tiles ...]."""
         strata, height, width = film.squares.shape
-        if np.ndim(samples) == 0 and self.device != "cpu":
-            strata = min(strata, max(1, GPU_THREADS // (width * height)))
+        even = np.ndim(samples) == 0
+        if even and self.device != "cpu":
+            strata = min(strata, self._even_strata(width * height))
         wanted = np.broadcast_to(np.int32(samples), film.count.shape)
         wanted = wp.array(np.ascontiguousarray(wanted), dtype=int, device=self.device)
         self.launcher.run(share_samples, film.count.shape, [wanted, strata], [film])
@@ -486,6 +491,11 @@ class FrameRenderer:
         tiles = self._buffer(*film.count.shape)
         self.launcher.run(average_tiles, tiles.shape, [pixels], [tiles])
         return tiles.numpy()
+
+
+def _is_one_pixel(view: Camera) -> bool:
+    """Whether there is no other side to decide for a pixel."""
+    return tuple(view.resolution) == (1, 1)
 
 
 def _mean_over_pixels(tiles: np.ndarray, shape: tuple[int, int]) -> float:

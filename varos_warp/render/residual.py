@@ -27,6 +27,8 @@ LEAST_SAMPLES, MOST_SAMPLES = 64, 512
 """Samples of every slab at every node: as many as of a pixel, within these bounds."""
 MOST_STARTS = 1 << 20
 """Walks at a time; each takes about 170 bytes."""
+MOST_LISTED = 1 << 30
+"""Samples that are listed at once: their numbers have 32 bits."""
 WALK_THREADS = 1 << 17
 """Threads that share them on a GPU, each taking one after the other."""
 CPU_TILE = 1 << 10
@@ -102,10 +104,17 @@ class Residual:
             more: so many per pixel, int [side, tile row, tile column].
             level: about the radiance of the image, for glow.thinned; 0: not known.
         """
+        more, at_once = np.asarray(more, np.int32), MOST_LISTED // int(np.prod(view.resolution))
+        while more.any():
+            self._add_glow(film, view, camera, np.minimum(more, at_once), level)
+            more = more - np.minimum(more, at_once)
+
+    def _add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray, level: float):
+        """As add_glow, of a list of samples that is not too long."""
         width, height = view.resolution
         device, pixels = self.launcher.device, (height, width)
         counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
-        wanted = wp.array(np.ascontiguousarray(more, np.int32), dtype=int, device=device)
+        wanted = wp.array(np.ascontiguousarray(more), dtype=int, device=device)
         self.launcher.run(count_starts, counts.shape, [wanted, width], [counts])
         wp.utils.array_scan(counts, ends, inclusive=True)
         total = int(ends[-1:].numpy()[0])

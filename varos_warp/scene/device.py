@@ -37,8 +37,8 @@ def resolve_device(name: str = "auto") -> str:
 
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
 """Triangles per BVH leaf, by kind of device: 10 % faster than 4 on a CPU; 6 % faster than 8 on a GPU."""
-MOST_JOINED_FACES = {"cpu": 0, "cuda": 1 << 24}
-"""Copies with no more triangles in all join the one mesh (2.5 GB at most). On a GPU, the stack of a query over copies
+MOST_JOINED_FACES = {"cpu": 0, "cuda": 1 << 23}
+"""Copies with no more triangles in all join the one mesh (2 GB at most). On a GPU, the stack of a query over copies
 fills the memory close to the cores, and without it everything takes two thirds of the time; on a CPU, two levels are
 faster."""
 
