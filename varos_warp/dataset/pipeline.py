@@ -28,7 +28,7 @@ GIVE_UP = 3
 
 
 def room(cores: int) -> int:
-    """Frames that may be waiting for the disk: enough to keep the cores busy, 1.2 GB at most at 1280 x 720."""
+    """Frames that may be waiting for the disk: enough to keep the cores busy, 1.4 GB at most at 1280 x 720."""
     return max(2, min(8, cores // 2))
 
 
