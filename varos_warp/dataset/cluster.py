@@ -221,9 +221,17 @@ class Cluster:
             KeyboardInterrupt: As soon as the images under way are written.
         """
         store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
-        run = _Run(self, store, {key: plan[key] for key in NEEDED}, made, clock, done, say)
+        from distributed import fire_and_forget
+
+        from varos_warp.dataset.worker import prepare_site
+
+        needed = {key: plan[key] for key in NEEDED}
+        run = _Run(self, store, needed, made, clock, done, say)
         try:
             with clock("wait"):
+                # the first worker is to compile for all; the others rebuild their scenes meanwhile, which takes as long
+                for address in self.order[1:]:
+                    fire_and_forget(self.submit(prepare_site, self.name, needed, at=address))
                 run.all(list(jobs))
         finally:
             files.sweep(store.layout.root)  # what killed workers of this host left

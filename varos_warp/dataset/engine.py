@@ -97,6 +97,14 @@ class Engine:
 
         return plan_render(self.scene, self.renderer, self.poses, meshes=self.meshes)
 
+    def prepare(self, plan: dict) -> None:
+        """Leave out of the scene on the device what a plan does without. Every plan must be the same."""
+        from varos_warp.render.plan import planned_renderer
+
+        with self._turn:
+            if self._plan is None:
+                self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
+
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
                turn: contextlib.AbstractContextManager | None = None) -> None:
@@ -104,10 +112,7 @@ class Engine:
 
         Several threads may call it: only one of them renders at a time.
         """
-        from varos_warp.render.plan import planned_renderer
-
-        with self._turn, clock("load"):
-            if self._plan is None:
-                self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
+        with clock("load"):
+            self.prepare(plan)
         render_frames(self.renderer, store, plan, jobs, self.poses.__getitem__, made=made, clock=clock, done=done,
                       say=say, turn=turn or self._turn, cores=self.cores)

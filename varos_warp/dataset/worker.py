@@ -200,6 +200,11 @@ def plan_site(name: str):
         return site_of(name).opened(compare=True)[0].plan()
 
 
+def prepare_site(name: str, plan: dict) -> None:
+    """Bring the scene as planned onto the device."""
+    site_of(name).opened()[0].prepare(plan)
+
+
 @dataclass
 class Reply:
     """What became of an image job."""
