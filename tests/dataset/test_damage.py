@@ -16,6 +16,7 @@ from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.noise import add_noise
 from varos_warp.dataset.produce import produce
 from varos_warp.dataset.validate import Validation, listing, validate, views
+from varos_warp.dataset.validate.pending import Pending
 from varos_warp.errors import InputError
 from varos_warp.scene.noise import load_profile
 
@@ -320,7 +321,7 @@ def test_damage_is_named(copy, damage):
     before = {path: path.read_bytes() for path in checksums.listed_files(copy)}
     damage(copy)
     found = Validation()
-    listing.check_checksums(Dataset(copy), found)
+    listing.check_checksums(Dataset(copy), found, Pending())
     for path in set(before) | set(checksums.listed_files(copy)):
         name = path.relative_to(copy).as_posix()
         same = path.is_file() and before.get(path) == path.read_bytes()

@@ -41,12 +41,12 @@ def trial(rng, rule, own):
 
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 def test_the_mean_is_unbiased_and_would_not_be_if_a_side_decided_for_itself(rule):
-    """400 images of 6144 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
+    """2400 images of 6144 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
     rng = np.random.default_rng(5)
     for own in (False, True):
-        means = np.array([trial(rng, rule, own) for _ in range(400)])
+        means = np.array([trial(rng, rule, own) for _ in range(2400)])
         sigmas = abs(means.mean() - 1.0) / (means.std(ddof=1) / np.sqrt(len(means)))
-        assert (sigmas > 6.0) if own else (sigmas < 4.0)
+        assert (sigmas > 20.0) if own else (sigmas < 4.0)
 
 
 def uneven():

@@ -162,7 +162,8 @@ class Cluster:
                              remedy="Install varos_warp in the same version for the workers.") from error
 
     def _check(self, root: Path) -> None:
-        from varos_warp.dataset.worker import check_versions, different_kinds, kind_of
+        from varos_warp.dataset.worker import check_versions, different_kinds
+        from varos_warp.scene.device import kind_of
 
         for facts in self.facts.values():
             check_versions(facts.versions, facts.host)
@@ -193,7 +194,7 @@ class Cluster:
     def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
         """Bring the scene to every worker and onto its device; see `Engine.load`."""
         from varos_warp.dataset import worker
-        from varos_warp.dataset.worker import kind_of
+        from varos_warp.scene.device import kind_of
 
         workers = Counter(facts.host for facts in self.facts.values())
         cores = {facts.host: max(1, facts.cores // workers[facts.host]) for facts in self.facts.values()}
@@ -220,11 +221,11 @@ class Cluster:
             RuntimeError: If `GIVE_UP` images in a row fail on every worker, or there is no worker left.
             KeyboardInterrupt: As soon as the images under way are written.
         """
-        store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
         from distributed import fire_and_forget
 
         from varos_warp.dataset.worker import prepare_site
 
+        store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
         needed = {key: plan[key] for key in NEEDED}
         run = _Run(self, store, needed, made, clock, done, say)
         try:

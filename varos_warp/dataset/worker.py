@@ -139,6 +139,8 @@ class Site(WorkerPlugin):
 
     def opened(self, path=None, compare: bool = False) -> tuple[Engine, list[str]]:
         """The engine, once its scene is on the device, and what looks wrong in the scene."""
+        from varos_warp.scene.device import kind_of
+
         with _turn:
             if self.engine is not None and (self.engine.compared or not compare):
                 return self.engine, []
@@ -150,11 +152,6 @@ class Site(WorkerPlugin):
             found = engine.load(self.scene, self.poses, path, compare=compare)
             self.engine = engine
             return engine, found
-
-
-def kind_of(device: str) -> str:
-    """``cpu`` or ``cuda``."""
-    return device.split(":", maxsplit=1)[0]
 
 
 def different_kinds(where: str, asked: str) -> InputError:

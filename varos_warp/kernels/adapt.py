@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film import TILE, Film, samples_of, side_of, sums_of, variance_of_mean
+from varos_warp.kernels.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,7 +17,7 @@ def pixel_statistics(
     """Mean and variance of a pixel's samples; without the residual."""
     row, col = wp.tid()
     sums = sums_of(film, row, col)
-    count = samples_of(film, row, col)
+    count = of_tile(film.count, row, col)
     light = sums.direct + sums.single + sums.glow + sums.veil
     spread = wp.vec3d(wp.float64(0.0))
     for c in range(3):

@@ -93,21 +93,21 @@ def side_of(sides: int, row: int, col: int):
 
 
 @wp.func
-def samples_of(film: Film, row: int, col: int):
-    """Samples that a pixel has."""
-    return film.count[side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
+def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
+    """A pixel's entry of ``numbers`` [side, tile row, tile column]."""
+    return numbers[side_of(numbers.shape[0], row, col), row / TILE, col / TILE]
 
 
 @wp.func
 def first_of(film: Film, stratum: int, row: int, col: int):
     """The first sample of a pixel in the launch."""
-    return film.begin[stratum, side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
+    return of_tile(film.begin[stratum], row, col)
 
 
 @wp.func
 def end_of(film: Film, stratum: int, row: int, col: int):
     """One past the last sample of a pixel in the launch."""
-    return film.end[stratum, side_of(film.count.shape[0], row, col), row / TILE, col / TILE]
+    return of_tile(film.end[stratum], row, col)
 
 
 @wp.func
@@ -170,7 +170,7 @@ def develop(
     """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width]."""
     row, col = wp.tid()
     sums = sums_of(film, row, col)
-    count = samples_of(film, row, col)
+    count = of_tile(film.count, row, col)
     n = wp.float64(wp.max(count, 1))
     added = wp.vec3d(wp.float64(0.0))
     added_squares = wp.vec3d(wp.float64(0.0))

@@ -10,7 +10,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import TILE, Film, is_finite, side_of
+from varos_warp.kernels.film import Film, is_finite, of_tile
 from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -122,9 +122,15 @@ def count_starts(
 ):
     """Samples that each pixel is to take."""
     pixel = wp.tid()
-    row = pixel / width
-    col = pixel % width
-    counts[pixel] = more[side_of(more.shape[0], row, col), row / TILE, col / TILE]
+    counts[pixel] = of_tile(more, pixel / width, pixel % width)
+
+
+@wp.func
+def start_of(ends: wp.array(dtype=int), pixel: int):
+    """Where a pixel's samples start in a list of those of all pixels, by the running sum of their numbers."""
+    if pixel == 0:
+        return 0
+    return ends[pixel - 1]
 
 
 @wp.kernel(enable_backward=False)
@@ -139,9 +145,7 @@ def list_starts(
 ):
     """Write down pixel and number of each sample, pixel by pixel."""
     pixel = wp.tid()
-    start = int(0)
-    if pixel > 0:
-        start = ends[pixel - 1]
+    start = start_of(ends, pixel)
     for i in range(wp.max(start, begin), wp.min(ends[pixel], end)):
         places[i - begin] = pixel
         points[i - begin] = taken[pixel / taken.shape[1], pixel % taken.shape[1]] + i - start
@@ -159,9 +163,7 @@ def add_residual(
     """Add samples of the residual to the film."""
     row, col = wp.tid()
     pixel = row * film.residual.shape[1] + col
-    start = int(0)
-    if pixel > 0:
-        start = ends[pixel - 1]
+    start = start_of(ends, pixel)
     for i in range(wp.max(start, begin), wp.min(ends[pixel], end)):
         if is_finite(light[i - begin]):
             L = wp.vec3d(light[i - begin])

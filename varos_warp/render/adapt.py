@@ -24,9 +24,9 @@ MOST_SHARED = 16
 """No tile gets more than so many times the samples that an even share would give it."""
 
 
-def first_samples(spp: int) -> int:
-    """Samples per pixel that paths take before anything is decided."""
-    return max(FEWEST_FIRST, spp // FIRST_SHARE)
+def first_samples(spp: float, fewest: int = FEWEST_FIRST) -> int:
+    """Samples per pixel that are taken before anything is decided."""
+    return max(fewest, int(spp) // FIRST_SHARE)
 
 
 def brightness(mean: np.ndarray) -> np.ndarray:
@@ -76,11 +76,13 @@ def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
 
 
 def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
+    if not deviation.any():
+        return np.zeros(deviation.shape, np.int32)
     most = max(MOST_SHARED * spp, taken)
-    least = np.min(deviation, where=deviation > 0.0, initial=np.inf)
-    low, high = 0.0, most / least  # at which all have the most that they may
+    # scales of the deviation at which none gets more, and at which all have the most that they may
+    low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
     for _ in range(40):
-        middle = np.sqrt(low * high) if low > 0.0 else 1e-4 * high
+        middle = np.sqrt(low * high)
         low, high = (middle, high) if np.clip(middle * deviation, taken, most).mean() <= spp else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn
     turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)

@@ -21,7 +21,6 @@ from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import make_tables_kernel
 from varos_warp.render.adapt import (
     FEWEST_FIRST_SHARED,
-    FIRST_SHARE,
     first_samples,
     more_samples,
     other_noise,
@@ -44,9 +43,8 @@ STRATA, STRATA_PIXELS = 4, 1 << 23
 """Strata of those samples whose numbers differ from tile to tile: threads side by side then have about equally many. Of
 larger images fewer, so that they and their pixels are no more than the second number."""
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
-"""With tables: samples of a pixel for one of its residual, and where the residual is denoised afterwards (measured);
-the first of them has one already."""
-RESIDUAL = ("residual", "residual_squares", "residual_count")
+"""With tables: samples of a pixel, beyond the first two, for one more of its residual, and where the residual is
+denoised afterwards (measured)."""
 
 
 @dataclass(frozen=True)
@@ -309,14 +307,15 @@ class FrameRenderer:
         grid = empty_veil_grid(self.launcher, view)
         lit = wanted[2] and self.world.has_surfaces
         reflects = lit and max_bounces > 0
-        first = min(spp, max(FEWEST_FIRST_SHARED, spp // FIRST_SHARE))
+        first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED))
         shares = first < spp and not _is_one_pixel(view)
         film = self._film(view, spp, adapts=shares, residual=reflects)
         if lit:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
-            beyond = max(0, spp - FEWEST_FIRST_SHARED) / (PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES)
+            each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
+            spp_residual = 1.0 + max(0, spp - FEWEST_FIRST_SHARED) / each
             residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0], self._lost)
-            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), 1.0 + beyond)
+            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
         before, how = [self.world.data, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
         self._take_samples(film, kernel, before, how, first if shares else spp)
@@ -325,7 +324,7 @@ class FrameRenderer:
             mean, variance = self._tile_statistics(film)
             self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
         if reflects:
-            self._add_residual(film, residual, view, camera, 1.0 + beyond, mean)
+            self._add_residual(film, residual, view, camera, spp_residual, mean)
         # plain reflectances need no guides (render/denoise.py)
         guided = lit and self.world.has_textures and asked.denoise != "none"
         return self._develop(film, asked, guides() if guided else {}, tables=True)
@@ -335,7 +334,7 @@ class FrameRenderer:
         if mean is None:
             residual.add_glow(film, view, camera, np.full(film.count.shape, round(spp)), 0.0)
             return
-        first, level = max(1, int(spp) // FIRST_SHARE), float(mean.max(-1).mean())
+        first, level = first_samples(spp, 1), float(mean.max(-1).mean())
         residual.add_glow(film, view, camera, np.full(film.count.shape, first), level)
         squares = self._buffer(*film.residual.shape)
         self.launcher.run(residual_mean_squares, squares.shape, [film], [squares])
@@ -388,8 +387,8 @@ class FrameRenderer:
         if key not in self._films:
             self._films[key] = self._new_film(*key)
         film = self._films[key]
-        buffers = [film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.lost]
-        for buffer in [*buffers, *(getattr(film, name) for name in RESIDUAL if residual)]:
+        for buffer in (film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.residual,
+                       film.residual_squares, film.residual_count, film.lost):
             buffer.zero_()
         return film
 

@@ -106,8 +106,9 @@ class Residual:
         """
         more, at_once = np.asarray(more, np.int32), MOST_LISTED // int(np.prod(view.resolution))
         while more.any():
-            self._add_glow(film, view, camera, np.minimum(more, at_once), level)
-            more = more - np.minimum(more, at_once)
+            now = np.minimum(more, at_once)
+            self._add_glow(film, view, camera, now, level)
+            more = more - now
 
     def _add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray, level: float):
         """As add_glow, of a list of samples that is not too long."""

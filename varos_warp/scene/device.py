@@ -35,6 +35,11 @@ def resolve_device(name: str = "auto") -> str:
     return name
 
 
+def kind_of(device: str) -> str:
+    """``cpu`` or ``cuda``."""
+    return device.split(":", maxsplit=1)[0]
+
+
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
 """Triangles per BVH leaf, by kind of device: 10 % faster than 4 on a CPU; 6 % faster than 8 on a GPU."""
 MOST_JOINED_FACES = {"cpu": 0, "cuda": 1 << 23}
@@ -51,15 +56,14 @@ class DeviceScene:
 
     def __init__(self, scene: Scene, parts: list[Part | Instances], device: str):
         self.scene, self.device = scene, device
-        self.kind = device.split(":", maxsplit=1)[0]
+        self.kind = kind_of(device)
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
         self.has_surfaces = bool(parts)
         self.has_textures = False
         self.part_names: list[str] = []
-        copies = [part for part in parts if isinstance(part, Instances)]
-        faces = sum(len(group) * len(group.faces) for group in copies)
-        self.has_instances = bool(copies) and faces > MOST_JOINED_FACES[self.kind]
+        copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
+        self.has_instances = copied_faces > MOST_JOINED_FACES[self.kind]
         self.data = SceneData()
         self.data.medium = medium_record(self.water)
         if parts:
@@ -85,7 +89,6 @@ class DeviceScene:
             self._upload_instances(copied, sum(counts))
         self.part_names = [part.name for part in single]
         self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
-        self.face_count = sum(len(part.faces) * len(getattr(part, "T_w_o", [0])) for part in parts)
         # by their boxes, joined or not, so that a copy looks the same on every device
         placed = [*single, *(box for group in copied for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)

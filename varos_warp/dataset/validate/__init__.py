@@ -34,9 +34,11 @@ def validate(root, quiet: bool = False) -> Validation:
         InputError: If it is not a dataset at all.
     """
     data, result = Dataset(root), Validation()
-    for check in (*listing.CHECKS, *motion.CHECKS):
-        result.guard(data.root, check, data, result)
     pending = Pending.of(data)
+    for check in listing.CHECKS:
+        result.guard(data.root, check, data, result, pending)
+    for check in (listing.check_metadata, *motion.CHECKS):
+        result.guard(data.root, check, data, result)
     images.check_images(data, result, pending, quiet)
     views.check_views(data, result, pending.ready(data), quiet)
     return result

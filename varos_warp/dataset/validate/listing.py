@@ -21,17 +21,16 @@ RELATIVE = 1e-9
 """Numbers that differ by less are the same."""
 
 
-def check_files(data: Dataset, result: Validation) -> None:
+def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file that dataset.json asks for is there, and none that it does not account for."""
-    later = Pending.of(data).files
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
     optional = set(_by_products(data))
-    missing = sorted(path for path in required - later if not path.is_file())
+    missing = sorted(path for path in required - pending.files if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
     result.add_all([f"{_name(data, path)}: there is no such file" for path in missing], "files")
     result.add_all([f"{_name(data, path)}: dataset.json does not account for it" for path in strays], "files")
-    remains = [] if later else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
+    remains = [] if pending.files else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
     result.add_all([f"{_name(data, path)}: remains of an interrupted run" for path in remains], "files")
 
 
@@ -65,9 +64,9 @@ def _by_products(data: Dataset) -> Iterator[Path]:
         yield data.layout.linear(camera, frame)
 
 
-def check_checksums(data: Dataset, result: Validation) -> None:
+def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file is as it was written; of a dataset that is still made only images, since all else is written anew."""
-    known, growing = checksums.read_checksums(data.root), bool(Pending.of(data).files)
+    known, growing = checksums.read_checksums(data.root), bool(pending.files)
     if growing:
         known = {name: value for name, value in known.items() if Path(name).suffix in (".png", ".exr")}
     if not known:
@@ -149,7 +148,7 @@ def differences(here, there, path: str = "") -> Iterator[tuple[str, object, obje
 # --------------------------------------------------------------------------------------------------------------- time
 
 
-def check_times(data: Dataset, result: Validation) -> None:
+def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
     """Time stamps follow from the rate, name their files and are those of poses and gains; the IMU goes on longer."""
     expected = np.rint(np.array(data.frames) * (1e9 / data.meta["frames"]["rate_hz"])).astype(np.int64)
     for camera in data.cameras:
@@ -166,7 +165,7 @@ def check_times(data: Dataset, result: Validation) -> None:
         if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:
             result.add(f"{_name(data, path)}: the IMU has no sample after the last frame")
     tables = [data.layout.poses(camera, form) for camera in data.cameras for form in POSE_FORMS]
-    for path in tables + ([] if Pending.of(data).files else exposure_tables(data)):
+    for path in tables + ([] if pending.files else exposure_tables(data)):
         _same_times(data, result, path, files.read_csv(path), expected)
 
 
@@ -182,4 +181,5 @@ def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expe
     return not wrong.size
 
 
-CHECKS = (check_complete, check_files, check_checksums, check_metadata, check_times)
+CHECKS = (check_complete, check_files, check_checksums, check_times)
+"""Those that know what is still to be made."""

@@ -65,9 +65,8 @@ def exposure_tables(data: Dataset) -> list[Path]:
             for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color]
 
 
-def check_complete(data: Dataset, result: Validation) -> None:
+def check_complete(data: Dataset, result: Validation, pending: Pending) -> None:
     """One line for all that a run has still to make, and who is at it."""
-    pending = Pending.of(data)
     if not pending.files:
         return
     count = len(pending.frames)
