@@ -74,18 +74,18 @@ def ceilings(renderer, T_w_v, rays: int = 16) -> dict[str, float]:
     """Rays per second of each kind."""
     view = renderer.scene.vehicle.cameras[0]
     shape = view.resolution[::-1]
-    renderer.world.pose_lights(T_w_v)
+    scene = renderer.world.lit(T_w_v)
     camera = renderer.world.camera(view, T_w_v)
     out = wp.zeros(shape, dtype=float, device=renderer.device)
     share_hit = np.isfinite(renderer.render(T_w_v, outputs="D").D.range).mean()
     found = {}
     for kernel in (coherent, incoherent, to_lamps):
-        renderer.launcher.rows(kernel, shape, [renderer.world.data, camera], [1, out])
+        renderer.launcher.rows(kernel, shape, [scene, camera], [1, out])
         wp.synchronize()
         seconds = []
         for _ in range(3):
             start = time.perf_counter()
-            renderer.launcher.rows(kernel, shape, [renderer.world.data, camera], [rays, out])
+            renderer.launcher.rows(kernel, shape, [scene, camera], [rays, out])
             wp.synchronize()
             seconds.append(time.perf_counter() - start)
         traced = rays * np.prod(shape) * (1.0 if kernel is coherent else share_hit)

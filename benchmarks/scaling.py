@@ -38,30 +38,37 @@ def measure(scene, frames: int, workers: int, device: str, out: Path, step: int 
     summary = produce(scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None,
                       quiet=True)
     log, = (json.loads(path.read_text()) for path in (out / "log").iterdir())
-    seconds, spent = summary.stages, summary.stages["wait"] if workers else None
+    seconds, spp = summary.stages, [entry["spp"] for entry in log["frames"] if "spp" in entry]
     return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
             "frames_per_s": summary.rate, "seconds": summary.seconds,
             "start_and_upload_s": seconds["load"], "plan_s": seconds["plan"],
             "compile_s": log["compile_seconds"], "expose_and_checksums_s": seconds["expose"] + seconds["checksums"],
-            "busy": round(seconds["render"] / (workers * spent), 3) if workers else None,
-            "stages": seconds, "checksums": (out / "checksums").read_text()}
+            "spp": round(sum(spp) / len(spp), 2) if spp else None, "stages": seconds,
+            "checksums": (out / "checksums").read_text()}
 
 
 def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, compiled: bool = False,
-            step: int = 1, say=print) -> dict:
-    """All runs, and what they gained over one worker."""
+            step: int = 1, say=print, keep=lambda result: None) -> dict:
+    """All runs, and what they gained over one worker; ``keep`` is told after each."""
     if not compiled:
         measure(scene, max(1, *counts), max(counts), device, folder / "first")
     rows = []
     for count in counts:
         rows.append(measure(scene, frames, count, device, folder / str(count), step))
-        say(json.dumps({key: value for key, value in rows[-1].items() if key not in ("stages", "checksums")}))
-    one = next((row["frames_per_s"] for row in rows if row["workers"] == 1), None)
-    same = len({row.pop("checksums") for row in rows}) == 1
-    for row in rows:
-        row["efficiency"] = round(row["frames_per_s"] / (one * row["workers"]), 3) if one and row["workers"] else None
-    return {"machine": machine(resolve_device(device)), "scene": scene.name, "frames": frames, "same_bytes": same,
-            "resolution": scene.vehicle.cameras[0].resolution, "outputs": scene.render.outputs, "runs": rows}
+        result = {"machine": machine(resolve_device(device)), "scene": scene.name, "frames": frames,
+                  "same_bytes": len({row["checksums"] for row in rows}) == 1,
+                  "resolution": scene.vehicle.cameras[0].resolution, "outputs": scene.render.outputs,
+                  "runs": [compared(row, rows) for row in rows]}
+        say(json.dumps({key: value for key, value in result["runs"][-1].items() if key != "stages"}))
+        keep(result)
+    return result
+
+
+def compared(row: dict, rows: list[dict]) -> dict:
+    """A run with what it gained over one worker, without its checksums."""
+    one = next((other["frames_per_s"] for other in rows if other["workers"] == 1), None)
+    gained = round(row["frames_per_s"] / (one * row["workers"]), 3) if one and row["workers"] else None
+    return {key: value for key, value in row.items() if key != "checksums"} | {"efficiency": gained}
 
 
 def chart(result: dict, path: Path) -> None:
@@ -72,6 +79,8 @@ def chart(result: dict, path: Path) -> None:
 
     rows = [row for row in result["runs"] if row["workers"]]
     counts, rates = [row["workers"] for row in rows], [row["frames_per_s"] for row in rows]
+    if not rows:
+        return
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.8), constrained_layout=True)
     left.plot(counts, [rates[0] / counts[0] * n for n in counts], "--", color="#999999", label="in proportion")
     left.plot(counts, rates, "o-", label="workers")
@@ -110,14 +119,17 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "scaling")
     parser.add_argument("--folder", type=Path, help="Where the datasets go for a while; a temporary folder by default.")
     options = parser.parse_args()
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+
+    def keep(result):
+        options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+
     counts = [int(count) for count in options.workers.split(",")]
     if options.folder:
         os.makedirs(options.folder, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         result = scaling(load_scene(options.scene, options.changed), options.frames, counts, options.device,
-                         Path(folder), options.compiled, options.step)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+                         Path(folder), options.compiled, options.step, keep=keep)
     chart(result, options.out.with_suffix(".png"))
 
 

@@ -93,6 +93,10 @@ class FlatFloorRenderer:
     def __init__(self, scene, device="auto", parts=None):
         self.scene, self.calls, self.stop_after = scene, [], None
 
+    def steps(self, *args, **how):
+        return self.render(*args, **how)
+        yield
+
     def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt

@@ -27,15 +27,14 @@ def exposed(samples, strata, takes, sides=1):
     film = kernel.Film()
     for name in (*LAYERS, "squares"):
         setattr(film, name, wp.zeros((strata, *shape), dtype=wp.vec3d, device="cpu"))
-    film.count = wp.zeros((sides, *tiles), dtype=int, device="cpu")
+    film.count, film.wanted = (wp.zeros((sides, *tiles), dtype=int, device="cpu") for _ in "cw")
     film.begin, film.end = (wp.zeros((strata, sides, *tiles), dtype=int, device="cpu") for _ in range(2))
     film.lost = wp.zeros(1, dtype=int, device="cpu")
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
     for k, take in enumerate(takes):
-        wanted = np.ascontiguousarray(np.broadcast_to(np.int32(take), film.count.shape))
-        wanted = wp.array(wanted, dtype=int, device="cpu")
+        film.wanted.assign(np.broadcast_to(np.int32(take), film.count.shape))
         used = strata if k == 0 else max(1, strata // 2)  # a launch may leave some strata out
-        wp.launch(kernel.share_samples, dim=film.count.shape, inputs=[wanted, used, film], device="cpu")
+        wp.launch(kernel.share_samples, dim=film.count.shape, inputs=[used, film], device="cpu")
         wp.launch(expose, dim=(used, *shape), inputs=[device_samples, film], device="cpu")
     return film
 

@@ -1,8 +1,11 @@
 """A frame: the same bytes for the same seed, layers that sum, honest errors, and geometry that fits the intrinsics."""
 
+import itertools
+
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 from chance import ALPHA, assert_plausible, two_sided
 from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
 from scipy import stats
@@ -321,6 +324,30 @@ def test_a_gpu_gives_the_same_bytes_twice(gpu):
         gpu.render(np.eye(4), spp=5)
         assert_same_bytes(gpu.render(POSE, **how), expected)
         assert_same_bytes(again.render(POSE, **how), expected)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "denoised_only": True},
+                                 {"integrator": "path", "tolerance": 0.05}])
+def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how):
+    """They have films and lamps of their own, wherever one goes on while the other waits."""
+    poses = [POSE, POSE @ np.array([[1.0, 0, 0, 0.3], [0, 1, 0, -0.2], [0, 0, 1, 0], [0, 0, 0, 1]])]
+    alone = [gpu.render(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
+    frames = [gpu.steps(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
+    done, events = {}, {}
+    for k in itertools.cycle([0, 1, 1, 0, 1, 0, 0]):
+        if k not in done:
+            if k in events:
+                wp.synchronize_event(events[k])
+            try:
+                events[k] = next(frames[k])
+            except StopIteration as end:
+                done[k] = end.value
+        if len(done) == 2:
+            break
+    assert len(events) == 2
+    for k, expected in enumerate(alone):
+        assert_same_bytes(done[k], expected)
 
 
 @pytest.mark.gpu

@@ -80,7 +80,7 @@ def test_path_lengths_give_the_optical_depths_of_the_measurement(case):
     water = {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": 0.8}}
     ahead = {"resolution": [2, 2], "sensor_mm": [1e-3, 1e-3], "focal_mm": 34.0, "rotation_euler_deg": [0, 0, 0]}
     scene = make_scene(water, camera=ahead)
-    view = View("", scene.vehicle.cameras[0], POSE, 1, None, np.full((2, 2), float(metres)))
+    view = View("", scene.vehicle.cameras[0], POSE, None, None, np.full((2, 2), float(metres)))
     _, _, x_s, x_v, _ = MEASURED[case]
     np.testing.assert_allclose(0.82 * sigma_s * surface_path(scene, view), x_s, rtol=0.003, atol=0.0006)
     found = sigma_s * volume_path(scene, view, optical_properties(scene))

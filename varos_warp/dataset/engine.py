@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from varos_warp.dataset.pipeline import Rendered, render_frames
+from varos_warp.dataset.pipeline import AT_ONCE, Rendered, render_frames
 from varos_warp.dataset.store import ImageJob, Store
 from varos_warp.dataset.timing import Clock
 from varos_warp.render.denoise import available_method
@@ -104,15 +104,22 @@ class Engine:
         with self._turn:
             if self._plan is None:
                 self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
+                self._places = threading.Semaphore(self.at_once)
 
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
-               turn: contextlib.AbstractContextManager | None = None) -> None:
+               turn: Callable[[], contextlib.AbstractContextManager] | None = None) -> None:
         """Render images and write their files; the arguments are those of `render_frames`. Every plan must be the same.
 
-        Several threads may call it: only one of them renders at a time.
+        Several threads may call it: no more of their images are under way than the device takes at once.
         """
         with clock("load"):
             self.prepare(plan)
         render_frames(self.renderer, store, plan, jobs, self.poses.__getitem__, made=made, clock=clock, done=done,
-                      say=say, turn=turn or self._turn, cores=self.cores)
+                      say=say, turn=turn or (lambda: self._turn), place=self._places, cores=self.cores,
+                      at_once=min(self.at_once, len(jobs)))
+
+    @property
+    def at_once(self) -> int:
+        """Images that may be under way on the device."""
+        return AT_ONCE[self.renderer.device.partition(":")[0]]

@@ -1,15 +1,16 @@
 """Rendering, with denoising and writing beside it.
 
-The calling thread renders. A pool of threads denoises, encodes and writes, a task for each image type: compression,
-EXR files and array arithmetic leave the interpreter free (measured: Pillow 13, OpenEXR 3.5), so threads do, and
-nothing is copied to other processes. At most `room` frames are between the renderer and the disk, which bounds the
-memory whichever the length of the sequence.
+The calling thread renders, or on a GPU a few that take turns. A pool of threads denoises, encodes and writes, a task
+for each image type: compression, EXR files and array arithmetic leave the interpreter free (measured: Pillow 13,
+OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `room` frames are between the renderer
+and the disk, which bounds the memory whichever the length of the sequence.
 """
 
 import contextlib
+import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,10 +20,13 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
 from varos_warp.render.cost import timed
+from varos_warp.render.launch import finish
 from varos_warp.scene.frames import pinhole
 
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
+AT_ONCE = {"cpu": 1, "cuda": 2}
+"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 GIVE_UP = 3
 """Jobs in a row that cannot be made: something is broken for all of them."""
 
@@ -56,7 +60,9 @@ class Rendered:
 def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
                   T_w_v: Callable[[int], np.ndarray], *, made: Rendered | None = None, clock: Clock | None = None,
                   done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
-                  turn: contextlib.AbstractContextManager | None = None, cores: int | None = None) -> Rendered:
+                  turn: Callable[[], contextlib.AbstractContextManager] | None = None,
+                  place: contextlib.AbstractContextManager | None = None, at_once: int = 1,
+                  cores: int | None = None) -> Rendered:
     """Render images and write their files. Exposure is left to whoever knows all frames.
 
     An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
@@ -73,7 +79,9 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
         clock: Counts the time of the stages.
         done: Called after each image.
         say: Told what the user should know.
-        turn: Held while an image is rendered, where several threads share the renderer.
+        turn: Makes what is held while the device is told what to do, where several threads share the renderer.
+        place: Held until an image is rendered.
+        at_once: Images to be under way on the device; 1: the calling thread renders.
         cores: That denoise and write; absent: all that the process may use.
 
     Raises:
@@ -82,30 +90,56 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
     """
     from varos_warp.render.launch import usable_cores
 
-    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), say,
-               turn or contextlib.nullcontext())
+    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), done, say,
+               turn or contextlib.nullcontext, place or contextlib.nullcontext())
     cores = cores or usable_cores()
-    under_way: deque[tuple[ImageJob, list[Future]]] = deque()
-    with ThreadPoolExecutor(cores, "write") as pool:
+    under_way: deque[tuple[ImageJob, Future]] = deque()
+    with (run.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as run.writers,
+          _renderers(at_once) as pool):
         for job in jobs:
             if len(under_way) >= room(cores):
                 run.collect(*under_way.popleft())
-            image = run.render(job)
-            if image is not None:
-                under_way.append((job, [pool.submit(store.write, job, letter, getattr(image, letter), run.clock)
-                                        for letter in job.letters]))
-            done()
+            under_way.append((job, pool.submit(run.render, job)))
+            if under_way[-1][1].done() and under_way[-1][1].exception():
+                run.collect(*under_way.pop())
         while under_way:
             run.collect(*under_way.popleft())
     return run.made
 
 
+@contextlib.contextmanager
+def _renderers(count: int) -> Iterator[Executor]:
+    """Threads that render; when something goes wrong, what they have not begun they do not begin."""
+    pool = ThreadPoolExecutor(count, "render") if count > 1 else _HereAndNow()
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+class _HereAndNow(Executor):
+    """Does what it is given in the calling thread, before it goes on."""
+
+    def submit(self, function, /, *args):
+        """A future that is done."""
+        future = Future()
+        try:
+            future.set_result(function(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
 class _Run:
     """State of `render_frames`."""
 
-    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, say, turn):
-        self.renderer, self.store, self.plan, self.T_w_v, self.turn = renderer, store, plan, T_w_v, turn
-        self.made, self.clock, self.say, self.in_a_row = made, clock, say, 0
+    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, done, say, turn, place):
+        self.renderer, self.store, self.plan, self.T_w_v = renderer, store, plan, T_w_v
+        self.made, self.clock, self.done, self.say, self.in_a_row = made, clock, done, say, 0
+        self.turn, self.place, self.noting = turn, place, threading.Lock()
+        self.writers: Executor
         self.cameras = {camera.id: camera for camera in renderer.scene.vehicle.cameras}
         keys = (("denoise", "A"), ("denoise_b", "B"))
         on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
@@ -114,25 +148,26 @@ class _Run:
             "denoised_only": not store.render.linear_exr} | {
             key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
 
-    def render(self, job: ImageJob):
-        """An image; None where it cannot be made."""
+    def render(self, job: ImageJob) -> list[Future]:
+        """Render an image, and have it written."""
         try:
-            with self.turn, self.clock("render"):
+            with self.place, self.clock("render"):
                 image, seconds = self.timed(job)
-        except InputError:
-            raise
-        except Exception as error:
-            self.fail(job, error)
-            return None
-        self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
-                                  "seconds": round(seconds, 4)} | self.samples_of(job, image))
-        return image
+            writing = [self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
+                       for letter in job.letters]
+            with self.noting:
+                self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
+                                          "seconds": round(seconds, 4)} | self.samples_of(job, image))
+            return writing
+        finally:
+            with self.noting:
+                self.done()
 
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling."""
         camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
-        return timed(self.renderer, lambda: self.renderer.render(
-            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame, **self.options))
+        return timed(self.renderer, lambda: finish(self.renderer.steps(
+            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame, **self.options), self.turn))
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""
@@ -145,17 +180,22 @@ class _Run:
         return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
             lost.values()) else {})
 
-    def collect(self, job: ImageJob, writing: list[Future]) -> None:
-        """Wait until an image is written."""
+    def collect(self, job: ImageJob, rendering: Future) -> None:
+        """Wait until an image is rendered and written."""
         errors = []
-        with self.clock("wait"):
-            for letter, future in zip(job.letters, writing, strict=True):
-                try:
-                    self.keep(job, letter, future.result())
-                except InputError:
-                    raise
-                except Exception as error:
-                    errors.append(error)
+        try:
+            writing = zip(job.letters, rendering.result(), strict=True)
+        except InputError:
+            raise
+        except Exception as error:
+            writing, errors = (), [error]
+        for letter, future in writing:
+            try:
+                self.keep(job, letter, future.result())
+            except InputError:
+                raise
+            except Exception as error:
+                errors.append(error)
         if errors:
             self.fail(job, *errors)
         else:

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -226,7 +227,7 @@ def make_images(name: str, store: Store, plan: dict, job: ImageJob) -> Reply:
     engine, _ = site_of(name).opened()
     reply, clock = Reply(get_worker().address), Clock()
     engine.render(store, plan, [job], made=reply.made, clock=clock, say=reply.messages.append,
-                  turn=_caught(reply.messages))
+                  turn=partial(_caught, reply.messages))
     for entry in reply.made.timings:
         entry["worker"] = f"{files.HOST}-{os.getpid()}"
     reply.seconds = {stage: clock.seconds[stage] for stage in ("render", *BESIDE)}

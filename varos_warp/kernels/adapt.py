@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean
+from varos_warp.kernels.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean, weight_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,10 +27,16 @@ def pixel_statistics(
 
 
 @wp.kernel(enable_backward=False)
-def residual_mean_squares(film: Film, squares: wp.array2d(dtype=wp.vec3d)):
-    """Mean square of the samples of the residual: about their variance, for they are mostly noise."""
+def residual_mean_squares(
+    film: Film,
+    metal_samples: int,
+    # out
+    squares: wp.array2d(dtype=wp.vec3d),
+):
+    """Mean square of what a pixel takes for one sample of its tile: about its variance, for it is mostly noise."""
     row, col = wp.tid()
-    squares[row, col] = film.residual_squares[row, col] / wp.float64(film.residual_count[row, col])
+    at_once = weight_of(film, metal_samples, row, col)
+    squares[row, col] = film.residual_squares[row, col] / wp.float64(at_once * film.residual_count[row, col])
 
 
 @wp.kernel(enable_backward=False)

@@ -19,6 +19,8 @@ class Film:
     of samples (render/adapt.py). All arrays are [strata, height, width] but for those of samples.
     """
 
+    wanted: wp.array3d(dtype=int)
+    """Samples that pixels are to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
     """Samples of a pixel [side, tile row, tile column], once those of the launch to come are in."""
     begin: wp.array4d(dtype=int)
@@ -38,6 +40,8 @@ class Film:
     residual_count: wp.array2d(dtype=int)
     """What is added to ``glow`` with samples of its own (see kernels/glow.py), its squares, and the number of those
     samples, [height, width]; empty without them."""
+    metal: wp.array2d(dtype=int)
+    """1 where a sample of the pixel met metal, else 0, [height, width]; empty without the residual."""
     lost: wp.array(dtype=int)
     """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
 
@@ -99,6 +103,12 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 
 @wp.func
+def weight_of(film: Film, metal_samples: int, row: int, col: int):
+    """Samples of the residual that a pixel takes for one of its tile."""
+    return wp.where(film.metal[row, col] == 1, metal_samples, 1)
+
+
+@wp.func
 def first_of(film: Film, stratum: int, row: int, col: int):
     """The first sample of a pixel in the launch."""
     return of_tile(film.begin[stratum], row, col)
@@ -132,10 +142,10 @@ def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
 
 
 @wp.kernel(enable_backward=False)
-def share_samples(samples: wp.array3d(dtype=int), strata: int, film: Film):
-    """Share ``samples`` more per pixel [side, tile row, tile column] among the first ``strata``."""
+def share_samples(strata: int, film: Film):
+    """Share the samples that are wanted among the first ``strata``."""
     side, tile_row, tile_col = wp.tid()
-    more = samples[side, tile_row, tile_col]
+    more = film.wanted[side, tile_row, tile_col]
     taken = film.count[side, tile_row, tile_col]
     for k in range(strata):
         film.begin[k, side, tile_row, tile_col] = taken + first_sample(k, strata, more)

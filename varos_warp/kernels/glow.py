@@ -10,7 +10,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, is_finite, of_tile
+from varos_warp.kernels.film import Film, is_finite, of_tile, weight_of
 from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -115,14 +115,16 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
 
 @wp.kernel(enable_backward=False)
 def count_starts(
-    more: wp.array3d(dtype=int),  # samples to take [side, tile row, tile column]
-    width: int,
+    film: Film,
+    metal_samples: int,
     # out
     counts: wp.array(dtype=int),  # per pixel
 ):
     """Samples that each pixel is to take."""
     pixel = wp.tid()
-    counts[pixel] = of_tile(more, pixel / width, pixel % width)
+    row = pixel / film.residual.shape[1]
+    col = pixel % film.residual.shape[1]
+    counts[pixel] = of_tile(film.wanted, row, col) * weight_of(film, metal_samples, row, col)
 
 
 @wp.func

@@ -97,7 +97,8 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
     def block_light(
         scene: SceneData,
         first: int,
-        stride: int,
+        threads: int,
+        taken: wp.array(dtype=int),  # one number, 0 before: starts taken beyond the first of every thread
         starts: wp.array(dtype=Walk),
         places: wp.array(dtype=int),
         points: wp.array(dtype=int),
@@ -159,7 +160,7 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
                     walk = drift(scene, walk, wp.vec4(w[2], w[3], v[2], 0.0))
             if walk.alive == 0:
                 light[i] -= L
-                i += stride
+                i = threads + wp.atomic_add(taken, 0, 1)
                 fresh = True
 
     return block_light
@@ -175,7 +176,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
     def reflect_light(
         scene: SceneData,
         first: int,
-        stride: int,
+        threads: int,
+        taken: wp.array(dtype=int),  # one number, 0 before: starts taken beyond the first of every thread
         starts: wp.array(dtype=Walk),  # in the end those of what is blocked of the glow that walks met
         places: wp.array(dtype=int),
         points: wp.array(dtype=int),
@@ -285,7 +287,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     handed.alive = 1
                     handed.throughput *= weights / HANDED_SHARE
                     starts[i] = handed
-                i += stride
+                i = threads + wp.atomic_add(taken, 0, 1)
                 fresh = True
 
     return reflect_light

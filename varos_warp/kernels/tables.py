@@ -78,6 +78,9 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
                     if brightest(reflected.L) > 0.0:
                         if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
                             L_direct = wp.cw_mul(T, reflected.L)
+                if wp.static(textures):
+                    if surface.metal > 0.0 and film.metal.shape[0] > 0:
+                        film.metal[row, col] = 1
                 if wp.static(multiple):
                     L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
             if wp.static(single):

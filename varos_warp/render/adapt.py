@@ -81,7 +81,7 @@ def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
     most = max(MOST_SHARED * spp, taken)
     # scales of the deviation at which none gets more, and at which all have the most that they may
     low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
-    for _ in range(40):
+    for _ in range(20):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if np.clip(middle * deviation, taken, most).mean() <= spp else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn

@@ -88,7 +88,7 @@ class _Network:
             self.buffers.append(buffer)
         self.filter.set_bool("hdr", True)
         self.filter.set_bool("cleanAux", bool(guides))
-        self.filter.set_quality({"fast": pyoidn.OIDN_QUALITY_FAST, "high": pyoidn.OIDN_QUALITY_HIGH}[quality])
+        self.filter.set_quality({"balanced": pyoidn.OIDN_QUALITY_BALANCED, "high": pyoidn.OIDN_QUALITY_HIGH}[quality])
         self.filter.commit()
         _check(oidn, "setting up a filter")
 

@@ -2,8 +2,9 @@
 
 import functools
 import warnings
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,8 @@ from varos_warp.render.adapt import (
     share_out,
 )
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
-from varos_warp.render.launch import Launcher
+from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
+from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.residual import Residual, empty_veil_grid
 from varos_warp.render.tables import OpenWater, unavailable
 from varos_warp.scene.description import Camera, Scene
@@ -45,68 +47,9 @@ larger images fewer, so that they and their pixels are no more than the second n
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
 """With tables: samples of a pixel, beyond the first two, for one more of its residual, and where the residual is
 denoised afterwards (measured)."""
-
-
-@dataclass(frozen=True)
-class RadianceImage:
-    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]; None where only ``denoised`` was asked for."""
-
-    radiance: np.ndarray | None
-    stderr: np.ndarray | None
-    """Standard error of the mean; inf for one sample."""
-    layers: dict[str, np.ndarray] = field(default_factory=dict)
-    """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
-    residual: np.ndarray | None = None
-    """Of A made with tables: the only part with much noise, which may be negative. What surfaces add to the scattered
-    light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
-    albedo: np.ndarray | None = None
-    normal: np.ndarray | None = None
-    """Guides for denoising B, or the residual of A, at the centres of the pixels: what the surface reflects, and its
-    normal in the world as in C; zeros where nothing is hit."""
-    denoised: np.ndarray | None = None
-    """The radiance with less noise, where that was asked for."""
-    spp: float | None = None
-    """Samples per pixel, mean over the image."""
-    lost_samples: int = 0
-    """Samples that were infinite or not a number, at least so many; they count as black. A warning tells of any."""
-
-
-@dataclass(frozen=True)
-class NormalImage:
-    """World normals towards the camera, float32 [H, W, 3]; zeros where nothing is hit."""
-
-    normal: np.ndarray
-
-
-@dataclass(frozen=True)
-class DepthImage:
-    """Distances [m] of the pixel centres' first hits, float32 [H, W]; inf where nothing is hit."""
-
-    depth: np.ndarray
-    """Planar, along the camera's z axis."""
-    range: np.ndarray
-    """Along the ray."""
-
-
-@dataclass(frozen=True)
-class SegmentImage:
-    """What the pixel centres' rays hit first, int32 [H, W]; 0 where nothing is hit. See `FrameRenderer.segments`."""
-
-    instance: np.ndarray
-    """Number of the terrain or object, from 1."""
-    material: np.ndarray
-    """Number of its material in the scene file, from 1; 0 also where it has none."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """What was asked for of one pose; the rest is None."""
-
-    A: RadianceImage | None = None
-    B: RadianceImage | None = None
-    C: NormalImage | None = None
-    D: DepthImage | None = None
-    S: SegmentImage | None = None
+METAL_SAMPLES = 8
+"""Samples of the residual that pixels with metal take for one of others, where it is denoised: what metals mirror is
+too sharp for a denoiser to tell from noise."""
 
 
 class Asked(NamedTuple):
@@ -159,6 +102,8 @@ def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
 class FrameRenderer:
     """Renders frames of one scene on one device; uploads and compiles once.
 
+    Several frames may be under way (`steps`), from several threads too, but of these only one at a time may use it.
+
     Args:
         scene: the scene.
         device: ``auto``, ``cpu`` or ``cuda:N``.
@@ -181,8 +126,8 @@ class FrameRenderer:
         """What the numbers of S stand for: a row for each."""
         self.launcher = Launcher(self.device, threads)
         self.open_water = OpenWater(scene, self.launcher)
-        self._films: dict[tuple[int, ...], Film] = {}
-        self._lost = wp.zeros(1, dtype=int, device=self.device)
+        self._films: dict[tuple, list[Film]] = defaultdict(list)
+        """Those that no frame uses, by their kind."""
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
     @property
@@ -231,6 +176,14 @@ class FrameRenderer:
             seed: of the random numbers; absent: the scene's.
             frame: number of the frame, which keys the random numbers too.
         """
+        how = (spp, tolerance, spp_b, max_scatterings, max_bounces, layers, integrator, denoise, denoise_b,
+               denoised_only, seed, frame)
+        return finish(self.steps(T_w_v, camera, outputs, *how))
+
+    def steps(self, T_w_v, camera=None, outputs="ABCD", spp=None, tolerance=None, spp_b=None, max_scatterings=None,
+              max_bounces=None, layers=LAYERS, integrator=None, denoise=None, denoise_b=None, denoised_only=False,
+              seed=None, frame=0) -> Steps[Frame]:
+        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces}
         integrator = integrator or self.scene.render.integrator
         _check_request(outputs, layers, integrator, (denoise, denoise_b), spp=spp, spp_b=spp_b, **bounds)
@@ -245,14 +198,15 @@ class FrameRenderer:
             integrator = resolve_integrator(self.scene, view, integrator, max_scatterings)
             bounds = (ALL if bound is None else bound for bound in bounds.values())
             asked = Asked(layers, denoise, denoised_only)
-            images["A"] = self._render_water(view, T_w_v, spp, tolerance, *bounds, integrator, asked, guides, key)
+            how = (spp, tolerance, *bounds, integrator, asked, guides, key)
+            images["A"] = yield from self._render_water(view, T_w_v, *how)
         if "B" in outputs:
             key = stream_key(seed, frame, view.id, "B")
             asked = Asked((), denoise_b, denoised_only)
-            images["B"] = self._render_ambient(view, T_w_v, spp_b or self.scene.render.spp_b, asked, guides, key)
+            spp_b = spp_b or self.scene.render.spp_b
+            images["B"] = yield from self._render_ambient(view, T_w_v, spp_b, asked, guides, key)
         if set("CDS") & set(outputs):
-            first_hits = self._render_first_hits(view, T_w_v)
-            images |= {name: image for name, image in first_hits.items() if name in outputs}
+            images |= yield from self._render_first_hits(view, T_w_v, outputs)
         return Frame(**images)
 
     def _camera(self, name: str | Camera | None) -> Camera:
@@ -270,34 +224,36 @@ class FrameRenderer:
 
     def _render_water(
         self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, integrator, asked, guides, key
-    ) -> RadianceImage:
+    ) -> Steps[RadianceImage]:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in asked.layers})
-            return self._denoised(image, {}, asked.denoise)
+            return (yield from self._denoised(image, {}, asked.denoise))
         max_scatterings = max_scatterings if medium else 0
         wanted = tuple(layer in asked.layers for layer in LAYERS)
         surfaces = (self.world.has_instances, self.world.has_textures)
-        self.world.pose_lights(T_w_v)
+        scene = self.world.lit(T_w_v)
         if integrator == "tables":
-            return self._render_with_tables(view, T_w_v, spp, max_bounces, asked, guides, key)
+            return (yield from self._render_with_tables(scene, view, T_w_v, spp, max_bounces, asked, guides, key))
         adapts = tolerance is not None and not _is_one_pixel(view)
         film = self._film(view, spp, adapts=adapts)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
         else:
             kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
-        before = [self.world.data, self.world.camera(view, T_w_v)]
+        before = [scene, self.world.camera(view, T_w_v)]
         how = [max_scatterings, max_bounces, wp.uint32(key), film]
         first = first_samples(spp) if adapts else spp
         self._take_samples(film, kernel, before, how, first)
         if adapts:
-            noise = other_noise(*self._tile_statistics(film))
+            noise = other_noise(*(yield from self._tile_statistics(film)))
             self._take_samples(film, kernel, before, how, more_samples(noise, first, tolerance, spp))
-        return self._develop(film, asked)
+        return (yield from self._develop(film, asked))
 
-    def _render_with_tables(self, view, T_w_v, spp, max_bounces, asked, guides, key) -> RadianceImage:
+    def _render_with_tables(
+        self, scene, view, T_w_v, spp, max_bounces, asked, guides, key
+    ) -> Steps[RadianceImage]:
         """The pixels, after the grid of the veil, and the residual of the glow if there is anything to make them."""
         wanted = tuple(layer in asked.layers for layer in LAYERS)
         surfaces = (self.world.has_instances, self.world.has_textures)
@@ -314,46 +270,49 @@ class FrameRenderer:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
             each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
             spp_residual = 1.0 + max(0, spp - FEWEST_FIRST_SHARED) / each
-            residual = Residual(self.launcher, self.world, tables, max_bounces, keys[0], self._lost)
+            how = (max_bounces, keys[0], film.lost, METAL_SAMPLES if filtered else 1)
+            residual = Residual(self.launcher, scene, surfaces, tables, *how)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
-        before, how = [self.world.data, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
+        before, how = [scene, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
         self._take_samples(film, kernel, before, how, first if shares else spp)
         mean = None
         if shares:
-            mean, variance = self._tile_statistics(film)
+            mean, variance = yield from self._tile_statistics(film)
             self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
         if reflects:
-            self._add_residual(film, residual, view, camera, spp_residual, mean)
+            yield from self._add_residual(film, residual, view, camera, spp_residual, mean)
         # plain reflectances need no guides (render/denoise.py)
         guided = lit and self.world.has_textures and asked.denoise != "none"
-        return self._develop(film, asked, guides() if guided else {}, tables=True)
+        return (yield from self._develop(film, asked, guides() if guided else {}, tables=True))
 
-    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None):
+    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None
+                      ) -> Steps[None]:
         """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
         if mean is None:
-            residual.add_glow(film, view, camera, np.full(film.count.shape, round(spp)), 0.0)
+            yield from residual.add_glow(film, view, camera, round(spp), 0.0)
             return
         first, level = first_samples(spp, 1), float(mean.max(-1).mean())
-        residual.add_glow(film, view, camera, np.full(film.count.shape, first), level)
+        taken = yield from residual.add_glow(film, view, camera, first, level)
         squares = self._buffer(*film.residual.shape)
-        self.launcher.run(residual_mean_squares, squares.shape, [film], [squares])
-        noise = other_noise(mean, self._tile_means(film, squares))
-        residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
+        self.launcher.run(residual_mean_squares, squares.shape, [film, residual.metal_samples], [squares])
+        noise = other_noise(mean, *(yield from self._tile_means(film, squares)))
+        spp *= first * squares.size / taken
+        yield from residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
 
-    def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> RadianceImage:
+    def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> Steps[RadianceImage]:
         if not self.world.has_surfaces:
             shape = (*view.resolution[::-1], 3)
             image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
-            return self._denoised(image, {}, asked.denoise)
+            return (yield from self._denoised(image, {}, asked.denoise))
         film = self._film(view, spp)
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
         guided = (asked.denoise or self.scene.render.denoise_b) == "oidn"
-        return self._develop(film, asked, guides() if guided else {})
+        return (yield from self._develop(film, asked, guides() if guided else {}))
 
-    def _render_first_hits(self, view, T_w_v) -> dict[str, NormalImage | DepthImage | SegmentImage]:
+    def _render_first_hits(self, view, T_w_v, outputs) -> Steps[dict[str, NormalImage | DepthImage | SegmentImage]]:
         width, height = view.resolution
         shape = (height, width)
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -363,17 +322,20 @@ class FrameRenderer:
             camera = self.world.camera(view, T_w_v, pinhole=True)
             kernel = make_first_hits_kernel(self.world.has_instances)
             self.launcher.rows(kernel, shape, [self.world.data, camera], [normal, depth, distance, instance])
-        ids = instance.numpy()
-        return {
-            "C": NormalImage(normal.numpy()),
-            "D": DepthImage(depth.numpy(), distance.numpy()),
-            "S": SegmentImage(ids, np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids]),
-        }
+        arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
+        wanted = [letter for letter in arrays if letter in outputs]
+        fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
+        on_host = {letter: [next(fetched) for _ in arrays[letter]] for letter in wanted}
+        if "S" in on_host:
+            ids, = on_host["S"]
+            on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
+        kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
+        return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
     # ---------------------------------------------------------------------------------------------- films, launches
 
     def _film(self, view, spp: int, adapts: bool = False, residual: bool = False) -> Film:
-        """Buffers for an image, kept from frame to frame, and black.
+        """Buffers for an image, black; `_develop` keeps them for another one.
 
         Strata depend on nothing but device kind, size, spp and whether numbers of samples differ.
         """
@@ -384,13 +346,16 @@ class FrameRenderer:
             if adapts:
                 strata = max(strata, min(spp, STRATA, STRATA_PIXELS // (width * height)))
         key = (adapts, strata, residual, height, width)
-        if key not in self._films:
-            self._films[key] = self._new_film(*key)
-        film = self._films[key]
+        film = self._films[key].pop() if self._films[key] else self._new_film(*key)
         for buffer in (film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.residual,
-                       film.residual_squares, film.residual_count, film.lost):
+                       film.residual_squares, film.residual_count, film.metal, film.lost):
             buffer.zero_()
         return film
+
+    @staticmethod
+    def _kind_of(film: Film) -> tuple:
+        """The arguments of `_new_film` that made it."""
+        return len(film.count) == 2, len(film.squares), len(film.residual) > 0, *film.squares.shape[1:]
 
     def _new_film(self, adapts: bool, strata: int, residual: bool, height: int, width: int) -> Film:
         film, sides = Film(), 1 + adapts
@@ -398,11 +363,11 @@ class FrameRenderer:
             setattr(film, name, self._buffer(strata, height, width))
         pixels = (height, width) if residual else (0, 0)
         film.residual, film.residual_squares = (self._buffer(*pixels) for _ in "rs")
-        film.residual_count = wp.empty(pixels, dtype=int, device=self.device)
+        film.residual_count, film.metal = (wp.empty(pixels, dtype=int, device=self.device) for _ in "cm")
         tiles = (sides, -(-height // TILE), -(-width // TILE))
-        film.count = wp.empty(tiles, dtype=int, device=self.device)
+        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
         film.begin, film.end = (wp.empty((strata, *tiles), dtype=int, device=self.device) for _ in "be")
-        film.lost = self._lost
+        film.lost = wp.empty(1, dtype=int, device=self.device)
         return film
 
     @staticmethod
@@ -413,7 +378,7 @@ class FrameRenderer:
     def _buffer(self, *shape: int) -> wp.array:
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False):
+    def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
         shape = film.squares.shape[1:]
         names = (*LAYERS, "residual", "radiance", "stderr")
@@ -421,26 +386,33 @@ class FrameRenderer:
         self.launcher.run(develop, shape, [film], list(images.values()))
         # what a denoiser works on, still on the device
         work = {"radiance": images["radiance"]} | ({"residual": images["residual"]} if tables else {}) | (guides or {})
-        lost = int(film.lost.numpy()[0])
-        if lost:
-            warnings.warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
-                          "and the image is darker there", stacklevel=5)
-        facts = {"lost_samples": lost, "spp": _mean_over_pixels(film.count.numpy().mean(0), shape)}
         if asked.denoised_only and self._denoises(asked.denoise):
-            return RadianceImage(None, None, denoised=self._device_denoiser.denoise(**work).numpy(), **facts)
-        kept = {layer: images[layer].numpy() for layer in LAYERS if layer in asked.layers}
-        on_host = {name: image.numpy() for name, image in work.items()}
-        image = RadianceImage(**on_host, stderr=images["stderr"].numpy(), layers=kept, **facts)
-        return self._denoised(image, work, asked.denoise)
+            wanted = {"denoised": self._device_denoiser.denoise(**work)}
+        else:
+            wanted = work | {name: images[name] for name in ("stderr", *asked.layers)}
+        lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
+        self._films[self._kind_of(film)].append(film)
+        on_host = dict(zip(wanted, arrays, strict=True))
+        if lost[0]:
+            warnings.warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
+                          "and the image is darker there", stacklevel=7)
+        facts = {"lost_samples": int(lost[0]), "spp": _mean_over_pixels(count.mean(0), shape)}
+        if "denoised" in on_host:
+            return RadianceImage(None, None, **on_host, **facts)
+        layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in asked.layers}
+        image = RadianceImage(**on_host, layers=layers, **facts)
+        return (yield from self._denoised(image, work, asked.denoise))
 
-    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
+    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
+                  ) -> Steps[RadianceImage]:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
         if method is None:
             return image
         if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
-        return replace(image, denoised=self._device_denoiser.denoise(**on_device).numpy())
+        denoised, = yield from self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:
         """Whether the device does that."""
@@ -474,22 +446,22 @@ class FrameRenderer:
         even = np.ndim(samples) == 0
         if even and self.device != "cpu":
             strata = min(strata, self._even_strata(width * height))
-        wanted = np.broadcast_to(np.int32(samples), film.count.shape)
-        wanted = wp.array(np.ascontiguousarray(wanted), dtype=int, device=self.device)
-        self.launcher.run(share_samples, film.count.shape, [wanted, strata], [film])
+        self.launcher.upload(samples, film.wanted)
+        self.launcher.run(share_samples, film.count.shape, [strata], [film])
         self.launcher.rows(kernel, (height, width, strata), before, after)
 
-    def _tile_statistics(self, film: Film) -> list[np.ndarray]:
+    def _tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
         """Mean and variance of one sample, [side, tile row, tile column, 3]."""
         pixels = [self._buffer(*film.squares.shape[1:]) for _ in "mv"]
         self.launcher.run(pixel_statistics, pixels[0].shape, [film], pixels)
-        return [self._tile_means(film, array) for array in pixels]
+        return (yield from self._tile_means(film, *pixels))
 
-    def _tile_means(self, film: Film, pixels: wp.array) -> np.ndarray:
-        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3]."""
-        tiles = self._buffer(*film.count.shape)
-        self.launcher.run(average_tiles, tiles.shape, [pixels], [tiles])
-        return tiles.numpy()
+    def _tile_means(self, film: Film, *images: wp.array) -> Steps[list[np.ndarray]]:
+        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3] of each image."""
+        tiles = [self._buffer(*film.count.shape) for _ in images]
+        for pixels, means in zip(images, tiles, strict=True):
+            self.launcher.run(average_tiles, means.shape, [pixels], [means])
+        return (yield from self.launcher.fetch(*tiles))
 
 
 def _is_one_pixel(view: Camera) -> bool:

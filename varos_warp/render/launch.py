@@ -1,15 +1,49 @@
-"""Launching kernels: compiled once, at once on a GPU, in tiles of rows from a thread pool on the CPU."""
+"""Launching kernels: compiled once, at once on a GPU, in tiles of rows from a thread pool on the CPU.
+
+What a host decides while it renders follows from what a GPU has computed. Functions that need such numbers are `Steps`:
+they give up control until the numbers are there, and another frame's can go on meanwhile.
+"""
 
 import os
 import time
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
+from typing import TypeVar
 
+import numpy as np
 import warp as wp
 
 from varos_warp.kernels.conventions import BLOCK_DIM
 
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
+
+
+KEPT_BYTES = 4 << 30
+"""Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
+
+T = TypeVar("T")
+Steps = Generator[wp.Event, None, T]
+"""Work that gives the event to wait for whenever it needs to; what it returns in the end is a T."""
+
+
+def finish(steps: Steps[T], turn: Callable[[], AbstractContextManager] = nullcontext) -> T:
+    """Do all steps.
+
+    Args:
+        steps: The work.
+        turn: Makes what is held during every step, and not while the device is waited for: Warp's functions are not for
+            several threads at once.
+    """
+    while True:
+        with turn():
+            try:
+                event = next(steps)
+            except StopIteration as end:
+                return end.value
+        wp.synchronize_event(event)
 
 
 def usable_cores() -> int:
@@ -30,6 +64,8 @@ class Launcher:
         self.threads = threads or usable_cores()
         self.compile_seconds = 0.0
         self._loaded: set = set()
+        if device != "cpu" and wp.is_mempool_enabled(device):
+            wp.set_mempool_release_threshold(device, KEPT_BYTES)
 
     def load(self, kernel):
         """Compile a kernel before threads need it, and count the time apart."""
@@ -39,6 +75,34 @@ class Launcher:
             kernel.module.load(self.device, block_dim=1 if self.device == "cpu" else BLOCK_DIM)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
+
+    def fetch(self, *arrays: wp.array) -> Steps[list[np.ndarray]]:
+        """Arrays on the host, once the device has filled them."""
+        if self.device == "cpu":
+            return [array.numpy() for array in arrays]
+        yield wp.get_stream(self.device).record_event()
+        # on a stream of their own, or they would wait for all that was launched since
+        on_host = [wp.empty(array.shape, dtype=array.dtype, device="cpu") for array in arrays]
+        for array, copy in zip(arrays, on_host, strict=True):
+            wp.copy(copy, array, stream=self._copies)
+        wp.synchronize_stream(self._copies)
+        return [copy.numpy() for copy in on_host]
+
+    def upload(self, values: np.ndarray | int, array: wp.array):
+        """Fill an array that nothing launched still needs. The host does not wait for what was launched before."""
+        if np.ndim(values) == 0:
+            array.fill_(values)
+            return
+        on_host = wp.array(values, dtype=array.dtype, device="cpu")
+        if self.device == "cpu":
+            wp.copy(array, on_host)
+        else:
+            wp.copy(array, on_host, stream=self._copies)
+            wp.synchronize_stream(self._copies)
+
+    @cached_property
+    def _copies(self) -> wp.Stream:
+        return wp.Stream(self.device)
 
     def run(self, kernel, dim, inputs, outputs):
         """Run a kernel as a whole."""

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import laplace, uniform_filter
 
 from varos_warp.render.adapt import DARK, brightness
+from varos_warp.render.denoise import denoise_image
 from varos_warp.scene.description import Camera, Scene
 
 SCOUT_POSES = 5
@@ -33,9 +34,10 @@ class View:
     camera: Camera
     """With the resolution of the pilot."""
     T_w_v: np.ndarray
-    spp: int
     image: Any
     """`RadianceImage` of A."""
+    twin: Any
+    """The same with other random numbers."""
     range: np.ndarray
     """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
     given_camera: Camera | None = None
@@ -65,16 +67,20 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
         for given in scene.vehicle.cameras:
             camera = pilot_camera(given)
             spp = round(SCOUT_SPP * SCOUT_PIXELS / np.prod(camera.resolution))
-            made = renderer.render(poses[frame], camera, "AD", spp=spp, max_scatterings=render.max_scatterings,
-                                   max_bounces=render.max_bounces, layers=tuple(render.layers), frame=frame,
-                                   integrator=render.integrator)
-            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], spp, made.A, made.D.range, given)
+            how = {"spp": spp, "max_scatterings": render.max_scatterings, "max_bounces": render.max_bounces,
+                   "layers": tuple(render.layers), "frame": frame, "integrator": render.integrator}
+            made = renderer.render(poses[frame], camera, "AD", **how)
+            twin = renderer.render(poses[frame], camera, "A", seed=SEED, **how).A
+            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], made.A, twin, made.D.range, given)
 
 
-def scouted_noise(view: View) -> np.ndarray:
-    """Relative standard error [3] of one sample, from the scout's own estimates: for comparing views."""
-    variance = view.spp * np.square(view.image.stderr, dtype=np.float64).mean((0, 1))
-    return _relative(variance, view.image.radiance[None].astype(np.float64))
+def scouted_noise(view: View, method: str) -> np.ndarray:
+    """Relative RMS [3] of the noise that a denoiser leaves in an image of the scout, for comparing views.
+
+    Not that before it: what is noisy in many pixels at once, a denoiser finds easy, and rare pixels it does not.
+    """
+    one, two = (denoise_image(image, method).astype(np.float64) for image in (view.image, view.twin))
+    return _relative(0.5 * ((one - two) ** 2).mean((0, 1)), np.array([one, two]))
 
 
 # ------------------------------------------------------------------------------------------ errors without reference

@@ -250,8 +250,9 @@ class _Planner:
 
     @cached_property
     def worst(self) -> View:
-        """The noisiest view."""
-        return max(self.views, key=lambda view: pilot.scouted_noise(view).max())
+        """The view in which most noise is left."""
+        method = available_method(self.render.denoise)
+        return max(self.views, key=lambda view: pilot.scouted_noise(view, method).max())
 
     @property
     def pixels(self) -> int:

@@ -9,14 +9,15 @@ import warp as wp
 from varos_warp.kernels.camera import Camera as CameraData
 from varos_warp.kernels.film import Film
 from varos_warp.kernels.glow import add_counts, add_residual, count_starts, list_starts, make_start_glow_kernel
+from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.residual import make_block_kernel, make_reflect_kernel
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
-from varos_warp.render.launch import Launcher
+from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.description import Camera
-from varos_warp.scene.device import DeviceScene
+from varos_warp.scene.device import kind_of
 
 LIT_POINTS = 1 << 14
 CELLS = 16
@@ -25,12 +26,12 @@ SLABS, SCALE_M, FARTHEST_M = 12, 1.0, 200.0
 """Slabs of a ray; they widen in proportion to the distance beyond SCALE_M, and end at FARTHEST_M."""
 LEAST_SAMPLES, MOST_SAMPLES = 64, 512
 """Samples of every slab at every node: as many as of a pixel, within these bounds."""
-MOST_STARTS = 1 << 20
-"""Walks at a time; each takes about 170 bytes."""
+MOST_STARTS = {"cpu": 1 << 20, "cuda": 1 << 22}
+"""Walks at a time, by kind of device; each takes about 170 bytes. At the end of each lot, a GPU is less than full."""
 MOST_LISTED = 1 << 30
 """Samples that are listed at once: their numbers have 32 bits."""
 WALK_THREADS = 1 << 17
-"""Threads that share them on a GPU, each taking one after the other."""
+"""Threads that share them on a GPU, each taking the next one when it is done."""
 CPU_TILE = 1 << 10
 
 
@@ -60,22 +61,23 @@ class Residual:
 
     Args:
         launcher: runs the kernels.
-        world: the scene, its lamps at the frame's pose.
+        scene: the scene, its lamps at the frame's pose.
+        kinds: whether it has instances, and whether it has textures.
         tables: of the camera.
         max_bounces: most reflections on surfaces.
         key: of the random numbers.
         lost: counts samples that are not numbers, as of a film.
+        metal_samples: that pixels with metal take for one of others.
     """
 
-    def __init__(self, launcher: Launcher, world: DeviceScene, tables: Tables, max_bounces: int, key: int,
-                 lost: wp.array):
-        self.launcher, self.world, self.tables, self.max_bounces = launcher, world, tables, max_bounces
-        self.lost = lost
+    def __init__(self, launcher: Launcher, scene: SceneData, kinds: tuple[bool, bool], tables: Tables,
+                 max_bounces: int, key: int, lost: wp.array, metal_samples: int):
+        self.launcher, self.scene, self.kinds, self.tables = launcher, scene, kinds, tables
+        self.max_bounces, self.lost, self.metal_samples = max_bounces, lost, metal_samples
         self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
-        self.kinds = (world.has_instances, world.has_textures)
         self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
         kernel = make_lit_points_kernel(*self.kinds)
-        launcher.run(kernel, self.lit_points.shape, [world.data, wp.uint32(self.keys[0])], [self.lit_points])
+        launcher.run(kernel, self.lit_points.shape, [scene, wp.uint32(self.keys[0])], [self.lit_points])
 
     def fill_veil(self, grid: VeilGrid, view: Camera, pinhole: CameraData, spp: float):
         """Fill the grid for an image of ``spp`` samples per pixel."""
@@ -84,7 +86,7 @@ class Residual:
         key = self.keys[1]
         starts = wp.empty(shape, dtype=Walk, device=self.launcher.device)
         places, points = (wp.empty(shape, dtype=int, device=self.launcher.device) for _ in "pp")
-        before = [self.world.data, pinhole]
+        before = [self.scene, pinhole]
         after = [grid, wp.vec2(*map(float, view.resolution)), wp.uint32(key), starts, places, points]
         self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
         light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
@@ -92,40 +94,47 @@ class Residual:
         self._walk(*flat, key, pinhole.position, halo_width(pinhole, view))
         means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
         self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
-        self.launcher.run(sum_slabs, nodes, [self.world.data, means], [grid])
+        self.launcher.run(sum_slabs, nodes, [self.scene, means], [grid])
 
-    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray, level: float):
+    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray | int, level: float
+                 ) -> Steps[int]:
         """Add samples of the glow's residual and the halo to a film.
 
         Args:
             film: the film.
             view: the camera.
             camera: its record.
-            more: so many per pixel, int [side, tile row, tile column].
+            more: so many per pixel, int [side, tile row, tile column], or the same for all.
             level: about the radiance of the image, for glow.thinned; 0: not known.
-        """
-        more, at_once = np.asarray(more, np.int32), MOST_LISTED // int(np.prod(view.resolution))
-        while more.any():
-            now = np.minimum(more, at_once)
-            self._add_glow(film, view, camera, now, level)
-            more = more - now
 
-    def _add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray, level: float):
+        Returns:
+            How many that were in all.
+        """
+        total, at_once = 0, max(1, MOST_LISTED // (int(np.prod(view.resolution)) * self.metal_samples))
+        while np.any(more):
+            now = np.minimum(more, at_once)
+            total += yield from self._add_glow(film, view, camera, now, level)
+            more = more - now
+        return total
+
+    def _add_glow(self, film: Film, view: Camera, camera: CameraData, more, level: float) -> Steps[int]:
         """As add_glow, of a list of samples that is not too long."""
         width, height = view.resolution
         device, pixels = self.launcher.device, (height, width)
         counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
-        wanted = wp.array(np.ascontiguousarray(more), dtype=int, device=device)
-        self.launcher.run(count_starts, counts.shape, [wanted, width], [counts])
+        self.launcher.upload(more, film.wanted)
+        self.launcher.run(count_starts, counts.shape, [film, self.metal_samples], [counts])
         wp.utils.array_scan(counts, ends, inclusive=True)
-        total = int(ends[-1:].numpy()[0])
-        for begin in range(0, total, MOST_STARTS):
-            end = min(begin + MOST_STARTS, total)
+        total, = (int(last[0]) for last in (yield from self.launcher.fetch(ends[-1:])))
+        most = MOST_STARTS[kind_of(device)]
+        for begin in range(0, total, most):
+            end = min(begin + most, total)
             places, points = (wp.empty(end - begin, dtype=int, device=device) for _ in "pp")
             self.launcher.run(list_starts, counts.shape, [ends, film.residual_count, begin, end], [places, points])
             light = self._glow(view, camera, level, places, points)
             self.launcher.run(add_residual, pixels, [ends, light, begin, end], [film])
         self.launcher.run(add_counts, pixels, [counts], [film])
+        return total
 
     def _glow(self, view: Camera, camera: CameraData, level: float, places, points) -> wp.array:
         """Light of samples of the residual."""
@@ -134,7 +143,7 @@ class Residual:
         after = [view.resolution[0], halo_width(camera, view), level, wp.uint32(self.keys[2]), places, points, starts,
                  light]
         kernel = make_start_glow_kernel(*self.kinds)
-        self.launcher.rows(kernel, places.shape, [self.world.data, camera], after, tile_rows=CPU_TILE)
+        self.launcher.rows(kernel, places.shape, [self.scene, camera], after, tile_rows=CPU_TILE)
         self._walk(starts, places, points, light, self.keys[2])
         return light
 
@@ -143,7 +152,7 @@ class Residual:
 
         Random numbers are those of the ``points`` of the ``places``' sequences.
         """
-        scene, walks, key = self.world.data, [starts, places, points], wp.uint32(key)
+        scene, walks, key = self.scene, [starts, places, points], wp.uint32(key)
         reflected = [*walks, self.tables, self.lit_points, self.max_bounces, wp.vec3(*eye), halo, key, light]
         block, count = make_block_kernel(self.kinds[0]), starts.shape[0]
         self._over(block, scene, count, [*walks, key, light])
@@ -154,5 +163,6 @@ class Residual:
     def _over(self, kernel, scene, count: int, arguments):
         """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
         threads = count if self.launcher.device == "cpu" else min(count, WALK_THREADS)
-        before, after = [scene], [threads, *arguments]
+        taken = wp.zeros(1, dtype=int, device=self.launcher.device)
+        before, after = [scene], [threads, taken, *arguments]
         self.launcher.rows(kernel, (threads,), before, after, tile_rows=CPU_TILE)

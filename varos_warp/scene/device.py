@@ -49,7 +49,7 @@ faster."""
 
 
 class DeviceScene:
-    """Owns everything that kernels read of a scene; ``data`` holds the handles.
+    """Owns everything that kernels read of a scene; ``data`` holds the handles, of all but the lights (`lit`).
 
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
     """
@@ -68,8 +68,6 @@ class DeviceScene:
         self.data.medium = medium_record(self.water)
         if parts:
             self._upload_geometry(parts)
-        self.lights = wp.zeros(len(scene.vehicle.lights), dtype=LightData, device=device)
-        self.data.lights = self.lights
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """One mesh of all parts in world axes, one of each instanced mesh in its own; arrays per face hold all."""
@@ -162,11 +160,14 @@ class DeviceScene:
                 turned += [own @ (T[:3, :3].T / np.cbrt(np.linalg.det(T[:3, :3]))) for T in part.T_w_o]
         return self._array(np.concatenate(turned).reshape(-1, 3).astype(np.float32), wp.vec3)
 
-    def pose_lights(self, T_w_v: np.ndarray):
-        """Put the vehicle's lights where a pose of the vehicle has them."""
+    def lit(self, T_w_v: np.ndarray) -> SceneData:
+        """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
+        scene = SceneData()
+        for name in SceneData.vars:
+            setattr(scene, name, getattr(self.data, name))
         records = [light_record(light, T_w_v, self.origin) for light in self.scene.vehicle.lights]
-        if records:
-            self.lights.assign(wp.array(records, dtype=LightData, device=self.device))
+        scene.lights = self._array(records, LightData)
+        return scene
 
     def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:
         """Camera record for a pose of the vehicle; ``pinhole`` leaves out the depth of field."""

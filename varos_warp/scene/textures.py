@@ -117,7 +117,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
         gaussian.append(g)
         quantiles.append(quantile)
     levels = _levels(np.stack(gaussian, axis=1).reshape(reflectance.shape))
-    colours = np.stack([_colours(quantiles, levels[0], level) for level in levels])
+    variance = levels[0].var(axis=(0, 1))
+    colours = np.stack([_colours(quantiles, variance, level) for level in levels])
     texels = _pack([(level + REACH) / (2 * REACH) for level in levels])
     return Pyramid(texels, levels[0].shape[1], levels[0].shape[0], len(levels), colours.astype(np.float32), basis)
 
@@ -142,10 +143,10 @@ def _gaussianise(values, rng):
     return g, lambda p: np.interp(p, middles, means)
 
 
-def _colours(quantiles, finest, level):
-    """What each of VALUES Gaussian means stands for on a level, [VALUES, 3]."""
+def _colours(quantiles, variance, level):
+    """What each of VALUES Gaussian means stands for on a level, [VALUES, 3]; ``variance`` is that of the finest."""
     g = (np.arange(VALUES) + 0.5) / VALUES * 2 * REACH - REACH
-    lost = np.sqrt(np.maximum(finest.var(axis=(0, 1)) - level.var(axis=(0, 1)), 0.0))
+    lost = np.sqrt(np.maximum(variance - level.var(axis=(0, 1)), 0.0))
     return np.stack([q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1) for q, s in zip(quantiles, lost, strict=True)],
                     axis=1)
 

@@ -1,0 +1,67 @@
+"""The images of a frame, as arrays on the host."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RadianceImage:
+    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]; None where only ``denoised`` was asked for."""
+
+    radiance: np.ndarray | None
+    stderr: np.ndarray | None
+    """Standard error of the mean; inf for one sample."""
+    layers: dict[str, np.ndarray] = field(default_factory=dict)
+    """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
+    residual: np.ndarray | None = None
+    """Of A made with tables: the only part with much noise, which may be negative. What surfaces add to the scattered
+    light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
+    albedo: np.ndarray | None = None
+    normal: np.ndarray | None = None
+    """Guides for denoising B, or the residual of A, at the centres of the pixels: what the surface reflects, and its
+    normal in the world as in C; zeros where nothing is hit."""
+    denoised: np.ndarray | None = None
+    """The radiance with less noise, where that was asked for."""
+    spp: float | None = None
+    """Samples per pixel, mean over the image."""
+    lost_samples: int = 0
+    """Samples that were infinite or not a number, at least so many; they count as black. A warning tells of any."""
+
+
+@dataclass(frozen=True)
+class NormalImage:
+    """World normals towards the camera, float32 [H, W, 3]; zeros where nothing is hit."""
+
+    normal: np.ndarray
+
+
+@dataclass(frozen=True)
+class DepthImage:
+    """Distances [m] of the pixel centres' first hits, float32 [H, W]; inf where nothing is hit."""
+
+    depth: np.ndarray
+    """Planar, along the camera's z axis."""
+    range: np.ndarray
+    """Along the ray."""
+
+
+@dataclass(frozen=True)
+class SegmentImage:
+    """What the pixel centres' rays hit first, int32 [H, W]; 0 where nothing is hit. See `FrameRenderer.segments`."""
+
+    instance: np.ndarray
+    """Number of the terrain or object, from 1."""
+    material: np.ndarray
+    """Number of its material in the scene file, from 1; 0 also where it has none."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What was asked for of one pose; the rest is None."""
+
+    A: RadianceImage | None = None
+    B: RadianceImage | None = None
+    C: NormalImage | None = None
+    D: DepthImage | None = None
+    S: SegmentImage | None = None
