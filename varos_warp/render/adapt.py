@@ -9,6 +9,8 @@ Paths go on until each tile has the standard error asked for (`more_samples`). T
 proportion to the noise of one, which is how they leave the least error in all (`share_out`; Neyman 1934).
 """
 
+from functools import reduce
+
 import numpy as np
 from scipy.ndimage import uniform_filter
 
@@ -45,8 +47,14 @@ def other_noise(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
         variance: Variance of one sample, alike.
     """
     level = np.array([brightness(side.mean((0, 1))) for side in mean[::-1]])[:, None, None] ** 2
-    other = np.divide(variance[::-1], level, out=np.zeros_like(variance), where=level > 0.0).max(-1)
+    scale = np.divide(1.0, level, out=np.zeros_like(level), where=level > 0.0)
+    other = worst_channel(variance[::-1] * scale)
     return np.maximum(other, uniform_filter(other, (1, 3, 3), mode="nearest"))
+
+
+def worst_channel(images: np.ndarray) -> np.ndarray:
+    """The largest of the channels [..., 3]; numpy's ``max`` over so short an axis takes ten times longer."""
+    return reduce(np.maximum, np.moveaxis(images, -1, 0))
 
 
 def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> np.ndarray:
@@ -83,7 +91,8 @@ def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
     low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
     for _ in range(20):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if np.clip(middle * deviation, taken, most).mean() <= spp else (low, middle)
+        mean = np.minimum(np.maximum(middle * deviation, taken), most).mean()
+        low, high = (middle, high) if mean <= spp else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn
     turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)
     return np.floor(np.clip(low * deviation, taken, most) + turn).astype(np.int32) - taken

@@ -86,10 +86,12 @@ def _check_method(method: str) -> None:
 
 
 QUALITY, RESIDUAL_QUALITY = "high", "balanced"
-"""Of Open Image Denoise: of a whole image, and of a residual, for which the fast network does as well at half the time.
+"""Of Open Image Denoise: of a whole image, and of a residual. Munkholmen at 1280 x 720, 12 samples, red, green, blue:
+0.0193, 0.0184, 0.0206 with the fast network and guides, 0.0180, 0.0176, 0.0193 balanced, 0.0179, 0.0176, 0.0192 high,
+in 2.3, 3.9 and 8.4 CPU-seconds, and with no measurable difference of time on an H200.
 
-Relative RMSE at 320 x 180, tables, against an independent reference less its noise (the reference scene) and
-against 192 samples per pixel (Munkholmen, where textures are; red, in the 58 % of pixels that these make clean):
+Smaller images: relative RMSE at 320 x 180, tables, against an independent reference less its noise (the reference
+scene) and against 192 samples per pixel (Munkholmen, where textures are; red, in the 58 % of pixels that these clean):
 
     spp   reference scene:  whole    fast   guides    high   clipped   Munkholmen:  whole    fast   guides    high
       2                    0.0232  0.0171   0.0171  0.0169    0.0182               0.0623  0.0334   0.0286  0.0311

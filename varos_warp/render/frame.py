@@ -26,6 +26,7 @@ from varos_warp.render.adapt import (
     more_samples,
     other_noise,
     share_out,
+    worst_channel,
 )
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
@@ -292,7 +293,7 @@ class FrameRenderer:
         if mean is None:
             yield from residual.add_glow(film, view, camera, round(spp), 0.0)
             return
-        first, level = first_samples(spp, 1), float(mean.max(-1).mean())
+        first, level = first_samples(spp, 1), float(worst_channel(mean).mean())
         taken = yield from residual.add_glow(film, view, camera, first, level)
         squares = self._buffer(*film.residual.shape)
         self.launcher.run(residual_mean_squares, squares.shape, [film, residual.metal_samples], [squares])
