@@ -15,6 +15,7 @@ from varos_warp.dataset.pipeline import GIVE_UP, Rendered, render_frames, room
 from varos_warp.dataset.store import ImageJob, Store, Stored, develop
 from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
+from varos_warp.render import launch
 from varos_warp.render.launch import usable_cores
 from varos_warp.render.outputs import OUTPUTS
 
@@ -61,6 +62,9 @@ class Writer:
         return Stored()
 
 
+both = pytest.mark.parametrize("at_once", [1, 2])
+
+
 def go(renderer, writer, jobs=JOBS, **options):
     return render_frames(renderer, writer, PLAN, jobs, lambda frame: np.eye(4), **options)
 
@@ -95,16 +99,19 @@ def test_room_is_bounded_on_large_machines():
     assert [room(cores) for cores in (1, 2, 8, 16, 128)] == [2, 2, 4, 8, 8]
 
 
-def test_a_full_disk_ends_the_run_at_once():
+@both
+def test_a_full_disk_ends_the_run_at_once(at_once):
     renderer = Renderer()
     with pytest.raises(InputError, match="no space"):
-        go(renderer, Writer(fail={2: InputError("no space")}), [ImageJob(f, "L0", "D") for f in range(100)])
+        go(renderer, Writer(fail={2: InputError("no space")}), [ImageJob(f, "L0", "D") for f in range(100)],
+           at_once=at_once)
     assert len(renderer.calls) < 10
 
 
-def test_failures_are_noted_and_the_rest_is_written():
+@both
+def test_failures_are_noted_and_the_rest_is_written(at_once):
     writer, said = Writer(fail={2: OSError("odd"), 7: MemoryError("none left")}), []
-    made = go(Renderer(), writer, say=said.append)
+    made = go(Renderer(), writer, say=said.append, at_once=at_once)
     assert [(job.frame, str(error)) for job, error in made.failures] == [(2, "odd"), (7, "none left")]
     assert sorted(writer.written) == [0, 1, 3, 4, 5, 6, 8, 9, 10, 11]
     assert said == ["frame 2, camera L0 failed: odd", "frame 7, camera L0 failed: none left"]
@@ -117,11 +124,63 @@ def test_a_frame_of_which_no_image_can_be_written_counts_once():
     assert len(writer.written) == 33
 
 
-def test_images_that_can_never_be_written_are_given_up():
+@both
+def test_images_that_can_never_be_written_are_given_up(at_once):
     renderer = Renderer()
     with pytest.raises(OSError, match="odd"):
-        go(renderer, Writer(fail=dict.fromkeys(range(12), OSError("odd"))))
+        go(renderer, Writer(fail=dict.fromkeys(range(12), OSError("odd"))), at_once=at_once)
     assert len(renderer.calls) <= GIVE_UP + room(usable_cores())
+
+
+def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypatch):
+    """While one waits for what it asked of the device, the other goes on; results are those of one by one."""
+    turn, using, waiting, most = threading.Lock(), set(), set(), []
+
+    class Stepping(Renderer):
+        def steps(self, T_w_v, camera, outputs, *, frame, **options):
+            for _ in range(3):
+                using.add(frame)
+                assert turn.locked()
+                most.append((len(using), len(waiting)))
+                time.sleep(0.002)
+                using.remove(frame)
+                yield frame
+            return self.render(T_w_v, camera, outputs, frame=frame, **options)
+
+    def wait(frame):
+        waiting.add(frame)
+        time.sleep(0.01)
+        waiting.remove(frame)
+
+    monkeypatch.setattr(launch.wp, "synchronize_event", wait)
+    writer = Writer()
+    made = go(Stepping(), writer, turn=lambda: turn, at_once=2)
+    assert sorted(writer.written) == list(range(12))
+    assert sorted(entry["frame"] for entry in made.timings) == list(range(12))
+    assert max(users for users, _ in most) == 1
+    assert max(others for _, others in most) == 1
+
+
+def test_what_failed_holds_no_buffers():
+    """The frames of its traceback would, for as long as the failure is told of at the end."""
+    renderer, held = Renderer(), []
+
+    class Buffer:
+        pass
+
+    def steps(*_, frame, **__):
+        buffer = Buffer()
+        held.append(weakref.ref(buffer))
+        raise MemoryError(f"none left for {frame}")
+        yield
+
+    renderer.steps = steps
+    made = Rendered()
+    with pytest.raises(MemoryError, match="none left"):
+        go(renderer, Writer(), made=made)
+    gc.collect()
+    assert len(made.failures) == len(held) == GIVE_UP
+    assert all(ref() is None for ref in held[:-1])  # the last one is the exception that pytest holds
 
 
 def test_an_interrupted_run_ends_with_what_is_under_way_written_and_known():

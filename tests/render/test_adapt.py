@@ -160,7 +160,8 @@ def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share
 
     shared = images(0)
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
-    monkeypatch.setattr(frame, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    monkeypatch.setattr(frame, "share_out",
+                        lambda noise, taken, spp, cost=1.0: np.full(noise.shape, round(spp) - taken))
     even = images(100)
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()
@@ -187,11 +188,8 @@ def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
     assert image.spp >= (16 if resolution == (1, 1) else 2)
 
 
-def test_metal_gets_more_samples_where_the_residual_is_denoised_without_bias():
-    """A bare metal plate on a floor, 24 images of each kind: the same mean, and metal has at most half of the variance.
-
-    What metals mirror of the lit water is residual. The numbers for the rest are about the same.
-    """
+def plate_on_a_floor(half: float) -> FrameRenderer:
+    """A bare metal plate, so wide to each side, on a floor under a lamp."""
     view = {"resolution": [48, 32], "rotation_euler_deg": [-90, 0, 0]}
     lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
     water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
@@ -203,10 +201,15 @@ def test_metal_gets_more_samples_where_the_residual_is_denoised_without_bias():
         return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material)
 
     parts = [plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.3] * 3)),
-             plate("plate", 0.2, -1.4, Metal(kind="metal", base=[0.6, 0.6, 0.6], roughness=0.4))]
-    renderer = FrameRenderer(scene, "cpu", parts=parts)
+             plate("plate", half, -1.4, Metal(kind="metal", base=[0.6, 0.6, 0.6], roughness=0.4))]
+    return FrameRenderer(scene, "cpu", parts=parts)
+
+
+def test_metal_gets_more_samples_where_the_residual_is_denoised_without_bias():
+    """24 images of each kind: the same mean; metal has far less variance (a third, measured, and 5 % uncertain)."""
+    renderer = plate_on_a_floor(0.08)
     metal = renderer.render(np.eye(4), outputs="S").S.instance == 2
-    assert 0.02 < metal.mean() < 0.2
+    assert 0.01 < metal.mean() < 0.1
     plain, denoised = (np.array([renderer.render(np.eye(4), outputs="A", spp=24, seed=50 * k + i,
                                                  denoise=method).A.residual
                                  for i in range(24)], float) for k, method in enumerate(("none", "oidn")))
@@ -214,4 +217,32 @@ def test_metal_gets_more_samples_where_the_residual_is_denoised_without_bias():
         means = [images[:, where].mean(1) for images in (plain, denoised)]
         error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
         assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
-    assert denoised[:, metal].var(axis=0, ddof=1).mean() < 0.5 * plain[:, metal].var(axis=0, ddof=1).mean()
+    assert denoised[:, metal].var(axis=0, ddof=1).mean() < 0.6 * plain[:, metal].var(axis=0, ddof=1).mean()
+
+
+@pytest.mark.parametrize("half", [0.2, 0.8, 9.0])
+def test_images_with_metal_have_no_more_samples_of_the_residual_than_planned(monkeypatch, half):
+    """Within the rounding of each tile's number; some metal, mostly metal, nothing else."""
+    taken, glow = [], residual.Residual._glow
+
+    def counted(self, view, camera, level, places, points):
+        taken.append(places.shape[0])
+        return glow(self, view, camera, level, places, points)
+
+    monkeypatch.setattr(residual.Residual, "_glow", counted)
+    renderer = plate_on_a_floor(half)
+    for spp in (8, 24):
+        taken.clear()
+        renderer.render(np.eye(4), outputs="A", spp=spp, denoise="oidn")
+        planned = 1.0 + (spp - 2) / frame.PIXEL_SAMPLES_DENOISED
+        assert sum(taken) / (48 * 32) == pytest.approx(planned, rel=0.15)
+        assert len(taken) == 2  # some are left to be shared out
+
+
+def test_shares_cost_as_much_as_there_is_to_spend():
+    """And a costly tile gets fewer, by the root of what one costs."""
+    noise, cost = np.ones((2, 30, 40)), np.ones((2, 30, 40))
+    cost[:, :, 20:] = 4.0
+    shares = 2 + share_out(noise, 2, 20.0, cost)
+    assert (cost * shares).mean() == pytest.approx(20.0, rel=0.01)
+    assert shares[..., :20].mean() == pytest.approx(2.0 * shares[..., 20:].mean(), rel=0.02)

@@ -1,6 +1,6 @@
 """Rendering, with denoising and writing beside it.
 
-The calling thread renders, or on a GPU a few that take turns. A pool of threads denoises, encodes and writes, a task
+The calling thread renders, or a few that take turns (`AT_ONCE`). A pool of threads denoises, encodes and writes, a task
 for each image type: compression, EXR files and array arithmetic leave the interpreter free (measured: Pillow 13,
 OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `room` frames are between the renderer
 and the disk, which bounds the memory whichever the length of the sequence.
@@ -8,6 +8,7 @@ and the disk, which bounds the memory whichever the length of the sequence.
 
 import contextlib
 import threading
+import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -154,15 +155,19 @@ class _Run:
         try:
             with self.place, self.clock("render"):
                 image, seconds = self.timed(job)
-            writing = [self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
-                       for letter in job.letters]
-            with self.noting:
-                self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
-                                          "seconds": round(seconds, 4)} | self.samples_of(job, image))
-            return writing
-        finally:
+        except InputError:
+            raise
+        except Exception:
             with self.noting:
                 self.done()
+            raise
+        writing = [self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
+                   for letter in job.letters]
+        with self.noting:
+            self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
+                                      "seconds": round(seconds, 4)} | self.samples_of(job, image))
+            self.done()
+        return writing
 
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling."""
@@ -211,6 +216,7 @@ class _Run:
     def fail(self, job: ImageJob, *errors: Exception) -> None:
         """Note what kept a job from being made, or give up: jobs count, however many of their images fail."""
         for error in errors:
+            traceback.clear_frames(error.__traceback__)  # which hold images, and buffers on the device
             self.made.failures.append((job, error))
             self.say(f"frame {job.frame}, camera {job.camera} failed: {error}")
         self.in_a_row += 1

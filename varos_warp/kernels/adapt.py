@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean, weight_of
+from varos_warp.kernels.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,16 +27,30 @@ def pixel_statistics(
 
 
 @wp.kernel(enable_backward=False)
+def metal_pixels(film: Film, metal: wp.array2d(dtype=wp.vec3d)):
+    """1 for pixels with metal, else 0, in every channel."""
+    row, col = wp.tid()
+    metal[row, col] = wp.vec3d(wp.float64(film.metal[row, col]))
+
+
+@wp.kernel(enable_backward=False)
 def residual_mean_squares(
     film: Film,
     metal_samples: int,
+    denoised: float,
     # out
     squares: wp.array2d(dtype=wp.vec3d),
 ):
-    """Mean square of what a pixel takes for one sample of its tile: about its variance, for it is mostly noise."""
+    """Mean square of what a pixel takes for one sample of its tile: about its variance, for it is mostly noise.
+
+    A denoiser takes away all but one part in ``denoised`` of it where there is no metal.
+    """
     row, col = wp.tid()
-    at_once = weight_of(film, metal_samples, row, col)
-    squares[row, col] = film.residual_squares[row, col] / wp.float64(at_once * film.residual_count[row, col])
+    square = film.residual_squares[row, col] / wp.float64(film.residual_count[row, col])
+    if film.metal[row, col] == 1:
+        squares[row, col] = square / wp.float64(metal_samples)
+    else:
+        squares[row, col] = square / wp.float64(denoised)
 
 
 @wp.kernel(enable_backward=False)

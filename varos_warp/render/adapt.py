@@ -70,20 +70,24 @@ def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> n
     return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
 
 
-def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
+def share_out(noise: np.ndarray, taken: int, spp: float, cost: np.ndarray | float = 1.0) -> np.ndarray:
     """Further samples per pixel of each side and tile, int32 [2, rows, columns]: ``spp`` in all on average, or fewer.
 
-    In proportion to the deviation of one sample; the numbers of each side are found by itself.
+    In proportion to the deviation of one sample over the root of what it costs; the numbers of each side are found by
+    itself.
 
     Args:
         noise: Relative variance of one sample, of `other_noise`.
         taken: Samples that every pixel has.
         spp: Samples per pixel, mean over the image.
+        cost: How many one of a tile's stands for, as `noise`.
     """
-    return np.stack([_share_out(np.sqrt(side), taken, spp) for side in noise])
+    cost = np.broadcast_to(cost, noise.shape)
+    sides = zip(noise, cost, strict=True)
+    return np.stack([_share_out(np.sqrt(side / each), taken, spp, each) for side, each in sides])
 
 
-def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
+def _share_out(deviation: np.ndarray, taken: int, spp: float, cost: np.ndarray) -> np.ndarray:
     if not deviation.any():
         return np.zeros(deviation.shape, np.int32)
     most = max(MOST_SHARED * spp, taken)
@@ -91,7 +95,7 @@ def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
     low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
     for _ in range(20):
         middle = np.sqrt(low * high)
-        mean = np.minimum(np.maximum(middle * deviation, taken), most).mean()
+        mean = (cost * np.minimum(np.maximum(middle * deviation, taken), most)).mean()
         low, high = (middle, high) if mean <= spp else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn
     turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)

@@ -17,9 +17,9 @@ MOST_COSTED = 16
 def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
     """Seconds that rendering by a `Plan` takes on this device, from the middle pose; without denoising and writing."""
     asked = scene.render.outputs
-    groups = {letters: bool(set(letters) & set(asked)) for letters in ("A", "B", "CDS")}
+    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "B", "CDS"))
     seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, plan)
-                            for camera in scene.vehicle.cameras) for letters, wanted in groups.items() if wanted}
+                            for camera in scene.vehicle.cameras) for letters in groups if letters}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
             "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
@@ -44,7 +44,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan) 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
     if renderer.device != "cpu":  # a GPU is not full with a small image
         return measured(camera, 1.0)
-    samples = {"A": plan.spp, "B": scene.render.spp_b, "CDS": 1}[letters]
+    samples = {"A": plan.spp, "B": scene.render.spp_b}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / samples)
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
     at_large = measured(large, factor)

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.adapt import average_tiles, pixel_statistics, residual_mean_squares
+from varos_warp.kernels.adapt import average_tiles, metal_pixels, pixel_statistics, residual_mean_squares
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
@@ -50,7 +50,8 @@ PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
 denoised afterwards (measured)."""
 METAL_SAMPLES = 8
 """Samples of the residual that pixels with metal take for one of others, where it is denoised: what metals mirror is
-too sharp for a denoiser to tell from noise."""
+too sharp for a denoiser to tell from noise, and it takes about so many times more of the others' variance (measured).
+Fewer where there is much metal: the samples of an image stay as many."""
 
 
 class Asked(NamedTuple):
@@ -271,8 +272,7 @@ class FrameRenderer:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
             each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
             spp_residual = 1.0 + max(0, spp - FEWEST_FIRST_SHARED) / each
-            how = (max_bounces, keys[0], film.lost, METAL_SAMPLES if filtered else 1)
-            residual = Residual(self.launcher, scene, surfaces, tables, *how)
+            residual = Residual(self.launcher, scene, surfaces, tables, max_bounces, keys[0], film.lost)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
         before, how = [scene, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
@@ -282,24 +282,29 @@ class FrameRenderer:
             mean, variance = yield from self._tile_statistics(film)
             self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
         if reflects:
-            yield from self._add_residual(film, residual, view, camera, spp_residual, mean)
+            most_on_metal = METAL_SAMPLES if filtered else 1
+            yield from self._add_residual(film, residual, view, camera, spp_residual, mean, most_on_metal)
         # plain reflectances need no guides (render/denoise.py)
         guided = lit and self.world.has_textures and asked.denoise != "none"
         return (yield from self._develop(film, asked, guides() if guided else {}, tables=True))
 
-    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None
-                      ) -> Steps[None]:
+    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None,
+                      most_on_metal: int) -> Steps[None]:
         """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
         if mean is None:
-            yield from residual.add_glow(film, view, camera, round(spp), 0.0)
+            yield from residual.add_glow(film, view, camera, round(spp), 1, 0.0)
             return
-        first, level = first_samples(spp, 1), float(worst_channel(mean).mean())
-        taken = yield from residual.add_glow(film, view, camera, first, level)
-        squares = self._buffer(*film.residual.shape)
-        self.launcher.run(residual_mean_squares, squares.shape, [film, residual.metal_samples], [squares])
-        noise = other_noise(mean, *(yield from self._tile_means(film, squares)))
-        spp *= first * squares.size / taken
-        yield from residual.add_glow(film, view, camera, share_out(noise, first, spp), level)
+        pixels, first = self._buffer(*film.residual.shape), first_samples(spp, 1)
+        self.launcher.run(metal_pixels, pixels.shape, [film], [pixels])
+        metal = (yield from self._tile_means(film, pixels))[0][..., 0]
+        # the first samples are to leave half of the others
+        on_metal = int(np.clip(1.0 + 0.5 * (spp / first - 1.0) / max(metal.mean(), 1e-6), 1, most_on_metal))
+        level = float(worst_channel(mean).mean())
+        yield from residual.add_glow(film, view, camera, first, on_metal, level)
+        self.launcher.run(residual_mean_squares, pixels.shape, [film, on_metal, float(most_on_metal)], [pixels])
+        noise = other_noise(mean, *(yield from self._tile_means(film, pixels)))
+        more = share_out(noise, first, spp, 1.0 + (on_metal - 1) * metal)
+        yield from residual.add_glow(film, view, camera, more, on_metal, level)
 
     def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> Steps[RadianceImage]:
         if not self.world.has_surfaces:

@@ -89,7 +89,10 @@ class Launcher:
         return [copy.numpy() for copy in on_host]
 
     def upload(self, values: np.ndarray | int, array: wp.array):
-        """Fill an array that nothing launched still needs. The host does not wait for what was launched before."""
+        """Fill an array that nothing launched still needs, and that was there at the last `fetch` or before.
+
+        The host does not wait for what was launched before.
+        """
         if np.ndim(values) == 0:
             array.fill_(values)
             return

@@ -22,8 +22,8 @@ SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4
 PIXELS, LONG = 320 * 180, 1000
 """Most pixels of an image in which errors are measured, of a short sequence; one of so many frames is worth a pilot of
 its own resolution. A larger image has more pixels for the same edges and details, so it needs fewer samples."""
-SEED = 1 << 31
-"""Random numbers of the pilot's images: a scene's seed is below."""
+SEED, TWIN_SEED = 1 << 31, 3 << 30
+"""Random numbers of the pilot's images, and of the scout's twins: a scene's seed is below the first."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
             how = {"spp": spp, "max_scatterings": render.max_scatterings, "max_bounces": render.max_bounces,
                    "layers": tuple(render.layers), "frame": frame, "integrator": render.integrator}
             made = renderer.render(poses[frame], camera, "AD", **how)
-            twin = renderer.render(poses[frame], camera, "A", seed=SEED, **how).A
+            twin = renderer.render(poses[frame], camera, "A", seed=TWIN_SEED, **how).A
             yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], made.A, twin, made.D.range, given)
 
 

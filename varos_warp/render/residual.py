@@ -67,13 +67,12 @@ class Residual:
         max_bounces: most reflections on surfaces.
         key: of the random numbers.
         lost: counts samples that are not numbers, as of a film.
-        metal_samples: that pixels with metal take for one of others.
     """
 
     def __init__(self, launcher: Launcher, scene: SceneData, kinds: tuple[bool, bool], tables: Tables,
-                 max_bounces: int, key: int, lost: wp.array, metal_samples: int):
+                 max_bounces: int, key: int, lost: wp.array):
         self.launcher, self.scene, self.kinds, self.tables = launcher, scene, kinds, tables
-        self.max_bounces, self.lost, self.metal_samples = max_bounces, lost, metal_samples
+        self.max_bounces, self.lost = max_bounces, lost
         self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
         self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
         kernel = make_lit_points_kernel(*self.kinds)
@@ -96,8 +95,8 @@ class Residual:
         self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
         self.launcher.run(sum_slabs, nodes, [self.scene, means], [grid])
 
-    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray | int, level: float
-                 ) -> Steps[int]:
+    def add_glow(self, film: Film, view: Camera, camera: CameraData, more: np.ndarray | int, metal_samples: int,
+                 level: float) -> Steps[None]:
         """Add samples of the glow's residual and the halo to a film.
 
         Args:
@@ -105,25 +104,22 @@ class Residual:
             view: the camera.
             camera: its record.
             more: so many per pixel, int [side, tile row, tile column], or the same for all.
+            metal_samples: that pixels with metal take for one of others.
             level: about the radiance of the image, for glow.thinned; 0: not known.
-
-        Returns:
-            How many that were in all.
         """
-        total, at_once = 0, max(1, MOST_LISTED // (int(np.prod(view.resolution)) * self.metal_samples))
+        at_once = max(1, MOST_LISTED // (int(np.prod(view.resolution)) * metal_samples))
         while np.any(more):
             now = np.minimum(more, at_once)
-            total += yield from self._add_glow(film, view, camera, now, level)
+            yield from self._add_glow(film, view, camera, now, metal_samples, level)
             more = more - now
-        return total
 
-    def _add_glow(self, film: Film, view: Camera, camera: CameraData, more, level: float) -> Steps[int]:
+    def _add_glow(self, film: Film, view: Camera, camera: CameraData, more, metal_samples, level: float) -> Steps[None]:
         """As add_glow, of a list of samples that is not too long."""
         width, height = view.resolution
         device, pixels = self.launcher.device, (height, width)
         counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
         self.launcher.upload(more, film.wanted)
-        self.launcher.run(count_starts, counts.shape, [film, self.metal_samples], [counts])
+        self.launcher.run(count_starts, counts.shape, [film, metal_samples], [counts])
         wp.utils.array_scan(counts, ends, inclusive=True)
         total, = (int(last[0]) for last in (yield from self.launcher.fetch(ends[-1:])))
         most = MOST_STARTS[kind_of(device)]
@@ -134,7 +130,6 @@ class Residual:
             light = self._glow(view, camera, level, places, points)
             self.launcher.run(add_residual, pixels, [ends, light, begin, end], [film])
         self.launcher.run(add_counts, pixels, [counts], [film])
-        return total
 
     def _glow(self, view: Camera, camera: CameraData, level: float, places, points) -> wp.array:
         """Light of samples of the residual."""
