@@ -149,7 +149,8 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_p
     out = tmp_path / "out"
     script = tmp_path / "run.py"
     script.write_text(
-        "import sys\nimport varos_warp.cli as cli\nfrom varos_warp.scene import load\n"
+        "import signal\nimport sys\nimport varos_warp.cli as cli\nfrom varos_warp.scene import load\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # shells let jobs in the background ignore it\n"
         "from test_cluster import scene\nload.load_scene = lambda *_: scene(400)\n"
         "if __name__ == '__main__':\n    sys.argv[0] = 'varos-warp'\n    cli.main()\n")
     here = Path(__file__).parents[2]
