@@ -78,9 +78,9 @@ def chart(result: dict, path: Path) -> None:
     from benchmarks.chart import DPI, subtitle
 
     rows = [row for row in result["runs"] if row["workers"]]
-    counts, rates = [row["workers"] for row in rows], [row["frames_per_s"] for row in rows]
     if not rows:
         return
+    counts, rates = [row["workers"] for row in rows], [row["frames_per_s"] for row in rows]
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.8), constrained_layout=True)
     left.plot(counts, [rates[0] / counts[0] * n for n in counts], "--", color="#999999", label="in proportion")
     left.plot(counts, rates, "o-", label="workers")

@@ -137,6 +137,11 @@ def test_the_standard_error_is_that_of_the_spread_between_images(renderer):
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
+def plate(name, half, z, material):
+    corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
+    return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material)
+
+
 @pytest.fixture(scope="module")
 def bright_spot():
     """A dark floor with a small white plate under a lamp, by tables: most noise is in a few tiles."""
@@ -146,11 +151,8 @@ def bright_spot():
     scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
                   trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "tables"})
 
-    def plate(name, half, z, reflectance):
-        corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
-        return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[reflectance] * 3))
-
-    return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, 0.05), plate("plate", 0.11, -1.4, 0.9)])
+    return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.05] * 3)),
+                                              plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3))])
 
 
 def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
@@ -195,10 +197,6 @@ def plate_on_a_floor(half: float) -> FrameRenderer:
     water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
     scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
                   trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"integrator": "tables"})
-
-    def plate(name, half, z, material):
-        corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
-        return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material)
 
     parts = [plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.3] * 3)),
              plate("plate", half, -1.4, Metal(kind="metal", base=[0.6, 0.6, 0.6], roughness=0.4))]

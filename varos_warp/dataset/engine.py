@@ -122,4 +122,6 @@ class Engine:
     @property
     def at_once(self) -> int:
         """Images that may be under way on the device."""
-        return AT_ONCE[self.renderer.device.partition(":")[0]]
+        from varos_warp.scene.device import kind_of
+
+        return AT_ONCE[kind_of(self.renderer.device)]

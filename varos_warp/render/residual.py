@@ -121,8 +121,8 @@ class Residual:
         self.launcher.upload(more, film.wanted)
         self.launcher.run(count_starts, counts.shape, [film, metal_samples], [counts])
         wp.utils.array_scan(counts, ends, inclusive=True)
-        total, = (int(last[0]) for last in (yield from self.launcher.fetch(ends[-1:])))
-        most = MOST_STARTS[kind_of(device)]
+        last, = yield from self.launcher.fetch(ends[-1:])
+        total, most = int(last[0]), MOST_STARTS[kind_of(device)]
         for begin in range(0, total, most):
             end = min(begin + most, total)
             places, points = (wp.empty(end - begin, dtype=int, device=device) for _ in "pp")
