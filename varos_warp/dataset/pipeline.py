@@ -26,9 +26,8 @@ from varos_warp.scene.frames import pinhole
 
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
-AT_ONCE = {"cpu": 1, "cuda": 1}
-"""Images under way on a device, by its kind. With two, a GPU could work on one while the host decides for the other or
-copies it; so far that gains nothing (docs/long_runs.md), for Warp frees arrays on a stream that all others wait for."""
+AT_ONCE = {"cpu": 1, "cuda": 2}
+"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 GIVE_UP = 3
 """Jobs in a row that cannot be made: something is broken for all of them."""
 

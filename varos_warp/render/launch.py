@@ -6,10 +6,10 @@ they give up control until the numbers are there, and another frame's can go on 
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -64,6 +64,8 @@ class Launcher:
         self.threads = threads or usable_cores()
         self.compile_seconds = 0.0
         self._loaded: set = set()
+        self._unused: dict[tuple, list[tuple[wp.array, wp.Event | None]]] = defaultdict(list)
+        """Pinned memory by shape and type, with the event after which it may be used."""
         if device != "cpu" and wp.is_mempool_enabled(device):
             wp.set_mempool_release_threshold(device, KEPT_BYTES)
 
@@ -80,32 +82,35 @@ class Launcher:
         """Arrays on the host, once the device has filled them."""
         if self.device == "cpu":
             return [array.numpy() for array in arrays]
+        # through pinned memory, or the host would wait here for all that was launched
+        staged = [self._pinned(array) for array in arrays]
+        for array, copy in zip(arrays, staged, strict=True):
+            wp.copy(copy, array)
         yield wp.get_stream(self.device).record_event()
-        # on a stream of their own, or they would wait for all that was launched since
-        on_host = [wp.empty(array.shape, dtype=array.dtype, device="cpu") for array in arrays]
-        for array, copy in zip(arrays, on_host, strict=True):
-            wp.copy(copy, array, stream=self._copies)
-        wp.synchronize_stream(self._copies)
-        return [copy.numpy() for copy in on_host]
+        on_host = [copy.numpy().copy() for copy in staged]
+        for copy in staged:
+            self._unused[copy.shape, copy.dtype].append((copy, None))
+        return on_host
 
     def upload(self, values: np.ndarray | int, array: wp.array):
-        """Fill an array that nothing launched still needs, and that was there at the last `fetch` or before.
-
-        The host does not wait for what was launched before.
-        """
+        """Fill an array; the host does not wait for it, nor for what was launched before."""
         if np.ndim(values) == 0:
             array.fill_(values)
-            return
-        on_host = wp.array(values, dtype=array.dtype, device="cpu")
-        if self.device == "cpu":
-            wp.copy(array, on_host)
+        elif self.device == "cpu":
+            array.assign(values)
         else:
-            wp.copy(array, on_host, stream=self._copies)
-            wp.synchronize_stream(self._copies)
+            staged = self._pinned(array)
+            staged.numpy()[...] = values
+            wp.copy(array, staged)
+            self._unused[staged.shape, staged.dtype].append((staged, wp.get_stream(self.device).record_event()))
 
-    @cached_property
-    def _copies(self) -> wp.Stream:
-        return wp.Stream(self.device)
+    def _pinned(self, like: wp.array) -> wp.array:
+        """Pinned memory of the host for an array, which nothing uses: making some takes longer than filling it."""
+        unused = self._unused[like.shape, like.dtype]
+        for i, (_, event) in enumerate(unused):
+            if event is None or event.is_complete:
+                return unused.pop(i)[0]
+        return wp.empty(like.shape, dtype=like.dtype, device="cpu", pinned=True)
 
     def run(self, kernel, dim, inputs, outputs):
         """Run a kernel as a whole."""
