@@ -81,7 +81,7 @@ def test_the_view_that_counts_is_the_noisiest_after_denoising():
             noise = rng.normal(0.0, sigma, (96 // size, 160 // size, 1)).astype(np.float32)
             radiance = np.maximum(light + np.kron(noise, np.ones((size, size, 1), np.float32)), 0.0)
             images.append(RadianceImage(radiance, np.full_like(radiance, sigma)))
-        return View("", make_scene().vehicle.cameras[0], POSE, *images, np.ones((96, 160)))
+        return View(0, make_scene().vehicle.cameras[0], POSE, *images, np.ones((96, 160)))
 
     fine, coarse = view(1, 0.1), view(16, 0.05)
     assert pilot.scouted_noise(fine, "none") == pytest.approx(0.2, rel=0.05)
@@ -97,7 +97,7 @@ def test_path_lengths_give_the_optical_depths_of_the_measurement(case):
     water = {"sigma_s": [sigma_s] * 3, "sigma_a": [sigma_t - sigma_s] * 3, "phase": {"g": 0.8}}
     ahead = {"resolution": [2, 2], "sensor_mm": [1e-3, 1e-3], "focal_mm": 34.0, "rotation_euler_deg": [0, 0, 0]}
     scene = make_scene(water, camera=ahead)
-    view = View("", scene.vehicle.cameras[0], POSE, None, None, np.full((2, 2), float(metres)))
+    view = View(0, scene.vehicle.cameras[0], POSE, None, None, np.full((2, 2), float(metres)))
     _, _, x_s, x_v, _ = MEASURED[case]
     np.testing.assert_allclose(0.82 * sigma_s * surface_path(scene, view), x_s, rtol=0.003, atol=0.0006)
     found = sigma_s * volume_path(scene, view, optical_properties(scene))

@@ -36,7 +36,7 @@ DRAIN_S = 10.0
 POLL_S = 0.02
 SILENT = logging.CRITICAL + 1
 """Level of Dask's log."""
-NEEDED = (*PLANNED, "tile_tolerance", "pinhole", "lamps", "hidden")
+NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance", "pinhole", "lamps", "hidden")
 """What workers need of a plan."""
 
 
@@ -226,7 +226,7 @@ class Cluster:
         from varos_warp.dataset.worker import prepare_site
 
         store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
-        needed = {key: plan[key] for key in NEEDED}
+        needed = {key: plan.get(key) for key in NEEDED}
         run = _Run(self, store, needed, made, clock, done, say)
         try:
             with clock("wait"):

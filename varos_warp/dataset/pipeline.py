@@ -20,11 +20,12 @@ from varos_warp.dataset.store import ImageJob, Store, Stored
 from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
 from varos_warp.render import exposure
+from varos_warp.render.by_frame import spp_of
 from varos_warp.render.cost import timed
 from varos_warp.render.launch import finish
 from varos_warp.scene.frames import pinhole
 
-PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
+PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
 AT_ONCE = {"cpu": 1, "cuda": 2}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
@@ -172,7 +173,8 @@ class _Run:
         """An image, and the seconds it took without those of compiling."""
         camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
         return timed(self.renderer, lambda: finish(self.renderer.steps(
-            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame, **self.options), self.turn))
+            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame,
+            spp=spp_of(self.plan, job.camera, job.frame), **self.options), self.turn))
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""

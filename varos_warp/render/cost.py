@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render import pilot
+from varos_warp.render.by_frame import mean_spp
 from varos_warp.render.pilot import pilot_camera
 from varos_warp.scene.description import Camera, Scene
 
@@ -15,10 +16,13 @@ MOST_COSTED = 16
 
 
 def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
-    """Seconds that rendering by a `Plan` takes on this device, from the middle pose; without denoising and writing."""
+    """Seconds that rendering by a `Plan` takes on this device, without denoising and writing.
+
+    From the pose in the middle, with the samples of an average frame.
+    """
     asked = scene.render.outputs
     groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "B", "CDS"))
-    seconds = {letters: sum(_seconds(scene, renderer, camera, poses[len(poses) // 2], letters, plan)
+    seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan)
                             for camera in scene.vehicle.cameras) for letters in groups if letters}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
@@ -34,17 +38,19 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
     return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
 
-def _seconds(scene: Scene, renderer, camera: Camera, T_w_v, letters: str, plan) -> float:
+def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
     """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
+    spp, T_w_v = round(mean_spp(plan.to_dict(), camera.id, len(poses))), poses[len(poses) // 2]
+
     def measured(view: Camera, factor: float) -> float:
-        few = {"spp": max(1, round(plan.spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
+        few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
         how = plan.options | few | {"layers": tuple(scene.render.layers)}
         return timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
 
     measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
     if renderer.device != "cpu":  # a GPU is not full with a small image
         return measured(camera, 1.0)
-    samples = {"A": plan.spp, "B": scene.render.spp_b}.get(letters, 1)
+    samples = {"A": spp, "B": scene.render.spp_b}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / samples)
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
     at_large = measured(large, factor)

@@ -1,5 +1,6 @@
 """How the error of an image falls with its samples: the law that the planner reads the samples from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +19,10 @@ class ErrorLaw:
     spp: list[int]
     measured: np.ndarray
     """Errors [level, 3]."""
-    noisy: np.ndarray
-    """The same before denoising."""
-    judges: list[np.ndarray]
-    """The images that found them."""
+    noisy: np.ndarray | None = None
+    """The same before denoising, where that was asked."""
+    judges: Sequence[np.ndarray] = ()
+    """The images that found them, for further ones."""
     steepest: float = STEEPEST["tables"]
     """Exponent, at the least."""
 

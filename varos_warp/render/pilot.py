@@ -30,7 +30,7 @@ SEED, TWIN_SEED = 1 << 31, 3 << 30
 class View:
     """One image of the pilot, and where it was taken."""
 
-    label: str
+    frame: int
     camera: Camera
     """With the resolution of the pilot."""
     T_w_v: np.ndarray
@@ -42,6 +42,11 @@ class View:
     """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
     given_camera: Camera | None = None
     """With the resolution of the scene."""
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        return f"frame {self.frame}, camera {self.camera.id}"
 
 
 def pilot_camera(camera: Camera, pixels: int = SCOUT_PIXELS) -> Camera:
@@ -71,7 +76,7 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
                    "layers": tuple(render.layers), "frame": frame, "integrator": render.integrator}
             made = renderer.render(poses[frame], camera, "AD", **how)
             twin = renderer.render(poses[frame], camera, "A", seed=TWIN_SEED, **how).A
-            yield View(f"frame {frame}, camera {camera.id}", camera, poses[frame], made.A, twin, made.D.range, given)
+            yield View(frame, camera, poses[frame], made.A, twin, made.D.range, given)
 
 
 def scouted_noise(view: View, method: str) -> np.ndarray:

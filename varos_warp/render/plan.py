@@ -7,13 +7,14 @@ depends on them, so machines that share the work choose alike. docs/models.md sa
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from varos_warp.render import pilot
+from varos_warp.render import by_frame, pilot
 from varos_warp.render.adapt import brightness
 from varos_warp.render.cost import sequence_cost, timed
 from varos_warp.render.denoise import available_method, denoise_image
@@ -95,7 +96,7 @@ class Plan:
     """What to render with, and why."""
 
     spp: int
-    """Samples per pixel of A."""
+    """Samples per pixel of A, of the frames that need most."""
     max_scatterings: int | None
     """Most scatterings in the water on a path; None: no bound."""
     max_bounces: int | None = None
@@ -109,6 +110,8 @@ class Plan:
     """Whether triangles far from all that is seen are kept."""
     tile_tolerance: float | None = None
     """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
+    spp_by_frame: dict[str, list[list[int]]] | None = None
+    """By camera: pairs of a frame and the samples per pixel from there on; None: all frames take ``spp``."""
     decisions: list[Decision] = field(default_factory=list)
     models: dict[str, str] = field(default_factory=dict)
     """How each output is made, by its letter."""
@@ -206,6 +209,7 @@ class _Planner:
         """Sum of the errors of models so far."""
         self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
         self.integrator, self.pinhole, self.lamps, self.hidden = self.render.integrator, False, None, True
+        self.spp_by_frame = None
 
     def plan(self) -> Plan:
         """All decisions."""
@@ -223,7 +227,7 @@ class _Planner:
             self.choose_bounces()
         spp, tolerance = self.choose_samples()
         return Plan(spp, self.max_scatterings, self.max_bounces, self.integrator, self.pinhole, self.lamps,
-                    self.hidden, tolerance, self.decisions)
+                    self.hidden, tolerance, self.spp_by_frame, self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None, cost: float | None = None) -> None:
         """Keep a decision about a model."""
@@ -265,13 +269,17 @@ class _Planner:
         return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
                 for camera in self.scene.vehicle.cameras}
 
-    def image(self, spp: int, number: int = 0, output: str = "A", **changes):
-        """An image of the worst view with what has been chosen so far; each ``number`` has its own random numbers."""
-        camera = pilot_camera(self.worst.given_camera, self.pixels)
+    def image(self, spp: int, number: int = 0, output: str = "A", place: tuple | None = None, **changes):
+        """An image with what has been chosen so far; each ``number`` has its own random numbers.
+
+        The ``place`` is T_w_v and the camera; absent: those of the worst view.
+        """
+        T_w_v, given = place or (self.worst.T_w_v, self.worst.given_camera)
+        camera = pilot_camera(given, self.pixels)
         camera = pinhole(camera) if self.pinhole else camera
         how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
                "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
-        frame = self.renderer.render(self.worst.T_w_v, camera, output, seed=pilot.SEED + number, **how)
+        frame = self.renderer.render(T_w_v, camera, output, seed=pilot.SEED + number, **how)
         return getattr(frame, output)
 
     def timed(self, spp: int, **changes) -> tuple[list, float]:
@@ -434,7 +442,33 @@ class _Planner:
             law, margin = adapting, MARGIN_ADAPTING
             spp = max(law.whole_samples(target / margin), spp // 2)
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
-        return spp, None if adapting is None else _round(law.noise(spp).max())
+        if adapting is not None:  # to each frame, too
+            return spp, _round(law.noise(spp).max())
+        self.choose_by_frame(spp, target / margin)
+        return spp, None
+
+    def choose_by_frame(self, spp: int, target: float) -> None:
+        """To each frame what it needs, where the most demanding view needs ``spp``."""
+        worst, count = self.worst, len(self.poses)
+        frames = by_frame.judged_frames(count, self.pixels / np.prod(worst.given_camera.resolution))
+        if not frames or spp < by_frame.FEWER:
+            return
+        frames = sorted({*frames, worst.frame})
+        method, steepest = available_method(self.render.denoise), min(STEEPEST[name] for name in self.integrators)
+
+        def needs(frame, camera) -> Future:
+            image = partial(self.image, place=(self.poses[frame], camera), denoise=method)
+            return pool.submit(by_frame.look(image, spp).needs, target, steepest)
+
+        with ThreadPoolExecutor() as pool:  # on a GPU judging takes longer than rendering
+            needed = {camera.id: [needs(frame, camera) for frame in frames] for camera in self.scene.vehicle.cameras}
+        needed = {camera: [future.result() for future in futures] for camera, futures in needed.items()}
+        needed[worst.camera.id][frames.index(worst.frame)] = spp  # which more images say
+        self.spp_by_frame = {camera: by_frame.stretches(frames, counts) for camera, counts in needed.items()}
+        least, most = (end(spp for pairs in self.spp_by_frame.values() for _, spp in pairs) for end in (min, max))
+        mean = np.mean([by_frame.mean_spp({"spp_by_frame": self.spp_by_frame}, camera, count) for camera in needed])
+        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: a frame takes what the more "
+                    f"demanding of the two next to it needs, of {len(frames)} poses")
 
     def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
         """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""

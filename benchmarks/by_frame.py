@@ -1,0 +1,106 @@
+"""A sequence held to its word: are frames that no plan has looked at within the tolerance, and with how many samples?
+
+    python -m benchmarks.by_frame [--scene examples/munkholmen/scene.yaml] [--set KEY=VALUE ...] [--device cuda:0]
+        [--frames 24] [--seed 1] [-o benchmarks/results/by_frame]
+
+Plans the sequence, takes frames of it at random, renders A as a run would and has it judged by far better images, whose
+noise is taken off (render/pilot.py). Writes the errors and a chart of them along the sequence.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.machine import Stopwatch, machine
+from varos_warp.render import pilot
+from varos_warp.render.by_frame import mean_spp, spp_of
+from varos_warp.render.cost import timed
+from varos_warp.render.denoise import available_method
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.plan import Plan, plan_render, planned_renderer
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.trajectory import simulate
+
+ROOT = Path(__file__).parents[1]
+JUDGES, JUDGE_LEVEL = 4, 8
+"""Images that judge, of so many times as many samples as the plan takes at most."""
+SEED = 9000
+
+
+def check(renderer, plan: Plan, poses, frame: int) -> dict:
+    """Error of one frame as planned, its samples, and the seconds that rendering it took."""
+    scene, (camera, *_) = renderer.scene, renderer.scene.vehicle.cameras
+
+    def image(**how):
+        return renderer.render(poses[frame], plan.view(camera), "A", frame=frame, **(plan.options | how)).A
+
+    spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
+    made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
+    judges = [image(spp=JUDGE_LEVEL * plan.spp, seed=SEED + k).radiance for k in range(JUDGES)]
+    error, upper = (pilot.error([made.denoised], judges, sigmas).max() for sigmas in (0.0, 1.0))
+    return {"frame": frame, "spp": made.spp, "error": round(error, 5), "with_a_standard_error": round(upper, 5),
+            "seconds": round(seconds, 4)}
+
+
+def run(scene, device: str, frames: int, seed: int) -> dict:
+    """Plan a sequence and check some of its frames."""
+    simulation = simulate(scene)
+    poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
+    renderer, watch = FrameRenderer(scene, device), Stopwatch()
+    plan = plan_render(scene, renderer, poses)
+    planning = watch.seconds
+    renderer = planned_renderer(renderer, plan.to_dict(), poses)
+    chosen = np.sort(np.random.default_rng(seed).choice(len(poses), min(frames, len(poses)), replace=False)).tolist()
+    rows = [check(renderer, plan, poses, frame) for frame in chosen]
+    camera = scene.vehicle.cameras[0].id
+    return {"machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
+            "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
+            "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
+            "predicted_where_most_is_needed": plan.error.round(5).tolist(), "checked": rows}
+
+
+def chart(result: dict, path: Path) -> None:
+    """Errors and samples along the sequence."""
+    import matplotlib.pyplot as plt
+
+    from benchmarks.chart import DPI, subtitle
+
+    rows = result["checked"]
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, constrained_layout=True)
+    top.plot([row["frame"] for row in rows], [100 * row["error"] for row in rows], "o", label="measured")
+    top.axhline(100 * result["tolerance"], color="k", linestyle="--", linewidth=0.8, label="tolerance")
+    top.set(ylabel="error of A, worst channel [%]", ylim=(0, None))
+    top.legend(fontsize=9)
+    for camera, pairs in (result["spp_by_frame"] or {"": [[0, result["spp"]]]}).items():
+        starts, counts = zip(*pairs, (result["frames"] - 1, pairs[-1][1]), strict=True)
+        bottom.step(starts, counts, where="post", label=camera)
+    bottom.set(xlabel="frame", ylabel="samples per pixel", ylim=(0, None))
+    width, height = result["resolution"]
+    figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "
+                    f"samples on average\n{subtitle(result)}", fontsize=11)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
+    parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--frames", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "by_frame")
+    options = parser.parse_args()
+    result = run(load_scene(options.scene, options.changed), options.device, options.frames, options.seed)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    for row in result["checked"]:
+        print(row)
+    print({key: value for key, value in result.items() if key not in ("checked", "machine")})
+    chart(result, options.out.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
