@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from scipy.ndimage import uniform_filter
 
 from varos_warp.errors import InputError
 from varos_warp.render import denoise as module
-from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY, denoise, denoise_image
+from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY, denoise, denoise_image, mix
 from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Diffuse, Metal, Scene
 from varos_warp.scene.frames import euler_to_matrix, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import scene_from_dict
@@ -176,7 +178,8 @@ def layered(spp=16, seed=0, shape=(96, 128), guides=False):
     stderr = (SPREAD * np.sqrt(level**2 + taken**2) / np.sqrt(spp)).astype(np.float32)
     albedo = np.full((*shape, 3), 0.4, np.float32) if guides else None
     normal = np.full((*shape, 3), (0.0, 0.0, 1.0), np.float32) if guides else None
-    image = SimpleNamespace(radiance=texture + residual, stderr=stderr, residual=residual, albedo=albedo, normal=normal)
+    image = SimpleNamespace(radiance=texture + residual, stderr=stderr, residual=residual, metal_variance=None,
+                            albedo=albedo, normal=normal)
     return texture + level - taken, image
 
 
@@ -225,7 +228,7 @@ def test_negative_values_do_not_brighten_the_image(method):
     k = spp / SPREAD**2
     residual = (0.05 * (rng.gamma(k, 1 / k, shape) - rng.gamma(k, 1 / k, shape))).astype(np.float32)
     image = SimpleNamespace(radiance=np.float32(1.0) + residual, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
-                            residual=residual, albedo=None, normal=None)
+                            residual=residual, metal_variance=None, albedo=None, normal=None)
     error = residual.std() / np.sqrt(residual.size)
     bias = denoise_image(image, method).mean(dtype=np.float64) - image.radiance.mean(dtype=np.float64)
     assert abs(bias) < 4 * error + 0.01 * 0.05
@@ -238,8 +241,9 @@ def test_a_constant_residual_stays_constant(method, level):
     """Away from the border, where the networks see the black beyond it: up to a fifth is lost in the last pixels."""
     needs(method)
     residual = np.full((32, 48, 3), level, np.float32)
-    image = SimpleNamespace(radiance=1 + residual, stderr=np.full_like(residual, 0.01), residual=residual, albedo=None,
-                            normal=None)
+    stderr = np.full_like(residual, 0.01)
+    image = SimpleNamespace(radiance=1 + residual, stderr=stderr, residual=residual, metal_variance=None,
+                            albedo=None, normal=None)
     inside = np.s_[8:-8, 8:-8]
     np.testing.assert_allclose(denoise_image(image, method)[inside] - 1, residual[inside], rtol=0.02)
     np.testing.assert_allclose(denoise_image(image, method) - 1, residual, rtol=0.3)
@@ -280,16 +284,21 @@ def on(device, **images):
 
 
 def device_denoised(denoiser, image):
-    images = on(denoiser.device, **{k: getattr(image, k) for k in ("radiance", "residual", "albedo", "normal")})
-    return denoiser.denoise(**images).numpy()
+    names = ("radiance", "residual", "metal_variance", "albedo", "normal")
+    return denoiser.denoise(**on(denoiser.device, **{name: getattr(image, name) for name in names})).numpy()
 
 
 def kinds_of_images():
     """With a residual, with guides, plain, black, and of another size."""
     for how in ({}, {"guides": True}, {"shape": (45, 77), "seed": 4}):
         yield layered(**how)[1]
-    yield SimpleNamespace(radiance=scene()[1], stderr=scene()[2], residual=None, albedo=None, normal=None)
+    yield SimpleNamespace(radiance=scene()[1], stderr=scene()[2], residual=None, metal_variance=None, albedo=None,
+                          normal=None)
     yield SimpleNamespace(**vars(layered()[1]) | {"residual": np.zeros((96, 128, 3), np.float32)})
+    _, image = layered(guides=True)
+    image.metal_variance = image.stderr**2
+    image.metal_variance[:, ::5] = -1.0
+    yield image
 
 
 @pytest.fixture(scope="module")
@@ -481,3 +490,67 @@ def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
         assert other.radiance is None
         assert other.spp == one.spp
         np.testing.assert_allclose(other.denoised, one.denoised, rtol=2**-11)  # half floats in the network
+
+
+# ------------------------------------------------------------------------------------------------- what is sharp stays
+
+
+def mirrored(sigma=0.2, spp=16, seed=2):
+    """Truth with points of light, a noisy image, what a denoiser might leave of the truth, and the noise's variance."""
+    rng = np.random.default_rng(seed)
+    truth = np.full((96, 128, 3), 1.0, np.float32)
+    truth[8::16, 8::16] = 9.0
+    noisy = truth + (sigma * rng.normal(size=(spp, *truth.shape)) * np.sqrt(truth)).astype(np.float32)
+    variance = noisy.var(axis=0, ddof=1) / spp
+    return truth, noisy.mean(axis=0), uniform_filter(truth, (5, 5, 1)), variance
+
+
+def test_mixing_by_the_variance_leaves_less_error_than_either_image():
+    """About points that a denoiser has spread they come back; where it was right, it stays so.
+
+    There the noise explains nearly all that is between the two: what chance adds to it over 3 x 3 pixels brings back a
+    part of the noise, less than half of it.
+    """
+    truth, noisy, smooth, variance = mirrored()
+    mixed = mix(smooth, noisy, variance)
+    assert rms(mixed - truth) < 0.2 * rms(smooth - truth)
+    flat = uniform_filter(truth, (7, 7, 1)) == 1.0
+    assert flat.mean() > 0.5
+    assert rms((mixed - truth)[flat]) < 0.5 * rms((noisy - truth)[flat])
+    np.testing.assert_allclose(mixed[8::16, 8::16], noisy[8::16, 8::16], rtol=0.02)
+
+
+def test_mixing_leaves_alone_what_is_not_known_and_what_is_certain():
+    truth, noisy, smooth, variance = mirrored()
+    variance[:, :64] = -1.0
+    assert mix(smooth, noisy, variance)[:, :64].tobytes() == smooth[:, :64].tobytes()
+    np.testing.assert_allclose(mix(smooth, noisy, 0.0 * truth), noisy, rtol=1e-6)
+    assert mix(smooth, noisy, -1.0 - 0.0 * truth).tobytes() == smooth.tobytes()
+
+
+def test_the_variance_of_metal_is_that_of_images_with_other_random_numbers():
+    """A steel plate and a stone one before it, 40 images: the variance is known on the steel alone, and right there.
+
+    The mean over pixels of what the images say of themselves against how they differ, which 40 tell to some percent.
+    As if samples were independent: their low-discrepancy points leave somewhat less.
+    """
+    scene = Scene(water={"coefficients": {"sigma_s": [0.002, 0.018, 0.043], "sigma_a": [0.12, 0.04, 0.0],
+                                          "phase": {"g": 0.8}}},
+                  vehicle={"lights": [{"kind": "spot", "position": [0.3, 0, 0], "cone_deg": 65}],
+                           "cameras": [{"resolution": [32, 16], "focal_mm": 3.4}]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "oidn"})
+
+    def plate(name, left, material):
+        corners = [[x, 2.0, z] for x, z in ((left, -2), (left + 2, -2), (left + 2, 2), (left, 2))]
+        return Part(name, np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int32), material)
+
+    parts = [plate("steel", -2.0, Metal(kind="metal", base=[0.6, 0.6, 0.6], roughness=0.4)),
+             plate("stone", 0.0, Diffuse(reflectance=[0.3] * 3))]
+    renderer = FrameRenderer(scene, "cpu", parts=parts)
+    images = [renderer.render(np.eye(4), outputs="A", spp=40, seed=k, denoise="none").A for k in range(40)]
+    known = np.array([image.metal_variance for image in images])
+    assert (known[:, :, :15] >= 0.0).all()
+    assert (known[:, :, 17:] < 0.0).all()
+    found = np.var([image.residual[:, :15] for image in images], axis=0, ddof=1).mean((0, 1))
+    assert np.all(1.0 < known[:, :, :15].mean((0, 1, 2)) / found)
+    assert np.all(known[:, :, :15].mean((0, 1, 2)) / found < 1.4)

@@ -65,6 +65,33 @@ def add_scaled(
 
 
 @wp.kernel(enable_backward=False)
+def mix(
+    smooth: wp.array2d(dtype=wp.vec3),
+    noisy: wp.array2d(dtype=wp.vec3),
+    variance: wp.array2d(dtype=wp.vec3),
+    # out
+    mixed: wp.array2d(dtype=wp.vec3),
+):
+    """As `render.denoise.mix` does."""
+    row, col = wp.tid()
+    mixed[row, col] = smooth[row, col]
+    if variance[row, col][0] < 0.0:
+        return
+    apart = wp.vec3d(wp.float64(0.0))
+    noise = wp.vec3d(wp.float64(0.0))
+    for i in range(wp.max(row - 1, 0), wp.min(row + 2, smooth.shape[0])):
+        for j in range(wp.max(col - 1, 0), wp.min(col + 2, smooth.shape[1])):
+            if variance[i, j][0] >= 0.0:
+                difference = wp.vec3d(noisy[i, j]) - wp.vec3d(smooth[i, j])
+                apart += wp.cw_mul(difference, difference)
+                noise += wp.vec3d(variance[i, j])
+    for c in range(3):
+        if apart[c] > noise[c]:
+            share = wp.float64(1.0) - noise[c] / apart[c]
+            mixed[row, col][c] += float(share) * (noisy[row, col][c] - smooth[row, col][c])
+
+
+@wp.kernel(enable_backward=False)
 def clip_negative(
     # in and out
     image: wp.array2d(dtype=wp.vec3),

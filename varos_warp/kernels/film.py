@@ -9,6 +9,8 @@ wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
 """Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
+TELLING_SAMPLES = wp.constant(4)
+"""So many samples tell a variance well enough."""
 
 
 @wp.struct
@@ -174,10 +176,14 @@ def develop(
     single: wp.array2d(dtype=wp.vec3),
     multiple: wp.array2d(dtype=wp.vec3),
     residual: wp.array2d(dtype=wp.vec3),
+    metal_variance: wp.array2d(dtype=wp.vec3),
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width]."""
+    """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width].
+
+    ``metal_variance`` is that of the residual where there is metal and enough samples to tell, and else negative.
+    """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
@@ -197,6 +203,13 @@ def develop(
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     total = sums.direct + sums.single + sums.glow + sums.veil
+    error = wp.vec3(0.0)
+    sharp = wp.vec3(-1.0)
+    if extra >= TELLING_SAMPLES:
+        if film.metal[row, col] == 1:
+            for c in range(3):
+                sharp[c] = float(variance_of_mean(added_squares[c], added[c], extra))
+    metal_variance[row, col] = sharp
     error = wp.vec3(0.0)
     for c in range(3):
         variance = variance_of_mean(sums.squares[c], total[c], count)

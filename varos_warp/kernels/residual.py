@@ -33,6 +33,7 @@ from varos_warp.kernels.walk import (
     advance,
     drift,
     expected_light,
+    lamps_in_lobe,
     own_lobe_pdf,
     surface_vertex,
     turn,
@@ -227,7 +228,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                         connection.L *= 1.0 - halo_share(eye, walk.vertex.d, seen.p, halo)
                 lamp_share = float(0.0)
                 if wp.static(textures):
-                    lamp_share = wp.where(sees_water, 0.5, 0.0)
+                    if sees_water:
+                        lamp_share = lamps_in_lobe(scene, walk.vertex)
                 before = walk.vertex
                 walk = turn(scene, walk, lamp_share, u, v)
                 if walk.alive == 1:

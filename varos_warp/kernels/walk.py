@@ -312,6 +312,23 @@ def walk_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: flo
 
 
 @wp.func
+def lamps_in_lobe(scene: SceneData, vertex: Vertex):
+    """Share of directions to draw around the lamps for what a metal sees of the water: up to half of them.
+
+    The water shines brightest there, but where the metal's lobe hardly reaches, that is lost, and such directions are
+    wasted. With x the density of the lobe towards the lamps over that of all directions alike, x / (1 + x) of the half.
+    """
+    total = float(0.0)
+    lobe = float(0.0)
+    for i in range(scene.lights.shape[0]):
+        weight = lamp_weight(scene, i, vertex.p)
+        total += weight
+        lobe += weight * own_lobe_pdf(scene, vertex, wp.normalize(scene.lights[i].position - vertex.p))
+    x = 4.0 * wp.pi * lobe / wp.max(total, 1.0e-30)
+    return 0.5 * x / (1.0 + x)
+
+
+@wp.func
 def turn(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4, v: wp.vec4):
     """Give a walk its next direction, in ``vertex.d``: from the vertex's own lobe or from those around the lamps.
 

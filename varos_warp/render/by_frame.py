@@ -5,25 +5,26 @@ demanding one needs. As always, what a frame takes follows from the scene alone,
 """
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from varos_warp.render import pilot
-from varos_warp.render.error_law import FEWEST_SPP, ErrorLaw
+from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, ErrorLaw
 
 SHARE = 0.04
-"""Of all samples of a sequence, at most so many are spent on judging its poses."""
+"""Of all samples of a sequence, at most about so many are spent on judging its poses."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 """Stretches between judged poses: with fewer, or with samples that are few anyway, all frames take the same."""
-FEWER = 4
-"""Each pose is judged with the samples of the most demanding view, and with so many times fewer,"""
+FEWER = (4, 2, 1)
+"""A pose is judged with so many times fewer samples than another one needs,"""
 JUDGES = 2
 """by so many images with as many."""
-REACH = 3
-"""Up to so many times beyond what was judged, errors are extrapolated."""
+BEYOND, ROUNDS = 1.5, 3
+"""If it needs more than so many times what it was judged with, it is judged again with that, so often at most."""
 
 
 def judged_frames(count: int, pixels: float) -> list[int]:
@@ -33,7 +34,7 @@ def judged_frames(count: int, pixels: float) -> list[int]:
         count: Frames of the sequence.
         pixels: Of an image of the pilot over those of an image of the sequence.
     """
-    cost = (1.0 + 1.0 / FEWER + JUDGES) * pixels
+    cost = (sum(1.0 / fewer for fewer in FEWER) + JUDGES) * pixels
     stretches = min(int(SHARE * count / cost), MOST_STRETCHES, count - 1)
     if stretches < FEWEST_STRETCHES:
         return []
@@ -45,7 +46,7 @@ class Look:
     """A few images of one view."""
 
     spp: list[int]
-    """Samples per pixel of each of the ``images``."""
+    """Samples per pixel of each of the ``images``, in ascending order."""
     images: list[np.ndarray]
     """Denoised radiance [H, W, 3]."""
     judges: list[np.ndarray]
@@ -54,12 +55,17 @@ class Look:
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
+        Between two numbers of samples as they say, beyond as all do.
+
         Args:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        law = ErrorLaw(self.spp, np.array([pilot.error([one], self.judges) for one in self.images]), steepest=steepest)
-        return int(np.clip(law.whole_samples(target), self.spp[0] // REACH, REACH * self.spp[-1]))
+        errors = np.array([pilot.error([image], self.judges) for image in self.images])
+        enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0
+        near = slice(enough - 1, enough + 1) if enough else slice(None)
+        needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
+        return max(needed, self.spp[0] // FEWER[0])
 
 
 def look(image: Callable[[int, int], Any], spp: int) -> Look:
@@ -67,11 +73,31 @@ def look(image: Callable[[int, int], Any], spp: int) -> Look:
 
     Args:
         image: Makes an image of it, with ``denoised``, from its samples per pixel and the number of its random numbers.
-        spp: What the most demanding view needs.
+        spp: About what it may need.
     """
-    counts = [max(FEWEST_SPP, spp // FEWER), spp]
+    counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
     images = [image(count, k).denoised for k, count in enumerate(counts)]
     return Look(counts, images, [image(spp, len(counts) + k).radiance for k in range(JUDGES)])
+
+
+def samples_needed(image: Callable[[Any, int, int], Any], views: Iterable[Hashable], spp: int, target: float,
+                   steepest: float) -> dict[Any, int]:
+    """Samples per pixel that each view needs.
+
+    Args:
+        image: Makes an image of a view, as in `look`.
+        views: The views.
+        spp: What another view needs, `FEWER[0]` at least.
+        target: As in `Look.needs`, like ``steepest``.
+    """
+    needed, judged = {}, dict.fromkeys(views, spp)
+    for _ in range(ROUNDS):
+        with ThreadPoolExecutor() as pool:  # on a GPU judging takes longer than rendering
+            found = {view: pool.submit(look(lambda *how, view=view: image(view, *how), count).needs, target, steepest)
+                     for view, count in judged.items()}
+        needed |= {view: future.result() for view, future in found.items()}
+        judged = {view: min(needed[view], MOST_SPP) for view, count in judged.items() if needed[view] > BEYOND * count}
+    return needed
 
 
 def stretches(frames: list[int], needed: list[int]) -> list[list[int]]:

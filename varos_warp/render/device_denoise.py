@@ -5,7 +5,7 @@ import weakref
 import warp as wp
 
 from varos_warp.kernels import denoise as kernels
-from varos_warp.kernels.denoise import add_scaled, clip_negative, positive_part, scale_to_unit, subtract
+from varos_warp.kernels.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
 from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY
 
 
@@ -30,12 +30,13 @@ class DeviceDenoiser:
         # before the arrays that the filters point to, and before the interpreter takes the library down
         self._release = weakref.finalize(self, _release, self._networks, self._oidn)
 
-    def denoise(self, radiance, residual=None, albedo=None, normal=None) -> wp.array:
+    def denoise(self, radiance, residual=None, metal_variance=None, albedo=None, normal=None) -> wp.array:
         """Linear radiance with less noise, not negative; all arrays are of vec3 [H, W] on this device.
 
         Args:
             radiance: The image.
             residual: Its noisy part, where only that is to be denoised; may be negative.
+            metal_variance: Of the residual, to mix the two by; negative where it is not known.
             albedo: Guide for what is denoised, in [0, 1].
             normal: Guide for it; given with ``albedo`` or not at all.
 
@@ -51,6 +52,9 @@ class DeviceDenoiser:
                 wp.launch(subtract, dim=radiance.shape, inputs=[radiance, residual], outputs=[result])
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, residual, sign, RESIDUAL_QUALITY, guides)
+                if metal_variance is not None:
+                    smooth, result = result, wp.empty_like(result)
+                    wp.launch(mix, dim=result.shape, inputs=[smooth, radiance, metal_variance], outputs=[result])
             wp.launch(clip_negative, dim=result.shape, outputs=[result])
         return result
 

@@ -387,11 +387,12 @@ class FrameRenderer:
     def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
         shape = film.squares.shape[1:]
-        names = (*LAYERS, "residual", "radiance", "stderr")
+        names = (*LAYERS, "residual", "metal_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film], list(images.values()))
         # what a denoiser works on, still on the device
-        work = {"radiance": images["radiance"]} | ({"residual": images["residual"]} if tables else {}) | (guides or {})
+        of_tables = ("residual", "metal_variance") if tables else ()
+        work = {name: images[name] for name in ("radiance", *of_tables)} | (guides or {})
         if asked.denoised_only and self._denoises(asked.denoise):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:

@@ -17,6 +17,8 @@ class RadianceImage:
     residual: np.ndarray | None = None
     """Of A made with tables: the only part with much noise, which may be negative. What surfaces add to the scattered
     light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
+    metal_variance: np.ndarray | None = None
+    """Of the residual where there is metal, for denoising: what it mirrors is sharp; negative elsewhere."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
     """Guides for denoising B, or the residual of A, at the centres of the pixels: what the surface reflects, and its

@@ -7,7 +7,6 @@ depends on them, so machines that share the work choose alike. docs/models.md sa
 """
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any
@@ -444,31 +443,33 @@ class _Planner:
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
         if adapting is not None:  # to each frame, too
             return spp, _round(law.noise(spp).max())
-        self.choose_by_frame(spp, target / margin)
-        return spp, None
+        return self.choose_by_frame(spp, target / margin), None
 
-    def choose_by_frame(self, spp: int, target: float) -> None:
-        """To each frame what it needs, where the most demanding view needs ``spp``."""
+    def choose_by_frame(self, spp: int, target: float) -> int:
+        """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
         worst, count = self.worst, len(self.poses)
-        frames = by_frame.judged_frames(count, self.pixels / np.prod(worst.given_camera.resolution))
-        if not frames or spp < by_frame.FEWER:
-            return
-        frames = sorted({*frames, worst.frame})
+        judged = pilot_camera(worst.given_camera, self.pixels)
+        frames = by_frame.judged_frames(count, np.prod(judged.resolution) / np.prod(worst.given_camera.resolution))
+        if not frames or spp < by_frame.FEWER[0]:
+            return spp
         method, steepest = available_method(self.render.denoise), min(STEEPEST[name] for name in self.integrators)
+        frames = sorted({*frames, worst.frame})
+        cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
 
-        def needs(frame, camera) -> Future:
-            image = partial(self.image, place=(self.poses[frame], camera), denoise=method)
-            return pool.submit(by_frame.look(image, spp).needs, target, steepest)
+        def image(view, spp, number):
+            frame, camera = view
+            return self.image(spp, number, place=(self.poses[frame], cameras[camera]), denoise=method)
 
-        with ThreadPoolExecutor() as pool:  # on a GPU judging takes longer than rendering
-            needed = {camera.id: [needs(frame, camera) for frame in frames] for camera in self.scene.vehicle.cameras}
-        needed = {camera: [future.result() for future in futures] for camera, futures in needed.items()}
-        needed[worst.camera.id][frames.index(worst.frame)] = spp  # which more images say
-        self.spp_by_frame = {camera: by_frame.stretches(frames, counts) for camera, counts in needed.items()}
-        least, most = (end(spp for pairs in self.spp_by_frame.values() for _, spp in pairs) for end in (min, max))
-        mean = np.mean([by_frame.mean_spp({"spp_by_frame": self.spp_by_frame}, camera, count) for camera in needed])
-        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: a frame takes what the more "
-                    f"demanding of the two next to it needs, of {len(frames)} poses")
+        views = [(frame, camera) for camera in cameras for frame in frames]
+        needed = by_frame.samples_needed(image, views, spp, target, steepest)
+        needed[worst.frame, worst.camera.id] = spp  # which more images say
+        given = {camera: by_frame.stretches(frames, [needed[frame, camera] for frame in frames]) for camera in cameras}
+        self.spp_by_frame = given
+        mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
+        counts = [spp for pairs in given.values() for _, spp in pairs]
+        self.decide("spp by frame", f"{min(counts)} to {max(counts)}", f"{mean:.3g} on average: a frame takes what the "
+                    f"more demanding of the two next to it needs, of {len(frames)} poses")
+        return max(counts)
 
     def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
         """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""
