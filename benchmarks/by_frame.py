@@ -25,7 +25,7 @@ from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
 JUDGES, JUDGE_LEVEL = 4, 8
-"""Images that judge, of so many times as many samples as the plan takes at most."""
+"""Images that judge, of so many times as many samples as the frame takes."""
 SEED = 9000
 
 
@@ -38,14 +38,14 @@ def check(renderer, plan: Plan, poses, frame: int) -> dict:
 
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
-    judges = [image(spp=JUDGE_LEVEL * plan.spp, seed=SEED + k).radiance for k in range(JUDGES)]
+    judges = [image(spp=JUDGE_LEVEL * spp, seed=SEED + k).radiance for k in range(JUDGES)]
     error, upper = (pilot.error([made.denoised], judges, sigmas).max() for sigmas in (0.0, 1.0))
-    return {"frame": frame, "spp": made.spp, "error": round(error, 5), "with_a_standard_error": round(upper, 5),
-            "seconds": round(seconds, 4)}
+    return {"frame": frame, "spp": made.spp, "error": round(float(error), 5),
+            "with_a_standard_error": round(float(upper), 5), "seconds": round(seconds, 4)}
 
 
-def run(scene, device: str, frames: int, seed: int) -> dict:
-    """Plan a sequence and check some of its frames."""
+def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) -> dict:
+    """Plan a sequence and check some of its frames; ``keep`` is told after each."""
     simulation = simulate(scene)
     poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
     renderer, watch = FrameRenderer(scene, device), Stopwatch()
@@ -53,12 +53,16 @@ def run(scene, device: str, frames: int, seed: int) -> dict:
     planning = watch.seconds
     renderer = planned_renderer(renderer, plan.to_dict(), poses)
     chosen = np.sort(np.random.default_rng(seed).choice(len(poses), min(frames, len(poses)), replace=False)).tolist()
-    rows = [check(renderer, plan, poses, frame) for frame in chosen]
     camera = scene.vehicle.cameras[0].id
-    return {"machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
-            "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
-            "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
-            "predicted_where_most_is_needed": plan.error.round(5).tolist(), "checked": rows}
+    result = {
+        "machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
+        "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
+        "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
+        "predicted_where_most_is_needed": plan.error.round(5).tolist(), "checked": []}
+    for frame in chosen:
+        result["checked"].append(check(renderer, plan, poses, frame))
+        keep(result)
+    return result
 
 
 def chart(result: dict, path: Path) -> None:
@@ -93,11 +97,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "by_frame")
     options = parser.parse_args()
-    result = run(load_scene(options.scene, options.changed), options.device, options.frames, options.seed)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
-    for row in result["checked"]:
-        print(row)
+
+    def keep(result):
+        options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+        print(result["checked"][-1], flush=True)
+
+    result = run(load_scene(options.scene, options.changed), options.device, options.frames, options.seed, keep)
     print({key: value for key, value in result.items() if key not in ("checked", "machine")})
     chart(result, options.out.with_suffix(".png"))
 

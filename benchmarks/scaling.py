@@ -77,7 +77,7 @@ def chart(result: dict, path: Path) -> None:
 
     from benchmarks.chart import DPI, subtitle
 
-    rows = [row for row in result["runs"] if row["workers"]]
+    rows = sorted((row for row in result["runs"] if row["workers"]), key=lambda row: row["workers"])
     if not rows:
         return
     counts, rates = [row["workers"] for row in rows], [row["frames_per_s"] for row in rows]

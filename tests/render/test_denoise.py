@@ -251,7 +251,8 @@ def test_a_constant_residual_stays_constant(method, level):
 
 def test_an_image_without_a_residual_is_denoised_as_a_whole():
     _, noisy, stderr = scene()
-    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None, albedo=None, normal=None)
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None, metal_variance=None,
+                            albedo=None, normal=None)
     for method in ("oidn", "nlm", "none"):
         needs(method)
         assert denoise_image(image, method).tobytes() == denoise(noisy, stderr, method).tobytes()
@@ -459,7 +460,8 @@ def test_a_gpu_denoises_as_the_package_does_through_the_host():
     _, noisy, stderr = scene(shape=(180, 320))
     scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
     expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
-    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None, albedo=None, normal=None)
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, residual=None, metal_variance=None,
+                            albedo=None, normal=None)
     np.testing.assert_allclose(device_denoised(DeviceDenoiser("cuda:0"), image), expected, rtol=2**-11)
 
 

@@ -27,7 +27,7 @@ from varos_warp.scene.frames import pinhole
 
 PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
-AT_ONCE = {"cpu": 1, "cuda": 2}
+AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 GIVE_UP = 3
 """Jobs in a row that cannot be made: something is broken for all of them."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render import pilot
-from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, ErrorLaw
+from varos_warp.render.error_law import FEWEST_SPP, ErrorLaw
 
 SHARE = 0.04
 """Of all samples of a sequence, at most about so many are spent on judging its poses."""
@@ -23,8 +23,11 @@ FEWER = (4, 2, 1)
 """A pose is judged with so many times fewer samples than another one needs,"""
 JUDGES = 2
 """by so many images with as many."""
-BEYOND, ROUNDS = 1.5, 3
-"""If it needs more than so many times what it was judged with, it is judged again with that, so often at most."""
+BEYOND, REACH, ROUNDS = 1.5, 3, 2
+"""If it needs more than the first number of times what it was judged with, it is judged again with that, so often in
+all; nor is its error extrapolated further than the second number of times."""
+JUDGING_THREADS = 2
+"""That judge images while others are rendered."""
 
 
 def judged_frames(count: int, pixels: float) -> list[int]:
@@ -61,11 +64,11 @@ class Look:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        errors = np.array([pilot.error([image], self.judges) for image in self.images])
+        errors = np.array([pilot.error([image], self.judges, 0.0) for image in self.images])
         enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0
         near = slice(enough - 1, enough + 1) if enough else slice(None)
         needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
-        return max(needed, self.spp[0] // FEWER[0])
+        return int(np.clip(needed, self.spp[0] // REACH, REACH * self.spp[-1]))
 
 
 def look(image: Callable[[int, int], Any], spp: int) -> Look:
@@ -92,11 +95,11 @@ def samples_needed(image: Callable[[Any, int, int], Any], views: Iterable[Hashab
     """
     needed, judged = {}, dict.fromkeys(views, spp)
     for _ in range(ROUNDS):
-        with ThreadPoolExecutor() as pool:  # on a GPU judging takes longer than rendering
+        with ThreadPoolExecutor(JUDGING_THREADS) as pool:  # on a GPU judging takes as long as rendering
             found = {view: pool.submit(look(lambda *how, view=view: image(view, *how), count).needs, target, steepest)
                      for view, count in judged.items()}
         needed |= {view: future.result() for view, future in found.items()}
-        judged = {view: min(needed[view], MOST_SPP) for view, count in judged.items() if needed[view] > BEYOND * count}
+        judged = {view: needed[view] for view, count in judged.items() if needed[view] > BEYOND * count}
     return needed
 
 
