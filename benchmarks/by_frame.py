@@ -58,7 +58,7 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
         "machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
         "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
         "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
-        "predicted_where_most_is_needed": plan.error.round(5).tolist(), "checked": []}
+        "predicted": None if plan.error is None else plan.error.round(5).tolist(), "checked": []}
     for frame in chosen:
         result["checked"].append(check(renderer, plan, poses, frame))
         keep(result)

@@ -1,7 +1,5 @@
 """Samples by frame: the poses that are judged, what each needs, and what the frames between them take."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -47,10 +45,9 @@ def noisy_images(sigma: float, seed: int = 1):
     """Makes images of a gradient whose samples have a relative deviation of ``sigma``, as `look` wants them."""
     truth = np.tile(np.linspace(0.5, 1.5, 160)[:, None], (120, 1, 3))
 
-    def image(spp: int, number: int):
+    def image(spp: int, number: int, denoised: bool):
         rng = np.random.default_rng((seed, spp, number))
-        radiance = truth + sigma * rng.normal(size=truth.shape) / np.sqrt(spp)
-        return SimpleNamespace(radiance=radiance, denoised=radiance)
+        return truth + sigma * rng.normal(size=truth.shape) / np.sqrt(spp)
 
     return image
 
@@ -69,9 +66,9 @@ def test_a_view_needs_what_its_noise_says(spp):
 def test_views_that_need_more_than_they_were_judged_with_are_judged_again():
     asked = []
 
-    def image(view, spp, number):
+    def image(view, spp, *how):
         asked.append((view, spp))
-        return noisy_images(view)(spp, number)
+        return noisy_images(view)(spp, *how)
 
     needed = samples_needed(image, [0.1, 1.0], 16, 0.1, -0.75)
     assert needed[0.1] == FEWEST_SPP
@@ -88,6 +85,18 @@ def test_a_view_is_judged_by_images_that_know_nothing_of_it():
     assert len({image.tobytes() for image in everything}) == len(everything)
     for spp, image in zip(seen.spp, seen.images, strict=True):
         np.testing.assert_allclose(error([image], seen.judges, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
+
+
+def test_vague_judges_never_talk_samples_down():
+    """The image is 2 % off, its judges are all noise: then no fewer samples are taken than the image had."""
+    truth, spp = np.ones((180, 320, 3)), 32
+
+    def image(samples, number, denoised):
+        rng = np.random.default_rng((samples, number))
+        return truth + (0.02 if denoised else 6.0 / np.sqrt(spp)) * rng.normal(size=truth.shape)
+
+    for target in (0.01, 0.02, 0.03, 0.3):
+        assert look(image, spp).needs(target, -0.75) >= spp
 
 
 UP = POSE.copy()

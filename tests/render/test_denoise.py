@@ -522,6 +522,24 @@ def test_mixing_by_the_variance_leaves_less_error_than_either_image():
     np.testing.assert_allclose(mixed[8::16, 8::16], noisy[8::16, 8::16], rtol=0.02)
 
 
+@pytest.mark.parametrize("spp", [8, 32])
+@pytest.mark.parametrize("draw", [
+    lambda rng, shape: 0.5 + 0.5 * (rng.random(shape) < 0.005) / 0.005,
+    lambda rng, shape: rng.lognormal(-1.125, 1.5, shape)], ids=["rare", "lognormal"])
+def test_mixing_does_not_darken_what_few_bright_samples_light(draw, spp):
+    """Mean 1, half of it from one sample in 200, or lognormal; the denoised image is right.
+
+    Where no bright sample came, mean and variance are both too low: with the variance of 3 x 3 pixels alone a third of
+    the light was lost. What is left is within 3 % of the light and the standard error of the noisy mean.
+    """
+    rng = np.random.default_rng(5)
+    samples = draw(rng, (spp, 96, 128, 3))
+    noisy, variance = samples.mean(axis=0), samples.var(axis=0, ddof=1) / spp
+    mixed = mix(np.ones_like(noisy), noisy, variance)
+    assert abs(mixed.mean() - 1.0) < 0.03 + 3.0 * np.sqrt(variance.mean() / variance.size)
+    assert rms(mixed - 1.0) < 0.3 * rms(noisy - 1.0)
+
+
 def test_mixing_leaves_alone_what_is_not_known_and_what_is_certain():
     truth, noisy, smooth, variance = mirrored()
     variance[:, :64] = -1.0

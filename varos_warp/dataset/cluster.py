@@ -226,7 +226,7 @@ class Cluster:
         from varos_warp.dataset.worker import prepare_site
 
         store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
-        needed = {key: plan.get(key) for key in NEEDED}
+        needed = {key: plan[key] for key in NEEDED if key in plan}
         run = _Run(self, store, needed, made, clock, done, say)
         try:
             with clock("wait"):

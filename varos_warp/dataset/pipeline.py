@@ -8,11 +8,13 @@ and the disk, which bounds the memory whichever the length of the sequence.
 
 import contextlib
 import threading
+import time
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -134,6 +136,10 @@ class _HereAndNow(Executor):
         return future
 
 
+_done: WeakKeyDictionary[object, float] = WeakKeyDictionary()
+"""When the last image was done, by renderer: images that are under way side by side share the time."""
+
+
 class _Run:
     """State of `render_frames`."""
 
@@ -170,11 +176,15 @@ class _Run:
         return writing
 
     def timed(self, job: ImageJob):
-        """An image, and the seconds it took without those of compiling."""
+        """An image, and the seconds it took without those of compiling, nor those before the image before was done."""
         camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
-        return timed(self.renderer, lambda: finish(self.renderer.steps(
+        start = time.perf_counter()
+        image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame,
             spp=spp_of(self.plan, job.camera, job.frame), **self.options), self.turn))
+        overlap = max(_done.get(self.renderer, start) - start, 0.0)
+        _done[self.renderer] = time.perf_counter()
+        return image, max(seconds - overlap, 0.0)
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""

@@ -264,8 +264,8 @@ class _Job:
         self.tell("planning from a few poses ...")
         plan = self.engine.plan()
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-        spp = next((d.choice for d in reversed(plan.decisions) if d.what.startswith("spp")), plan.spp)
-        self.say(f"planned in {time.monotonic() - start:.0f} s: {spp} samples per pixel of A{error}")
+        took = time.monotonic() - start
+        self.say(f"planned in {took:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
         return plan.to_dict()
 
     # ------------------------------------------------------------------------------------------------------ texts

@@ -203,7 +203,6 @@ def develop(
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     total = sums.direct + sums.single + sums.glow + sums.veil
-    error = wp.vec3(0.0)
     sharp = wp.vec3(-1.0)
     if extra >= TELLING_SAMPLES:
         if film.metal[row, col] == 1:

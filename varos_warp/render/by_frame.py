@@ -26,6 +26,8 @@ JUDGES = 2
 BEYOND, REACH, ROUNDS = 1.5, 3, 2
 """If it needs more than the first number of times what it was judged with, it is judged again with that, so often in
 all; nor is its error extrapolated further than the second number of times."""
+JUDGED_TO = 0.2
+"""Share of the square of an error that its standard error may be."""
 JUDGING_THREADS = 2
 """That judge images while others are rendered."""
 
@@ -58,37 +60,44 @@ class Look:
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
-        Between two numbers of samples as they say, beyond as all do.
+        Between two numbers of samples as they say, beyond as all do. Where the judges are too noisy to tell the square
+        of an error to ``JUDGED_TO``, the upper end of what chance leaves open counts, and no fewer are taken than were
+        judged.
 
         Args:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        errors = np.array([pilot.error([image], self.judges, 0.0) for image in self.images])
+        judged = [pilot.error([image], self.judges, sigmas) for image in self.images for sigmas in (0.0, 1.0)]
+        errors, upper = np.array(judged[0::2]), np.array(judged[1::2])
+        vague = np.any(upper**2 > (1.0 + JUDGED_TO) * errors**2, axis=1)
+        errors = np.where(vague[:, None], upper, errors)
         enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0
         near = slice(enough - 1, enough + 1) if enough else slice(None)
         needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
-        return int(np.clip(needed, self.spp[0] // REACH, REACH * self.spp[-1]))
+        least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
+        return int(np.clip(needed, least, REACH * self.spp[-1]))
 
 
-def look(image: Callable[[int, int], Any], spp: int) -> Look:
+def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
     """Look at a view.
 
     Args:
-        image: Makes an image of it, with ``denoised``, from its samples per pixel and the number of its random numbers.
+        image: Makes the radiance [H, W, 3] of an image of it, from its samples per pixel, the number of its random
+            numbers, and whether to denoise it.
         spp: About what it may need.
     """
     counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
-    images = [image(count, k).denoised for k, count in enumerate(counts)]
-    return Look(counts, images, [image(spp, len(counts) + k).radiance for k in range(JUDGES)])
+    images = [image(count, k, True) for k, count in enumerate(counts)]
+    return Look(counts, images, [image(spp, len(counts) + k, False) for k in range(JUDGES)])
 
 
-def samples_needed(image: Callable[[Any, int, int], Any], views: Iterable[Hashable], spp: int, target: float,
-                   steepest: float) -> dict[Any, int]:
+def samples_needed(image: Callable[[Any, int, int, bool], np.ndarray], views: Iterable[Hashable], spp: int,
+                   target: float, steepest: float) -> dict[Any, int]:
     """Samples per pixel that each view needs.
 
     Args:
-        image: Makes an image of a view, as in `look`.
+        image: Makes the radiance of a view, the first argument, as in `look`.
         views: The views.
         spp: What another view needs, `FEWER[0]` at least.
         target: As in `Look.needs`, like ``steepest``.

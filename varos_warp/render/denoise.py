@@ -13,7 +13,7 @@ import functools
 import warnings
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import correlate1d
 
 METHODS = ("oidn", "nlm", "none")
 
@@ -73,12 +73,17 @@ def denoise_image(image, method: str) -> np.ndarray:
     return np.maximum(result, np.float32(0.0))
 
 
+NEAR, FAR = 3, 11
+"""Sides [pixels] of what `mix` looks at. Where rare bright samples were missed, the mean is too low and the variance
+too: with the variance of the nearest pixels alone, such places would count as certain, and metal come out too dark."""
+
+
 def mix(smooth: np.ndarray, noisy: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """A denoised image and the noisy one, mixed for the least error where the variance of the noise is known.
 
     The mean square of what is between the two is noise, which is known, and what the denoiser has taken away: B in all
-    that noise does not explain. The share of the noisy image is B / (B + variance), over 3 x 3 pixels. So what a
-    denoiser takes for noise and is not comes back, the more the better it is known (James and Stein 1961).
+    that noise does not explain. The share of the noisy image is B / (B + variance). So what a denoiser takes for noise
+    and is not comes back, the more the better it is known (a shrinkage estimate, as of James and Stein 1961).
 
     Args:
         smooth: Radiance [H, W, 3].
@@ -89,13 +94,20 @@ def mix(smooth: np.ndarray, noisy: np.ndarray, variance: np.ndarray) -> np.ndarr
     if not known.any():
         return smooth
 
-    def around(values):
-        return uniform_filter(np.where(known, values, 0.0), (3, 3, 1), np.float64, mode="constant")
+    def around(values, side):
+        return _box(np.where(known, values, 0.0), side) / np.maximum(_box(known.astype(float), side), 1.0)
 
     difference = noisy - smooth
-    apart, noise = around(difference.astype(np.float64) ** 2), around(variance)
+    apart = around(difference.astype(np.float64) ** 2, NEAR)
+    noise = np.maximum(around(variance, NEAR), around(variance, FAR))
     share = np.divide(apart - noise, apart, out=np.zeros_like(apart), where=known & (apart > noise))
     return smooth + share.astype(np.float32) * difference
+
+
+def _box(image: np.ndarray, side: int) -> np.ndarray:
+    """Sums [H, W, 3] over squares; not as running sums, in which a bright pixel leaves its rounding to all after it."""
+    ones = np.ones(side)
+    return correlate1d(correlate1d(image, ones, axis=0, mode="constant"), ones, axis=1, mode="constant")
 
 
 def check_finite(image: np.ndarray) -> None:

@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels import denoise as kernels
 from varos_warp.kernels.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
-from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY
+from varos_warp.render.denoise import FAR, NEAR, QUALITY, RESIDUAL_QUALITY
 
 
 class DeviceDenoiser:
@@ -53,8 +53,9 @@ class DeviceDenoiser:
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, residual, sign, RESIDUAL_QUALITY, guides)
                 if metal_variance is not None:
-                    smooth, result = result, wp.empty_like(result)
-                    wp.launch(mix, dim=result.shape, inputs=[smooth, radiance, metal_variance], outputs=[result])
+                    inputs = [result, radiance, metal_variance, NEAR, FAR]
+                    result = wp.empty_like(result)
+                    wp.launch(mix, dim=result.shape, inputs=inputs, outputs=[result])
             wp.launch(clip_negative, dim=result.shape, outputs=[result])
         return result
 

@@ -133,6 +133,12 @@ class Plan:
         models = [d.error for d in self.decisions if d.what != "spp" and d.error is not None]
         return np.hypot(samples[0], np.sum([np.zeros(3), *models], axis=0))
 
+    @property
+    def spp_in_words(self) -> str:
+        """Samples per pixel of the frames."""
+        counts = [spp for pairs in (self.spp_by_frame or {"": [[0, self.spp]]}).values() for _, spp in pairs]
+        return f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else str(self.spp)
+
     def view(self, camera: Camera) -> Camera:
         """The camera to render with."""
         return pinhole(camera) if self.pinhole else camera
@@ -167,7 +173,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     """
     planner = _Planner(scene, renderer, poses, _why_meshes(meshes))
     plan = planner.plan()
-    many = scene.render.spp is None and plan.spp > MANY_SPP
+    many = planner.nominal_spp is not None and planner.nominal_spp > MANY_SPP
     if many and plan.integrator == "auto" and "tables" in planner.integrators:
         planner, plan = _fewer_by_paths(planner, plan, _why_meshes(meshes))
     cost = sequence_cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
@@ -179,10 +185,11 @@ def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -
     render = tables.render.model_copy(update={"integrator": "path"})
     paths = _Planner(tables.given.model_copy(update={"render": render}), tables.given_renderer, tables.poses, decisions)
     other = paths.plan()
-    if (other.spp, other.error.max()) >= (plan.spp, plan.error.max()):
+    theirs, ours = paths.nominal_spp, tables.nominal_spp
+    if (theirs, other.error.max()) >= (ours, plan.error.max()):
         return tables, plan
-    why = (f"{other.spp} samples do, and tables would need {plan.spp}" if other.spp < plan.spp else
-           f"{other.spp} samples leave {other.error.max():.2%}, and with tables {plan.error.max():.2%}")
+    why = (f"{theirs} samples do, and tables would need {ours}" if theirs < ours else
+           f"{theirs} samples leave {other.error.max():.2%}, and with tables {plan.error.max():.2%}")
     decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in other.decisions]
     return paths, replace(other, decisions=decisions)
 
@@ -208,7 +215,9 @@ class _Planner:
         """Sum of the errors of models so far."""
         self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
         self.integrator, self.pinhole, self.lamps, self.hidden = self.render.integrator, False, None, True
-        self.spp_by_frame = None
+        self.spp_by_frame: dict | None = None
+        self.nominal_spp: int | None = None
+        """What the worst view needs."""
 
     def plan(self) -> Plan:
         """All decisions."""
@@ -441,6 +450,7 @@ class _Planner:
             law, margin = adapting, MARGIN_ADAPTING
             spp = max(law.whole_samples(target / margin), spp // 2)
         self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
+        self.nominal_spp = spp
         if adapting is not None:  # to each frame, too
             return spp, _round(law.noise(spp).max())
         return self.choose_by_frame(spp, target / margin), None
@@ -456,13 +466,15 @@ class _Planner:
         frames = sorted({*frames, worst.frame})
         cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
 
-        def image(view, spp, number):
+        def image(view, spp, number, denoised):
             frame, camera = view
-            return self.image(spp, number, place=(self.poses[frame], cameras[camera]), denoise=method)
+            how = {"denoise": method, "denoised_only": True} if denoised else {}
+            made = self.image(spp, number, place=(self.poses[frame], cameras[camera]), **how)
+            return made.denoised if denoised else made.radiance
 
-        views = [(frame, camera) for camera in cameras for frame in frames]
-        needed = by_frame.samples_needed(image, views, spp, target, steepest)
-        needed[worst.frame, worst.camera.id] = spp  # which more images say
+        known = {(worst.frame, worst.camera.id): spp}
+        views = [(frame, camera) for camera in cameras for frame in frames if (frame, camera) not in known]
+        needed = known | by_frame.samples_needed(image, views, spp, target, steepest)
         given = {camera: by_frame.stretches(frames, [needed[frame, camera] for frame in frames]) for camera in cameras}
         self.spp_by_frame = given
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
@@ -574,7 +586,7 @@ def _models(scene: Scene, plan: Plan) -> dict[str, str]:
     tracer = " or ".join(TRACERS[name] for name in sorted(used))
     stop = "" if plan.tile_tolerance is None else (
         f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
-    words = {"A": f"{tracer}, paths with {' and '.join(limits)}, {plan.spp} samples per pixel{stop}, "
+    words = {"A": f"{tracer}, paths with {' and '.join(limits)}, {plan.spp_in_words} samples per pixel{stop}, "
                   f"denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
