@@ -68,8 +68,7 @@ class Look:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        judged = [pilot.error([image], self.judges, sigmas) for image in self.images for sigmas in (0.0, 1.0)]
-        errors, upper = np.array(judged[0::2]), np.array(judged[1::2])
+        errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
         vague = np.any(upper**2 > (1.0 + JUDGED_TO) * errors**2, axis=1)
         errors = np.where(vague[:, None], upper, errors)
         enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0

@@ -101,7 +101,7 @@ BAND = 32
 SIGMAS = 1.0
 
 
-def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: float = SIGMAS) -> np.ndarray:
+def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas=SIGMAS) -> np.ndarray:
     """Relative RMSE [3] of images, from others that know nothing of them, nor of each other.
 
     With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
@@ -111,10 +111,10 @@ def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas: fl
     Args:
         images: Radiance [H, W, 3] of each D.
         judges: Radiance of the others, two or more.
-        sigmas: That end, in standard errors.
+        sigmas: That end, in standard errors; of several the result is [sigmas, 3].
     """
     square, unsure = squared_error(images, judges)
-    return _relative(square + sigmas * unsure, np.asarray(judges, np.float64))
+    return _relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(judges, np.float64))
 
 
 def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -186,4 +186,4 @@ def blur_error(radiance: np.ndarray, diameter: float) -> np.ndarray:
 def _relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     """Root of mean squares [3] over the brightness of images [count, H, W, 3]; 0 where all is black."""
     level = brightness(radiance.mean((0, 1, 2)))
-    return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(3), where=level > 0.0)
+    return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(square.shape), where=level > 0.0)
