@@ -133,7 +133,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "pinhole": False, "lamps": None,
             "hidden": True, "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)
-    return SimpleNamespace(**plan, error=None, cost=None, decisions=[decision], to_dict=lambda: plan)
+    words = {"spp_in_words": str(plan["spp"])}
+    return SimpleNamespace(**plan, **words, error=None, cost=None, decisions=[decision], to_dict=lambda: plan)
 
 
 def install(monkeypatch):

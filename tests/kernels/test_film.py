@@ -40,11 +40,13 @@ def exposed(samples, strata, takes, sides=1):
 
 
 def developed(film):
-    """direct, single, multiple, residual, radiance, stderr [H, W, 3]."""
+    """direct, single, multiple, residual, radiance, stderr [H, W, 3]; without metal no variance of it is known."""
     shape = film.squares.shape[1:]
-    out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(6)]
+    out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(7)]
     wp.launch(kernel.develop, dim=shape, inputs=[film], outputs=out, device="cpu")
-    return [image.numpy() for image in out]
+    *layers, metal_variance, radiance, stderr = (image.numpy() for image in out)
+    assert (metal_variance < 0.0).all()
+    return [*layers, radiance, stderr]
 
 
 def develop(samples, strata):
