@@ -39,7 +39,7 @@ def check(renderer, plan: Plan, poses, frame: int) -> dict:
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
     judges = [image(spp=JUDGE_LEVEL * spp, seed=SEED + k).radiance for k in range(JUDGES)]
-    error, upper = (pilot.error([made.denoised], judges, sigmas).max() for sigmas in (0.0, 1.0))
+    error, upper = pilot.error([made.denoised], judges, (0.0, 1.0)).max(1)
     return {"frame": frame, "spp": made.spp, "error": round(float(error), 5),
             "with_a_standard_error": round(float(upper), 5), "seconds": round(seconds, 4)}
 
@@ -69,7 +69,7 @@ def chart(result: dict, path: Path) -> None:
     """Errors and samples along the sequence."""
     import matplotlib.pyplot as plt
 
-    from benchmarks.chart import DPI, subtitle
+    from benchmarks.chart import save, subtitle
 
     rows = result["checked"]
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, constrained_layout=True)
@@ -84,8 +84,7 @@ def chart(result: dict, path: Path) -> None:
     width, height = result["resolution"]
     figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "
                     f"samples on average\n{subtitle(result)}", fontsize=11)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
 def main() -> None:

@@ -82,7 +82,7 @@ def radiance(result: dict, scene: str, path: Path) -> None:
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     rows_of_legend = -(-len(labels) // 6)
     figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
@@ -132,7 +132,7 @@ def scenes(result: dict, path: Path) -> None:
     figure.suptitle(subtitle(result), fontsize=11)
     figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
     figure.legend(labels.values(), labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
-    _save(figure, path)
+    save(figure, path)
 
 
 # ----------------------------------------------------------------------------------------------------------------- D
@@ -152,7 +152,7 @@ def depth(result: dict, path: Path) -> None:
         row_of_axes[0].set_ylabel(f"{scene}: error of D [mm]")
     axes[0, 0].legend(fontsize=8)
     figure.suptitle(f"Numbers: tolerance_px; hollow: with depth_steps 1 as well. {subtitle(result)}", fontsize=11)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _depth_panel(axis, levels: list[dict], name: str, title: str) -> None:
@@ -200,7 +200,7 @@ def steps_and_rates(result: dict, path: Path) -> None:
         axis.legend(fontsize=8)
     figure.suptitle(f"Poses and IMU: filled: thrusters lag in world axes, hollow: in body axes. {subtitle(result)}",
                     fontsize=11)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _lines(axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict], float], title: str,
@@ -222,7 +222,8 @@ def _lines(axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict],
     _readable(axis.xaxis)
 
 
-def _save(figure, path: Path) -> None:
+def save(figure, path: Path) -> None:
+    """Write a figure to a file, whose folder is made, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)

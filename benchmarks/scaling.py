@@ -75,7 +75,7 @@ def chart(result: dict, path: Path) -> None:
     """Rate against workers with the straight line of one worker's, and the seconds that are spent once."""
     import matplotlib.pyplot as plt
 
-    from benchmarks.chart import DPI, subtitle
+    from benchmarks.chart import save, subtitle
 
     rows = sorted((row for row in result["runs"] if row["workers"]), key=lambda row: row["workers"])
     if not rows:
@@ -103,8 +103,7 @@ def chart(result: dict, path: Path) -> None:
     width, height = result["resolution"]
     figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, "
                     f"{''.join(result['outputs'])}\n{subtitle(result)}", fontsize=11)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    save(figure, path)
 
 
 def main() -> None:

@@ -13,17 +13,11 @@ def test_kernels_have_the_names_of_their_functions():
         assert frame_cost.kernel_name(timed) == name
 
 
-def test_costs_and_errors_are_written(tmp_path, monkeypatch):
+def test_costs_and_errors_are_written(boulder, tmp_path, monkeypatch):
     """On a CPU, which has no times of kernels; more samples leave less."""
-    scene = tmp_path / "scene.yaml"
-    scene.write_text("""
-objects: [{kind: boulder, diameter: 2.0, seed: 1, position: [0, 2, 0]}]
-vehicle: {lights: [{kind: spot, position: [0.2, 0, 0], cone_deg: 65}], cameras: [{resolution: [32, 18]}]}
-trajectory: {poses: [{position: [0, -1, 1]}, {position: [0, -1, 1.1], time_s: 0.3}]}
-""")
     out = tmp_path / "cost.json"
-    monkeypatch.setattr(sys, "argv", ["frame_cost", "--scene", str(scene), "--device", "cpu", "--frames", "1", "--spp",
-                                      "1,32", "--spp-b", "1,32", "--judge-spp", "128", "-o", str(out)])
+    monkeypatch.setattr(sys, "argv", ["frame_cost", "--scene", str(boulder), "--device", "cpu", "--frames", "1",
+                                      "--spp", "1,32", "--spp-b", "1,32", "--judge-spp", "128", "-o", str(out)])
     frame_cost.main()
     result = json.loads(out.read_text())
     assert [row["outputs"] for row in result["cost"]] == ["A", "A", "B", "B", "CDS"]

@@ -8,12 +8,13 @@ from bisect import bisect_right
 from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from varos_warp.render import pilot
-from varos_warp.render.error_law import FEWEST_SPP, ErrorLaw
+from varos_warp.render.error_law import FEWEST_SPP, REACH, ErrorLaw
 
 SHARE = 0.04
 """Of all samples of a sequence, at most about so many are spent on judging its poses."""
@@ -23,11 +24,8 @@ FEWER = (4, 2, 1)
 """A pose is judged with so many times fewer samples than another one needs,"""
 JUDGES = 2
 """by so many images with as many."""
-BEYOND, REACH, ROUNDS = 1.5, 3, 2
-"""If it needs more than the first number of times what it was judged with, it is judged again with that, so often in
-all; nor is its error extrapolated further than the second number of times."""
-JUDGED_TO = 0.2
-"""Share of the square of an error that its standard error may be."""
+BEYOND, ROUNDS = 1.5, 2
+"""If it needs more than so many times what it was judged with, it is judged again with that, so often in all."""
 JUDGING_THREADS = 2
 """That judge images while others are rendered."""
 
@@ -61,15 +59,15 @@ class Look:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
         Between two numbers of samples as they say, beyond as all do. Where the judges are too noisy to tell the square
-        of an error to ``JUDGED_TO``, the upper end of what chance leaves open counts, and no fewer are taken than were
-        judged.
+        of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and no fewer are taken than
+        were judged.
 
         Args:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
         errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
-        vague = np.any(upper**2 > (1.0 + JUDGED_TO) * errors**2, axis=1)
+        vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
         errors = np.where(vague[:, None], upper, errors)
         enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0
         near = slice(enough - 1, enough + 1) if enough else slice(None)
@@ -104,7 +102,7 @@ def samples_needed(image: Callable[[Any, int, int, bool], np.ndarray], views: It
     needed, judged = {}, dict.fromkeys(views, spp)
     for _ in range(ROUNDS):
         with ThreadPoolExecutor(JUDGING_THREADS) as pool:  # on a GPU judging takes as long as rendering
-            found = {view: pool.submit(look(lambda *how, view=view: image(view, *how), count).needs, target, steepest)
+            found = {view: pool.submit(look(partial(image, view), count).needs, target, steepest)
                      for view, count in judged.items()}
         needed |= {view: future.result() for view, future in found.items()}
         judged = {view: needed[view] for view, count in judged.items() if needed[view] > BEYOND * count}
@@ -116,6 +114,12 @@ def stretches(frames: list[int], needed: list[int]) -> list[list[int]]:
     most = np.maximum(needed[:-1], needed[1:]).tolist()
     return [[frame, spp] for k, (frame, spp) in enumerate(zip(frames, most, strict=False))
             if k == 0 or spp != most[k - 1]]
+
+
+def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
+    """The fewest and the most samples of all cameras' `stretches`."""
+    counts = [spp for pairs in given.values() for _, spp in pairs]
+    return min(counts), max(counts)
 
 
 def spp_of(plan: dict[str, Any], camera: str, frame: int) -> int:

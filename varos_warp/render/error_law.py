@@ -10,6 +10,8 @@ STEEPEST = {"tables": -0.75, "path": -0.5, "reference": -0.5}
 FLATTEST = -0.15
 """Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with tables, that
 of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown."""
+REACH = 3
+"""Up to so many times more samples than were judged, their error may be extrapolated."""
 
 
 @dataclass(frozen=True)

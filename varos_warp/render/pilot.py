@@ -99,6 +99,8 @@ AROUND = 9
 BAND = 32
 """Rows that are judged at a time."""
 SIGMAS = 1.0
+JUDGED_TO = 0.2
+"""Judges tell the square of an error if its standard error is at most this share of it."""
 
 
 def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas=SIGMAS) -> np.ndarray:

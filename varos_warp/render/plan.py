@@ -17,7 +17,7 @@ from varos_warp.render import by_frame, pilot
 from varos_warp.render.adapt import brightness
 from varos_warp.render.cost import sequence_cost, timed
 from varos_warp.render.denoise import available_method, denoise_image
-from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, STEEPEST, ErrorLaw
+from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.frame import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
@@ -45,13 +45,10 @@ LEVELS = (1, 2, 4)
 JUDGE_LEVEL = 8
 """by others with so many times as many,"""
 FEWEST_JUDGES, MOST_JUDGES, MOST_JUDGING = 2, 16, 512
-"""of which there are more until they tell the square of an error to ``JUDGED_TO``, or have so many samples per pixel
+"""of which there are more until they tell the square of an error (`pilot.JUDGED_TO`), or have so many samples per pixel
 together."""
-JUDGED_TO = 0.2
 IMAGES = 2
 """Images that are judged at each level: what a denoiser leaves varies from one to the next."""
-REACH = 3
-"""Up to so many times more samples than were judged, their error may be extrapolated."""
 MANY_SPP = 48
 """If tables need more, paths are looked at, too: a sample of either costs about the same."""
 MOST_JUDGED = 32
@@ -136,8 +133,8 @@ class Plan:
     @property
     def spp_in_words(self) -> str:
         """Samples per pixel of the frames."""
-        counts = [spp for pairs in (self.spp_by_frame or {"": [[0, self.spp]]}).values() for _, spp in pairs]
-        return f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else str(self.spp)
+        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
+        return f"{least} to {most}" if least < most else str(self.spp)
 
     def view(self, camera: Camera) -> Camera:
         """The camera to render with."""
@@ -276,6 +273,11 @@ class _Planner:
         """What renders A, over the cameras."""
         return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
                 for camera in self.scene.vehicle.cameras}
+
+    @property
+    def steepest(self) -> float:
+        """Exponent of the error in the samples, at the least."""
+        return min(STEEPEST[name] for name in self.integrators)
 
     def image(self, spp: int, number: int = 0, output: str = "A", place: tuple | None = None, **changes):
         """An image with what has been chosen so far; each ``number`` has its own random numbers.
@@ -462,7 +464,7 @@ class _Planner:
         frames = by_frame.judged_frames(count, np.prod(judged.resolution) / np.prod(worst.given_camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
-        method, steepest = available_method(self.render.denoise), min(STEEPEST[name] for name in self.integrators)
+        method = available_method(self.render.denoise)
         frames = sorted({*frames, worst.frame})
         cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
 
@@ -474,14 +476,14 @@ class _Planner:
 
         known = {(worst.frame, worst.camera.id): spp}
         views = [(frame, camera) for camera in cameras for frame in frames if (frame, camera) not in known]
-        needed = known | by_frame.samples_needed(image, views, spp, target, steepest)
+        needed = known | by_frame.samples_needed(image, views, spp, target, self.steepest)
         given = {camera: by_frame.stretches(frames, [needed[frame, camera] for frame in frames]) for camera in cameras}
         self.spp_by_frame = given
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
-        counts = [spp for pairs in given.values() for _, spp in pairs]
-        self.decide("spp by frame", f"{min(counts)} to {max(counts)}", f"{mean:.3g} on average: a frame takes what the "
+        least, most = by_frame.extent(given)
+        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: a frame takes what the "
                     f"more demanding of the two next to it needs, of {len(frames)} poses")
-        return max(counts)
+        return most
 
     def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
         """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""
@@ -516,7 +518,7 @@ class _Planner:
         judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
         noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
         left = np.array([pilot.error([image.radiance for image in level], judges) for level in filtered])
-        return ErrorLaw(levels, left, noisy, judges, min(STEEPEST[name] for name in self.integrators))
+        return ErrorLaw(levels, left, noisy, judges, self.steepest)
 
     def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
         """Independent images of ``spp`` samples, as many as it takes to judge the given ones."""
@@ -526,7 +528,7 @@ class _Planner:
             if len(judges) >= FEWEST_JUDGES:
                 square, unsure = pilot.squared_error(images, judges)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(judges[0], axis=(0, 1))), 1e-30) ** 2)
-                if unsure[worst] <= JUDGED_TO * square[worst]:
+                if unsure[worst] <= pilot.JUDGED_TO * square[worst]:
                     break
         return judges
 
