@@ -78,8 +78,7 @@ def chart(result: dict, path: Path) -> None:
     top.set(ylabel="error of A, worst channel [%]", ylim=(0, None))
     top.legend(fontsize=9)
     for camera, pairs in (result["spp_by_frame"] or {"": [[0, result["spp"]]]}).items():
-        starts, counts = zip(*pairs, (result["frames"] - 1, pairs[-1][1]), strict=True)
-        bottom.step(starts, counts, where="post", label=camera)
+        bottom.plot(*zip(*pairs, (result["frames"] - 1, pairs[-1][1]), strict=True), ".-", label=camera)
     bottom.set(xlabel="frame", ylabel="samples per pixel", ylim=(0, None))
     width, height = result["resolution"]
     figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "

@@ -5,7 +5,7 @@ import pytest
 
 from tests.render.test_plan import POSE, make_renderer, make_scene
 from varos_warp.render import by_frame
-from varos_warp.render.by_frame import judged_frames, look, samples_needed, spp_of, stretches
+from varos_warp.render.by_frame import by_camera, halfway, judged_frames, look, samples_along, samples_needed, spp_of
 from varos_warp.render.error_law import FEWEST_SPP
 from varos_warp.render.pilot import error
 from varos_warp.render.plan import plan_render
@@ -28,17 +28,49 @@ def test_judged_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
         assert np.ptp(np.diff(frames)) <= 1
 
 
-def test_a_frame_takes_what_the_more_demanding_of_its_neighbours_needs():
-    frames, needed = [0, 10, 20, 30, 40], [2, 3, 9, 4, 4]
-    given = stretches(frames, needed)
-    assert given == [[0, 3], [10, 9], [30, 4]]
-    plan = {"spp": 9, "spp_by_frame": {"M0": given, "M1": [[0, 5]]}}
+def test_samples_change_in_proportion_between_poses_that_are_alike():
+    given = by_camera({("M0", 0): 5, ("M0", 10): 7, ("M0", 30): 5, ("M1", 0): 5, ("M0", 40): 5})
+    assert given == {"M0": [[0, 5], [10, 7], [30, 5], [40, 5]], "M1": [[0, 5]]}
+    plan = {"spp": 9, "spp_by_frame": given}
     for frame in range(41):
-        k = min(frame // 10, 3)
-        assert spp_of(plan, "M0", frame) == max(needed[k:k + 2])
+        between = np.interp(frame, *zip(*given["M0"], strict=True))
+        assert spp_of(plan, "M0", frame) == int(np.ceil(between - 1e-9)), frame
     assert spp_of(plan, "M1", 33) == 5
     for plan in ({"spp": 9, "spp_by_frame": None}, {"spp": 9}):  # the second as in datasets of before
         assert spp_of(plan, "M0", 7) == 9
+
+
+def test_between_unlike_poses_frames_take_what_the_more_demanding_one_needs():
+    plan = {"spp_by_frame": by_camera({("M0", 0): 2, ("M0", 10): 8, ("M0", 20): 9, ("M0", 21): 4, ("M0", 30): 2})}
+    given = [spp_of(plan, "M0", frame) for frame in range(31)]
+    assert given == [2, *[8] * 10, *[9] * 10, *[4] * 9, 2]
+
+
+def test_stretches_are_halved_where_their_ends_need_unlike_numbers():
+    needed = {("M0", 0): 4, ("M0", 10): 6, ("M0", 20): 20, ("M0", 21): 60, ("M0", 41): 9, ("M1", 0): 40, ("M1", 9): 40}
+    assert halfway(needed) == {("M0", 31): 34, ("M0", 15): 13}  # a quarter of seven: not the one from 4 to 6
+    assert halfway({("M0", 0): 9, ("M0", 8): 13, ("M1", 0): 99}) == {}
+
+
+def test_a_peak_between_even_poses_is_found_and_followed():
+    """Needs of a bump 40 frames wide, on the shoulder of which a pose stands: poses gather about it, and only there."""
+    def truth(frame):
+        return 5.0 + 35.0 * np.exp(-0.5 * ((frame - 420) / 40.0) ** 2)
+
+    asked = []
+
+    def image(view, spp, *how):
+        asked.append(view[1])
+        return noisy_images(0.1 * np.sqrt(truth(view[1])))(spp, *how)
+
+    frames = list(range(0, 1001, 100))
+    needed = samples_along(image, [("M0", frame) for frame in frames], {("M0", 500): 9}, 0.1, -0.75)
+    plan = {"spp_by_frame": by_camera(needed)}
+    assert 500 not in asked
+    assert {350, 450} <= set(asked) - set(frames)
+    assert all(300 <= frame <= 600 for frame in set(asked) - set(frames))
+    for frame in range(380, 461):  # chance and a straight line through a bump make a tenth; and steps of four above 16
+        assert truth(frame) * 0.9 <= spp_of(plan, "M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
 
 
 def noisy_images(sigma: float, seed: int = 1):
@@ -59,7 +91,7 @@ def test_a_view_needs_what_its_noise_says(spp):
     Judged with more than that, and with fewer: then it is judged again, as extrapolating so far would be a guess.
     """
     image = noisy_images(0.5)
-    needed, = samples_needed(lambda view, *how: image(*how), ["it"], spp, 0.1, -0.75).values()
+    needed, = samples_needed(lambda view, *how: image(*how), {("M0", 0): spp}, 0.1, -0.75).values()
     assert 24 <= needed <= 28
 
 
@@ -68,13 +100,15 @@ def test_views_that_need_more_than_they_were_judged_with_are_judged_again():
 
     def image(view, spp, *how):
         asked.append((view, spp))
-        return noisy_images(view)(spp, *how)
+        return noisy_images(sigma[view])(spp, *how)
 
-    needed = samples_needed(image, [0.1, 1.0], 16, 0.1, -0.75)
-    assert needed[0.1] == FEWEST_SPP
-    assert 92 <= needed[1.0] <= 108
-    assert max(spp for view, spp in asked if view == 0.1) == 16
-    assert max(spp for view, spp in asked if view == 1.0) == by_frame.REACH * 16
+    clear, noisy = ("M0", 0), ("M0", 1)
+    sigma = {clear: 0.1, noisy: 1.0}
+    needed = samples_needed(image, dict.fromkeys(sigma, 16), 0.1, -0.75)
+    assert needed[clear] == FEWEST_SPP
+    assert 92 <= needed[noisy] <= 108
+    assert max(spp for view, spp in asked if view == clear) == 16
+    assert max(spp for view, spp in asked if view == noisy) == by_frame.REACH * 16
 
 
 def test_a_view_is_judged_by_images_that_know_nothing_of_it():

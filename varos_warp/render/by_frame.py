@@ -1,14 +1,17 @@
 """Samples by frame: what the views of a sequence need differs, and the one that needs most need not rule all frames.
 
-Poses along the sequence are judged with few images each (pilot.error); a frame between two of them takes what the more
-demanding one needs. As always, what a frame takes follows from the scene alone, not from other frames.
+Poses along the sequence are judged with few images each (pilot.error), closer together where their needs are unlike. A
+frame between two poses takes a number between theirs, in proportion, or what the more demanding one needs if they are
+unlike even so. As always, what a frame takes follows from the scene alone, not from other frames.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from heapq import nlargest
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,11 +22,17 @@ from varos_warp.render.error_law import FEWEST_SPP, REACH, ErrorLaw
 SHARE = 0.04
 """Of all samples of a sequence, at most about so many are spent on judging its poses."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
-"""Stretches between judged poses: with fewer, or with samples that are few anyway, all frames take the same."""
+"""Stretches between evenly spread poses: with fewer, or with samples that are few anyway, all frames take the same."""
+UNLIKE = 1.5
+"""The ends of a stretch are unlike if one needs more than so many times what the other needs."""
+HALVINGS, HALVED = 2, 0.25
+"""Then it is halved, so often, and at most that share of all stretches at a time."""
 FEWER = (4, 2, 1)
-"""A pose is judged with so many times fewer samples than another one needs,"""
+"""A pose is judged with so many times fewer samples than it may need,"""
 JUDGES = 2
 """by so many images with as many."""
+FIRST = 8
+"""The first poses may need as many, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, ROUNDS = 1.5, 2
 """If it needs more than so many times what it was judged with, it is judged again with that, so often in all."""
 JUDGING_THREADS = 2
@@ -89,17 +98,20 @@ def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
     return Look(counts, images, [image(spp, len(counts) + k, False) for k in range(JUDGES)])
 
 
-def samples_needed(image: Callable[[Any, int, int, bool], np.ndarray], views: Iterable[Hashable], spp: int,
-                   target: float, steepest: float) -> dict[Any, int]:
+View = tuple[str, int]
+"""Camera and frame."""
+
+
+def samples_needed(image: Callable[[View, int, int, bool], np.ndarray], views: dict[View, int], target: float,
+                   steepest: float) -> dict[View, int]:
     """Samples per pixel that each view needs.
 
     Args:
         image: Makes the radiance of a view, the first argument, as in `look`.
-        views: The views.
-        spp: What another view needs, `FEWER[0]` at least.
+        views: The views, and what they may need, `FEWER[0]` at least.
         target: As in `Look.needs`, like ``steepest``.
     """
-    needed, judged = {}, dict.fromkeys(views, spp)
+    needed, judged = {}, views
     for _ in range(ROUNDS):
         with ThreadPoolExecutor(JUDGING_THREADS) as pool:  # on a GPU judging takes as long as rendering
             found = {view: pool.submit(look(partial(image, view), count).needs, target, steepest)
@@ -109,15 +121,48 @@ def samples_needed(image: Callable[[Any, int, int, bool], np.ndarray], views: It
     return needed
 
 
-def stretches(frames: list[int], needed: list[int]) -> list[list[int]]:
-    """Pairs of a frame and the samples from there on, from what judged frames need."""
-    most = np.maximum(needed[:-1], needed[1:]).tolist()
-    return [[frame, spp] for k, (frame, spp) in enumerate(zip(frames, most, strict=False))
-            if k == 0 or spp != most[k - 1]]
+def samples_along(image: Callable[[View, int, int, bool], np.ndarray], views: list[View], known: dict[View, int],
+                  target: float, steepest: float) -> dict[View, int]:
+    """Samples per pixel that views along a sequence need, and others halfway where they differ much.
+
+    Args:
+        image: As in `samples_needed`, like ``target`` and ``steepest``.
+        views: The first views.
+        known: What others need, among them the one that is thought to need most.
+    """
+    most = max(known.values())
+    first = min(max(FIRST, most // REACH), most)
+    needed, asked = known, dict.fromkeys(sorted({*views} - {*known}), first)
+    for _ in range(1 + HALVINGS):
+        needed = needed | samples_needed(image, asked, target, steepest)
+        asked = halfway(needed)
+    return needed
+
+
+def halfway(needed: dict[View, int]) -> dict[View, int]:
+    """Views between neighbours that are unlike, and about what they may need."""
+    unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
+              for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
+    chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
+    return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], (needed[a] + needed[b]) // 2) for a, b in chosen}
+
+
+def by_camera(needed: dict[View, int]) -> dict[str, list[list[int]]]:
+    """Pairs of a frame and its samples, between which they change in proportion."""
+    given = {}
+    for (camera, frame), spp in sorted(needed.items()):
+        pairs = given.setdefault(camera, [])
+        before = pairs[-1] if pairs else [frame, spp]
+        if spp > UNLIKE * before[1]:
+            pairs.append([before[0] + 1, spp])
+        elif before[1] > UNLIKE * spp:
+            pairs.append([frame - 1, before[1]])
+        pairs.append([frame, spp])
+    return given
 
 
 def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
-    """The fewest and the most samples of all cameras' `stretches`."""
+    """The fewest and the most samples of all cameras' frames (`by_camera`)."""
     counts = [spp for pairs in given.values() for _, spp in pairs]
     return min(counts), max(counts)
 
@@ -125,7 +170,11 @@ def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
 def spp_of(plan: dict[str, Any], camera: str, frame: int) -> int:
     """Samples per pixel of A of one frame by a plan, as `Plan.to_dict` has it."""
     given = (plan.get("spp_by_frame") or {}).get(camera)
-    return given[bisect_right(given, frame, key=lambda pair: pair[0]) - 1][1] if given else plan["spp"]
+    if not given:
+        return plan["spp"]
+    after = bisect_right(given, frame, key=lambda pair: pair[0])
+    (start, spp), (end, next_spp) = given[after - 1], given[min(after, len(given) - 1)]
+    return spp - (spp - next_spp) * (frame - start) // max(end - start, 1)  # rounded up, in whole numbers everywhere
 
 
 def mean_spp(plan: dict[str, Any], camera: str, count: int) -> float:

@@ -107,7 +107,8 @@ class Plan:
     tile_tolerance: float | None = None
     """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
     spp_by_frame: dict[str, list[list[int]]] | None = None
-    """By camera: pairs of a frame and the samples per pixel from there on; None: all frames take ``spp``."""
+    """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
+    ``spp``."""
     decisions: list[Decision] = field(default_factory=list)
     models: dict[str, str] = field(default_factory=dict)
     """How each output is made, by its letter."""
@@ -465,24 +466,21 @@ class _Planner:
         if not frames or spp < by_frame.FEWER[0]:
             return spp
         method = available_method(self.render.denoise)
-        frames = sorted({*frames, worst.frame})
         cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
 
         def image(view, spp, number, denoised):
-            frame, camera = view
+            camera, frame = view
             how = {"denoise": method, "denoised_only": True} if denoised else {}
             made = self.image(spp, number, place=(self.poses[frame], cameras[camera]), **how)
             return made.denoised if denoised else made.radiance
 
-        known = {(worst.frame, worst.camera.id): spp}
-        views = [(frame, camera) for camera in cameras for frame in frames if (frame, camera) not in known]
-        needed = known | by_frame.samples_needed(image, views, spp, target, self.steepest)
-        given = {camera: by_frame.stretches(frames, [needed[frame, camera] for frame in frames]) for camera in cameras}
-        self.spp_by_frame = given
+        views = [(camera, frame) for camera in cameras for frame in frames]
+        needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
+        given = self.spp_by_frame = by_frame.by_camera(needed)
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
         least, most = by_frame.extent(given)
-        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: a frame takes what the "
-                    f"more demanding of the two next to it needs, of {len(frames)} poses")
+        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
+                    "views need, and those between in proportion")
         return most
 
     def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
