@@ -82,11 +82,16 @@ def equiangular_angle(h: float, ya: float, yb: float):
 
 @wp.func
 def sample_equiangular(h: float, ya: float, yb: float, u: float):
-    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle (Kulla and Fajardo 2012).
+    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle (Kulla and Fajardo 2012)."""
+    return equiangular_point(h, ya, yb, equiangular_angle(h, ya, yb), u)
+
+
+@wp.func
+def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
+    """The same with the ``angle`` known.
 
     The rational form keeps its digits as h -> 0; the usual one is used where the foot of the light is in between.
     """
-    angle = equiangular_angle(h, ya, yb)
     if ya * yb < 0.0:
         y = h * wp.tan(wp.atan2(ya, h) + u * angle * h)
     else:
