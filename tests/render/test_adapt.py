@@ -7,6 +7,7 @@ from varos_warp.render import frame, residual
 from varos_warp.render.adapt import (
     DARK,
     MOST_SHARED,
+    MOST_SHARED_RESIDUAL,
     brightness,
     first_samples,
     more_samples,
@@ -77,6 +78,8 @@ def test_samples_are_shared_out_in_proportion_to_the_deviation():
     noise[:, 0, 0] = 1e9
     count = share_out(noise, 2, 40.0) + 2
     assert count.max() == MOST_SHARED * 40
+    fewer = share_out(noise, 2, 40.0, most_shared=MOST_SHARED_RESIDUAL) + 2
+    assert fewer.max() == MOST_SHARED_RESIDUAL * 40
     assert count.mean() == pytest.approx(40.0, abs=1.0)
     assert not share_out(np.zeros((2, 3, 4)), 2, 40.0).any()
 
@@ -163,7 +166,7 @@ def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share
     shared = images(0)
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
     monkeypatch.setattr(frame, "share_out",
-                        lambda noise, taken, spp, cost=1.0: np.full(noise.shape, round(spp) - taken))
+                        lambda noise, taken, spp, cost=1.0, most_shared=0: np.full(noise.shape, round(spp) - taken))
     even = images(100)
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()

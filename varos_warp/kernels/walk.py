@@ -190,11 +190,13 @@ def asinh(x: float):
 
 
 @wp.func
-def sample_open_flight(scene: SceneData, p: wp.vec3, d: wp.vec3, throughput: wp.vec3, u: float, v: float):
+def sample_open_flight(
+    scene: SceneData, p: wp.vec3, d: wp.vec3, throughput: wp.vec3, lamp_share: float, u: float, v: float
+):
     """Distance to the next scattering in water without end, and its weight.
 
-    Half of the time a free flight of one channel, half of the time near a lamp, with a density in proportion to the
-    inverse distance from it, as the light that it scatters: most free flights leave the lit water.
+    A free flight of one channel, or with ``lamp_share`` near a lamp, with a density in proportion to the inverse
+    distance from it, as the light that it scatters: most free flights leave the lit water.
     """
     flight = Flight()
     to_lamp = scene.lights[strongest_lamp(scene, p)].position - p
@@ -205,17 +207,17 @@ def sample_open_flight(scene: SceneData, p: wp.vec3, d: wp.vec3, throughput: wp.
     high = asinh((reach - foot) / h)
     sigma = scene.medium.sigma_t
     share = throughput / (throughput[0] + throughput[1] + throughput[2])
-    if u < 0.5:
+    if u < lamp_share:
         x = wp.lerp(low, high, v)
         flight.t = wp.clamp(foot + 0.5 * h * (wp.exp(x) - wp.exp(-x)), 0.0, reach)
     else:
-        s = sigma[pick_channel(throughput, 2.0 * u - 1.0)]
+        s = sigma[pick_channel(throughput, (u - lamp_share) / (1.0 - lamp_share))]
         flight.t = wp.where(s > 0.0, -wp.log(1.0 - v) / wp.max(s, 1.0e-30), FAR)
     T = transmittance(scene.medium, flight.t)
-    pdf = 0.5 * wp.dot(share, wp.cw_mul(sigma, T))
+    pdf = (1.0 - lamp_share) * wp.dot(share, wp.cw_mul(sigma, T))
     if flight.t <= reach:
         y = flight.t - foot
-        pdf += 0.5 / (wp.sqrt(h * h + y * y) * (high - low))
+        pdf += lamp_share / (wp.sqrt(h * h + y * y) * (high - low))
     if flight.t < FAR:
         flight.weight = wp.cw_mul(scene.medium.sigma_s, T) / pdf
     return flight
@@ -365,13 +367,13 @@ def roulette(scene: SceneData, walk: Walk, u: float):
 
 
 @wp.func
-def drift(scene: SceneData, walk: Walk, u: wp.vec4):
-    """Move a walk to its next scattering in water without end; roulette may end it."""
+def drift(scene: SceneData, walk: Walk, lamp_share: float, u: wp.vec4):
+    """Move a walk to its next scattering in water without end (`sample_open_flight`); roulette may end it."""
     moved = walk
     moved.alive = 0
     if brightest(walk.throughput) <= 0.0:
         return moved
-    flight = sample_open_flight(scene, walk.vertex.p, walk.vertex.d, walk.throughput, u[0], u[1])
+    flight = sample_open_flight(scene, walk.vertex.p, walk.vertex.d, walk.throughput, lamp_share, u[0], u[1])
     moved.throughput = wp.cw_mul(walk.throughput, flight.weight)
     if brightest(moved.throughput) <= 0.0:
         return moved

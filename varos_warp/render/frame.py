@@ -22,6 +22,7 @@ from varos_warp.kernels.reference import make_reference_kernel
 from varos_warp.kernels.tables import make_tables_kernel
 from varos_warp.render.adapt import (
     FEWEST_FIRST_SHARED,
+    MOST_SHARED_RESIDUAL,
     first_samples,
     more_samples,
     other_noise,
@@ -272,7 +273,7 @@ class FrameRenderer:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
             each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
             spp_residual = 1.0 + max(0, spp - FEWEST_FIRST_SHARED) / each
-            residual = Residual(self.launcher, scene, surfaces, tables, max_bounces, keys[0], film.lost)
+            residual = Residual(self.launcher, scene, surfaces, tables, max_bounces, keys[0], film.lost, filtered)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
         before, how = [scene, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
@@ -303,7 +304,7 @@ class FrameRenderer:
         yield from residual.add_glow(film, view, camera, first, on_metal, level)
         self.launcher.run(residual_mean_squares, pixels.shape, [film, on_metal, float(most_on_metal)], [pixels])
         noise = other_noise(mean, *(yield from self._tile_means(film, pixels)))
-        more = share_out(noise, first, spp, 1.0 + (on_metal - 1) * metal)
+        more = share_out(noise, first, spp, 1.0 + (on_metal - 1) * metal, MOST_SHARED_RESIDUAL)
         yield from residual.add_glow(film, view, camera, more, on_metal, level)
 
     def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> Steps[RadianceImage]:

@@ -12,7 +12,7 @@ from varos_warp.kernels.glow import add_counts, add_residual, count_starts, list
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.open_water import Tables
-from varos_warp.kernels.residual import make_block_kernel, make_reflect_kernel
+from varos_warp.kernels.residual import BLOCKED_SHARE, make_block_kernel, make_reflect_kernel
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
 from varos_warp.render.launch import Launcher, Steps
@@ -67,11 +67,13 @@ class Residual:
         max_bounces: most reflections on surfaces.
         key: of the random numbers.
         lost: counts samples that are not numbers, as of a film.
+        filtered: whether a denoiser is to follow.
     """
 
     def __init__(self, launcher: Launcher, scene: SceneData, kinds: tuple[bool, bool], tables: Tables,
-                 max_bounces: int, key: int, lost: wp.array):
+                 max_bounces: int, key: int, lost: wp.array, filtered: bool):
         self.launcher, self.scene, self.kinds, self.tables = launcher, scene, kinds, tables
+        self.blocked_share = float(BLOCKED_SHARE) if filtered else 1.0
         self.max_bounces, self.lost = max_bounces, lost
         self.keys = [int(k) for k in np.random.SeedSequence(key).generate_state(4)]
         self.lit_points = wp.empty(LIT_POINTS, dtype=LitPoint, device=launcher.device)
@@ -90,7 +92,7 @@ class Residual:
         self.launcher.rows(make_start_veil_kernel(self.kinds[0]), (*nodes, shape[0]), before, after, tile_rows=1)
         light = wp.zeros(shape, dtype=wp.vec3, device=self.launcher.device)
         flat = [array.flatten() for array in (starts, places, points, light)]
-        self._walk(*flat, key, pinhole.position, halo_width(pinhole, view))
+        self._walk(*flat, key, 1.0, pinhole.position, halo_width(pinhole, view))
         means = wp.empty((slabs, *nodes), dtype=wp.vec4, device=self.launcher.device)
         self.launcher.run(average_slabs, means.shape, [starts, light], [means, self.lost])
         self.launcher.run(sum_slabs, nodes, [self.scene, means], [grid])
@@ -139,21 +141,22 @@ class Residual:
                  light]
         kernel = make_start_glow_kernel(*self.kinds)
         self.launcher.rows(kernel, places.shape, [self.scene, camera], after, tile_rows=CPU_TILE)
-        self._walk(starts, places, points, light, self.keys[2])
+        self._walk(starts, places, points, light, self.keys[2], self.blocked_share)
         return light
 
-    def _walk(self, starts, places, points, light, key: int, eye=(0.0, 0.0, 0.0), halo=0.0):
+    def _walk(self, starts, places, points, light, key: int, blocked_share: float, eye=(0.0, 0.0, 0.0), halo=0.0):
         """Add the light of walks from ``starts``, but for the halo; see kernels/residual.halo_share.
 
-        Random numbers are those of the ``points`` of the ``places``' sequences.
+        Random numbers are those of the ``points`` of the ``places``' sequences; ``blocked_share`` of the starts look
+        what is blocked.
         """
         scene, walks, key = self.scene, [starts, places, points], wp.uint32(key)
         reflected = [*walks, self.tables, self.lit_points, self.max_bounces, wp.vec3(*eye), halo, key, light]
         block, count = make_block_kernel(self.kinds[0]), starts.shape[0]
-        self._over(block, scene, count, [*walks, key, light])
+        self._over(block, scene, count, [*walks, blocked_share, key, light])
         self._over(make_reflect_kernel(*self.kinds), scene, count, reflected)
         # the starts now are surfaces that walks met
-        self._over(block, scene, count, [*walks, wp.uint32(self.keys[3]), light])
+        self._over(block, scene, count, [*walks, 1.0, wp.uint32(self.keys[3]), light])
 
     def _over(self, kernel, scene, count: int, arguments):
         """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
