@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import uniforms
@@ -73,8 +73,10 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
     ):
         """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
         tile_row, col, stratum = wp.tid()
-        row = first_row + tile_row
-        width = film.squares.shape[2]
+        row = row_of(film, first_row + tile_row)
+        height, width = film.squares.shape[1], film.squares.shape[2]
+        if row >= height:
+            return
         pixel = row * width + col
         sums = Sums()
         for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):

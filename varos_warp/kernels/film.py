@@ -23,6 +23,9 @@ class Film:
 
     wanted: wp.array3d(dtype=int)
     """Samples that pixels are to take next [side, tile row, tile column]."""
+    rows: wp.array(dtype=int)
+    """Rows of tiles in the order in which they are rendered: those with the most samples a pixel first, or a GPU would
+    wait for a few threads in the end."""
     count: wp.array3d(dtype=int)
     """Samples of a pixel [side, tile row, tile column], once those of the launch to come are in."""
     begin: wp.array4d(dtype=int)
@@ -96,6 +99,12 @@ def first_sample(stratum: int, strata: int, spp: int):
 def side_of(sides: int, row: int, col: int):
     """The side that a pixel belongs to."""
     return (row + col) % sides
+
+
+@wp.func
+def row_of(film: Film, i: int):
+    """The row of pixels that is rendered as the ``i``-th; may lie beyond the image, in its last row of tiles."""
+    return film.rows[i / TILE] * TILE + i % TILE
 
 
 @wp.func

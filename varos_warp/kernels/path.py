@@ -14,7 +14,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -119,8 +119,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         film: Film,
     ):
         tile_row, col, stratum = wp.tid()
-        row = first_row + tile_row
-        width = film.squares.shape[2]
+        row = row_of(film, first_row + tile_row)
+        height, width = film.squares.shape[1], film.squares.shape[2]
+        if row >= height:
+            return
         pixel = row * width + col
         sample = first_of(film, stratum, row, col)
         end = end_of(film, stratum, row, col)

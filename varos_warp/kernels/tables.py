@@ -17,7 +17,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -54,8 +54,10 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
         film: Film,
     ):
         tile_row, col, stratum = wp.tid()
-        row = first_row + tile_row
+        row = row_of(film, first_row + tile_row)
         height, width = film.squares.shape[1], film.squares.shape[2]
+        if row >= height:
+            return
         pixel = row * width + col
         sums = Sums()
         begin, end = first_of(film, stratum, row, col), end_of(film, stratum, row, col)

@@ -373,6 +373,7 @@ class FrameRenderer:
         film.residual_count, film.metal = (wp.empty(pixels, dtype=int, device=self.device) for _ in "cm")
         tiles = (sides, -(-height // TILE), -(-width // TILE))
         film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
+        film.rows = wp.empty(tiles[1], dtype=int, device=self.device)
         film.begin, film.end = (wp.empty((strata, *tiles), dtype=int, device=self.device) for _ in "be")
         film.lost = wp.empty(1, dtype=int, device=self.device)
         return film
@@ -456,7 +457,10 @@ class FrameRenderer:
             strata = min(strata, self._even_strata(width * height))
         self.launcher.upload(samples, film.wanted)
         self.launcher.run(share_samples, film.count.shape, [strata], [film])
-        self.launcher.rows(kernel, (height, width, strata), before, after)
+        rows = film.count.shape[1]
+        order = np.arange(rows) if even else np.argsort(-np.max(samples, axis=(0, 2)), kind="stable")
+        self.launcher.upload(order.astype(np.int32), film.rows)
+        self.launcher.rows(kernel, (rows * TILE, width, strata), before, after)
 
     def _tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
         """Mean and variance of one sample, [side, tile row, tile column, 3]."""
