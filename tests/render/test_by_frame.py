@@ -121,6 +121,17 @@ def test_a_view_is_judged_by_images_that_know_nothing_of_it():
         np.testing.assert_allclose(error([image], seen.judges, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
 
 
+def test_no_more_samples_are_taken_than_were_enough():
+    """From 2 to 4 samples errors fall faster than by the law, for with 2 none are shared out by noise: 4 are enough."""
+    rng = np.random.default_rng(4)
+    truth = np.ones((180, 320, 3))
+    counts, errors = [2, 4, 8], [0.049, 0.0165, 0.0098]
+    images = [truth + error * rng.normal(size=truth.shape) for error in errors]
+    seen = by_frame.Look(counts, images, [truth + 0.02 * rng.normal(size=truth.shape) for _ in range(2)])
+    assert seen.needs(0.0188, -0.75) == 4
+    assert seen.needs(0.012, -0.75) in (6, 7)  # between 4 and 8 as they say
+
+
 def test_vague_judges_never_talk_samples_down():
     """The image is 2 % off, its judges are all noise: then no fewer samples are taken than the image had."""
     truth, spp = np.ones((180, 320, 3)), 32

@@ -67,7 +67,7 @@ class Look:
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
-        Between two numbers of samples as they say, beyond as all do. Where the judges are too noisy to tell the square
+        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the judges are too noisy to tell the square
         of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and no fewer are taken than
         were judged.
 
@@ -78,11 +78,13 @@ class Look:
         errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
         vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
         errors = np.where(vague[:, None], upper, errors)
-        enough = int(np.argmax(errors.max(1) <= target)) if errors[-1].max() <= target else 0
+        met = errors.max(1) <= target
+        enough = int(np.argmax(met)) if met[-1] else 0
         near = slice(enough - 1, enough + 1) if enough else slice(None)
         needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
+        most = self.spp[enough] if met[-1] else REACH * self.spp[-1]
         least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
-        return int(np.clip(needed, least, REACH * self.spp[-1]))
+        return max(least, min(needed, most))
 
 
 def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
