@@ -168,11 +168,13 @@ def quarters(image):
     return image.astype(float).reshape(2, height // 2, 2, width // 2, 3).mean(axis=(1, 3))
 
 
-def test_no_light_of_open_water_leaks_into_a_closed_box_around_the_camera():
+@pytest.mark.parametrize("denoise", ["none", "oidn"])
+def test_no_light_of_open_water_leaks_into_a_closed_box_around_the_camera(denoise):
     """The lamps are outside: what the tables send in is blocked, at the first surface and at those seen from it."""
     scene = view(VAROS_LAMPS, PAPER_WATER)
     renderer = FrameRenderer(scene, "cpu", parts=[boxed((0.16, 0.16, 0.16), (0, 0, 0), 0.8)])
-    images = [renderer.render(np.eye(4), outputs="A", integrator="tables", spp=64, seed=s).A for s in range(8)]
+    how = {"integrator": "tables", "spp": 64, "denoise": denoise}  # the second looks less for what is blocked
+    images = [renderer.render(np.eye(4), outputs="A", seed=s, **how).A for s in range(8)]
     means = np.array([image.radiance.mean(axis=(0, 1), dtype=float) for image in images])
     assert_plausible(2.0 * stats.t.sf(np.abs(means.mean(axis=0)) / (means.std(axis=0, ddof=1) / np.sqrt(8)), 7))
     assert np.all(means.std(axis=0, ddof=1) / np.sqrt(8) < 3e-3)  # light that only first surfaces blocked was 1.3e-2
@@ -198,6 +200,17 @@ SCENES = {
 def test_the_image_is_that_of_the_path_integrator(name):
     lamps, coefficients, parts = SCENES[name]
     assert_same_as_path(view(lamps, coefficients), parts(), bias=1e-2 if name == "turbid" else BIAS)
+
+
+@pytest.mark.parametrize("spp", [4, 7, 9])
+@pytest.mark.subject("single scattering")
+def test_a_boxed_lamp_adds_nothing_however_many_samples_look(truth, spp):
+    """One or two of so many look what is blocked, for all: half of the light of two equal lamps is left."""
+    scene, lid = one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=64), boxed((0.1, 0.1, 0.1), (-0.15, -0.1, 0.0), 0.0)
+    both, _ = radiance(scene, [floor(5.0, 0.0)], "single", integrator="tables", spp=4)
+    truth(f"tables, red, green, blue, one of two lamps boxed, {spp} samples", source="half of the light of both",
+          **agreement(radiance(scene, [floor(5.0, 0.0), lid], "single", integrator="tables", spp=spp), 0.5 * both,
+                      precision=0.03))
 
 
 @pytest.mark.gpu

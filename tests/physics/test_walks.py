@@ -123,7 +123,7 @@ def wander(scene: SceneData, isotropic: int, drifts: int, lamp_share: float, key
     while walk.alive == 1:
         u = uniforms(key, i, 0, dimension)
         if drifts == 1:
-            walk = drift(scene, walk, 0.5, u)
+            walk = drift(scene, walk, lamp_share_at(dimension - 1), u)
         else:
             walk = fly_on(scene, walk, u)
         if walk.alive == 1:
@@ -158,7 +158,7 @@ def hop(scene: SceneData, flights: int, lamp_share: float, key: wp.uint32, p: wp
 
 
 @wp.kernel(enable_backward=False)
-def fly(scene: SceneData, t_max: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
+def fly(scene: SceneData, t_max: float, lamp_share: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
         passed: wp.array(dtype=wp.vec3), near: wp.array(dtype=wp.vec3)):
     """A flight up to t_max: its weight if it ends in the water, or at t_max; and of one in endless water, if before."""
     i = wp.tid()
@@ -168,7 +168,8 @@ def fly(scene: SceneData, t_max: float, key: wp.uint32, scattered: wp.array(dtyp
         scattered[i] = flight.weight
     else:
         passed[i] = flight.weight
-    flight = sample_open_flight(scene, wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), wp.vec3(1.0, 0.5, 0.7), 0.5, u[2], u[3])
+    throughput = wp.vec3(1.0, 0.5, 0.7)
+    flight = sample_open_flight(scene, wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), throughput, lamp_share, u[2], u[3])
     if flight.t < t_max:
         near[i] = flight.weight
 
@@ -410,13 +411,14 @@ def test_weights_of_walks_for_blocked_light_grow_little():
     assert weights[-1] < 1e4
 
 
-@pytest.mark.parametrize("t_max", [0.1, 1.0, 5.0])
+@pytest.mark.parametrize(("t_max", "lamp_share"), [(0.1, 0.5), (1.0, 0.5), (5.0, 0.5), (1.0, 0.1)])
 @pytest.mark.subject("single scattering")
-def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max):
+def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max, lamp_share):
     """Weights of flights of one channel drawn for all three; and of flights drawn near a lamp, before t_max."""
     n, sigma_s, sigma_t = 1 << 17, np.array([0.3, 0.1, 1.0]), np.array([0.5, 0.9, 1.0])
     scene = scene_of(sigma_s, sigma_t, 0.0, (0.2, 0.0, 0.5))
-    scattered, passed, near = launched(fly, n, [scene, t_max, key_of(t_max)], *[(wp.vec3, n)] * 3)
+    inputs = [scene, t_max, lamp_share, key_of(t_max, lamp_share)]
+    scattered, passed, near = launched(fly, n, inputs, *[(wp.vec3, n)] * 3)
     for c in range(3):
         T = np.exp(-sigma_t[c] * t_max)
         what = f"{t_max} m, sigma_s = {sigma_s[c]}, sigma_t = {sigma_t[c]}"
@@ -424,5 +426,5 @@ def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max
         truth(f"transmittance, {what}", source="exp(-sigma_t t)", expected=T, **estimate(passed[:, c]))
         truth(f"share scattered, {what}", source="c (1 - exp(-sigma_t t))", expected=share,
               **estimate(scattered[:, c]))
-        truth(f"share scattered, {what}, half of the flights drawn near a lamp", source="c (1 - exp(-sigma_t t))",
+        truth(f"share scattered, {what}, {lamp_share:.0%} of the flights near a lamp", source="c (1 - exp(-sigma_t t))",
               expected=share, **estimate(near[:, c]))

@@ -45,9 +45,6 @@ LOW_DIMENSIONS = wp.constant(14)
 """So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
 HANDED_SHARE = wp.constant(0.25)
 """Share of the walks that hand a surface on: what is blocked of its glow is little."""
-BLOCKED_SHARE = wp.constant(0.3333333)
-"""Share of the starts that look what is blocked, where a denoiser follows: with all of them, a twentieth of the noise
-that it leaves comes from there, for a fifth of the time (measured)."""
 
 
 @wp.func
@@ -73,8 +70,9 @@ def glow(scene: SceneData, tables: Tables, vertex: Vertex):
 def lamp_share_at(turns: int):
     """Share of directions and flights to draw around the lamps, after so many turns of a walk.
 
-    What goes another way weighs up to 1 / (1 - share) as much, twice a turn. With a half at every turn the weights of
-    walks in water that absorbs nothing grew without end: of a million walks one or two decided what the veil was.
+    What goes another way weighs up to 1 / (1 - share) as much, twice a turn. With a half at every turn weights in water
+    that absorbs nothing grew so fast that of a million walks one or two decided what the veil was. With none, light
+    next to the lamps would be as rare and as bright.
     """
     return wp.where(turns < 4, 0.5, 0.1)
 

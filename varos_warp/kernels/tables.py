@@ -4,7 +4,8 @@ What lamps send through water without end is smooth, stays with the rig, and is 
 each camera sample remain
 
     direct  lamp light off the surface at the end of the ray, with a shadow ray;
-    single  light scattered once: a quadrature without obstacles, less the light of one sampled point if it is blocked;
+    single  light scattered once: a quadrature without obstacles, less the light of one sampled point if it is blocked
+            (some samples look, for all);
     glow    light that this surface reflects after it was scattered or reflected before: from the lamps' tables, less
             what is blocked, plus what other surfaces send (residual.py);
     veil    light scattered twice or more, or off a surface and on its way to the camera: from the camera's table for
@@ -32,8 +33,8 @@ wp.set_module_options({"enable_backward": False})
 
 SHADOWED = wp.constant(4)
 """Of so many samples that a thread takes of a pixel, one looks what is blocked of the light scattered once, and stands
-for the others: shadows in water are faint and soft. With a look for each their noise was a thousandth of the image's,
-for a tenth of the kernel's time (measured)."""
+for the others: shadows in water are faint and soft. With a look for each their variance was a thousandth of the
+image's, for a tenth of the kernel's time (measured)."""
 
 
 @cache
@@ -62,7 +63,7 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
         pixel = row * width + col
         sums = Sums()
         begin, end = first_of(film, stratum, row, col), end_of(film, stratum, row, col)
-        tests = (end - begin + SHADOWED - 1) / SHADOWED
+        looks = (end - begin + SHADOWED - 1) / SHADOWED
         for sample in range(begin, end):
             u = draw(key, pixel, sample, 0)
             v = draw(key, pixel, sample, 1)
@@ -95,11 +96,11 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
             if wp.static(single):
                 for i in range(scene.lights.shape[0]):
                     L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
-                if (sample - begin) % SHADOWED == 0:
+                if sample - begin < looks:  # the first ones, which are spread evenly; every fourth would not be
                     scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
                     if brightest(scattered.L) > 0.0:
                         if not visible(scene, scattered.p, scene.lights[scattered.lamp].position):
-                            L_single -= (float(end - begin) / float(tests)) * scattered.L
+                            L_single -= (float(end - begin) / float(looks)) * scattered.L
             if wp.static(multiple):
                 L_veil = veil_radiance(tables, x / float(width), y / float(height), hit.t)
                 L_veil += frame_veil(grid, x / float(width), y / float(height), hit.t)

@@ -33,8 +33,8 @@ JUDGES = 2
 """by so many images with as many."""
 FIRST = 8
 """The first poses may need as many, or a `REACH`-th of what the noisiest view needs, if that is more."""
-BEYOND, ROUNDS = 1.5, 2
-"""If it needs more than so many times what it was judged with, it is judged again with that, so often in all."""
+BEYOND, ROUNDS = 1.5, 4
+"""If it needs more than so many times what it was judged with, it is judged again with that, up to so often in all."""
 JUDGING_THREADS = 2
 """That judge images while others are rendered."""
 
@@ -67,9 +67,9 @@ class Look:
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
-        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the judges are too noisy to tell the square
-        of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and no fewer are taken than
-        were judged.
+        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the judges are too
+        noisy to tell the square of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and
+        no fewer are taken than were judged.
 
         Args:
             target: That error.
@@ -79,7 +79,7 @@ class Look:
         vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
         errors = np.where(vague[:, None], upper, errors)
         met = errors.max(1) <= target
-        enough = int(np.argmax(met)) if met[-1] else 0
+        enough = int(np.flatnonzero(~met)[-1]) + 1 if met[-1] and not met.all() else 0
         near = slice(enough - 1, enough + 1) if enough else slice(None)
         needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
         most = self.spp[enough] if met[-1] else REACH * self.spp[-1]
@@ -100,12 +100,12 @@ def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
     return Look(counts, images, [image(spp, len(counts) + k, False) for k in range(JUDGES)])
 
 
-View = tuple[str, int]
+Place = tuple[str, int]
 """Camera and frame."""
 
 
-def samples_needed(image: Callable[[View, int, int, bool], np.ndarray], views: dict[View, int], target: float,
-                   steepest: float) -> dict[View, int]:
+def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: dict[Place, int], target: float,
+                   steepest: float) -> dict[Place, int]:
     """Samples per pixel that each view needs.
 
     Args:
@@ -123,8 +123,8 @@ def samples_needed(image: Callable[[View, int, int, bool], np.ndarray], views: d
     return needed
 
 
-def samples_along(image: Callable[[View, int, int, bool], np.ndarray], views: list[View], known: dict[View, int],
-                  target: float, steepest: float) -> dict[View, int]:
+def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: list[Place], known: dict[Place, int],
+                  target: float, steepest: float) -> dict[Place, int]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
@@ -141,7 +141,7 @@ def samples_along(image: Callable[[View, int, int, bool], np.ndarray], views: li
     return needed
 
 
-def halfway(needed: dict[View, int]) -> dict[View, int]:
+def halfway(needed: dict[Place, int]) -> dict[Place, int]:
     """Views between neighbours that are unlike, and about what they may need."""
     unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
               for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
@@ -149,7 +149,7 @@ def halfway(needed: dict[View, int]) -> dict[View, int]:
     return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], (needed[a] + needed[b]) // 2) for a, b in chosen}
 
 
-def by_camera(needed: dict[View, int]) -> dict[str, list[list[int]]]:
+def knots(needed: dict[Place, int]) -> dict[str, list[list[int]]]:
     """Pairs of a frame and its samples, between which they change in proportion."""
     given = {}
     for (camera, frame), spp in sorted(needed.items()):
@@ -164,7 +164,7 @@ def by_camera(needed: dict[View, int]) -> dict[str, list[list[int]]]:
 
 
 def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
-    """The fewest and the most samples of all cameras' frames (`by_camera`)."""
+    """The fewest and the most samples of all cameras' frames (`knots`)."""
     counts = [spp for pairs in given.values() for _, spp in pairs]
     return min(counts), max(counts)
 

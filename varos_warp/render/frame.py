@@ -458,7 +458,7 @@ class FrameRenderer:
         self.launcher.upload(samples, film.wanted)
         self.launcher.run(share_samples, film.count.shape, [strata], [film])
         rows = film.count.shape[1]
-        order = np.arange(rows) if even else np.argsort(-np.max(samples, axis=(0, 2)), kind="stable")
+        order = np.argsort(-np.broadcast_to(samples, film.count.shape).max((0, 2)), kind="stable")
         self.launcher.upload(order.astype(np.int32), film.rows)
         self.launcher.rows(kernel, (rows * TILE, width, strata), before, after)
 

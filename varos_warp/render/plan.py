@@ -476,11 +476,11 @@ class _Planner:
 
         views = [(camera, frame) for camera in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
-        given = self.spp_by_frame = by_frame.by_camera(needed)
+        given = self.spp_by_frame = by_frame.knots(needed)
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
         least, most = by_frame.extent(given)
         self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
-                    "views need, and those between in proportion")
+                    "views need, and those between about as much")
         return most
 
     def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:

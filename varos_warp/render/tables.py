@@ -21,7 +21,7 @@ from varos_warp.scene.description import Camera, Light, Scene
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 4
+TABLES_VERSION = 5
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
