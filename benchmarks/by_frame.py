@@ -77,8 +77,9 @@ def chart(result: dict, path: Path) -> None:
     top.axhline(100 * result["tolerance"], color="k", linestyle="--", linewidth=0.8, label="tolerance")
     top.set(ylabel="error of A, worst channel [%]", ylim=(0, None))
     top.legend(fontsize=9)
-    for camera, pairs in (result["spp_by_frame"] or {"": [[0, result["spp"]]]}).items():
-        bottom.plot(*zip(*pairs, (result["frames"] - 1, pairs[-1][1]), strict=True), ".-", label=camera)
+    everywhere = {"": [[frame, result["spp"]] for frame in (0, result["frames"] - 1)]}
+    for camera, pairs in (result["spp_by_frame"] or everywhere).items():
+        bottom.plot(*zip(*pairs, strict=True), ".-", label=camera)
     bottom.set(xlabel="frame", ylabel="samples per pixel", ylim=(0, None))
     width, height = result["resolution"]
     figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "

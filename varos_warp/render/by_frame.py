@@ -26,7 +26,7 @@ FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 UNLIKE = 1.5
 """The ends of a stretch are unlike if one needs more than so many times what the other needs."""
 HALVINGS, HALVED = 2, 0.25
-"""Then it is halved, so often, and at most that share of all stretches at a time."""
+"""Then it is halved, so often, and at a time at most as many as that share of the poses."""
 FEWER = (4, 2, 1)
 """A pose is judged with so many times fewer samples than it may need,"""
 JUDGES = 2
@@ -78,11 +78,11 @@ class Look:
         errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
         vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
         errors = np.where(vague[:, None], upper, errors)
-        met = errors.max(1) <= target
-        enough = int(np.flatnonzero(~met)[-1]) + 1 if met[-1] and not met.all() else 0
-        near = slice(enough - 1, enough + 1) if enough else slice(None)
+        failed = np.flatnonzero(errors.max(1) > target)
+        enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
+        near = slice(enough - 1, enough + 1) if 0 < enough < len(self.spp) else slice(None)
         needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
-        most = self.spp[enough] if met[-1] else REACH * self.spp[-1]
+        most = self.spp[enough] if enough < len(self.spp) else REACH * self.spp[-1]
         least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
         return max(least, min(needed, most))
 
@@ -134,10 +134,10 @@ def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: l
     """
     most = max(known.values())
     first = min(max(FIRST, most // REACH), most)
-    needed, asked = known, dict.fromkeys(sorted({*views} - {*known}), first)
-    for _ in range(1 + HALVINGS):
-        needed = needed | samples_needed(image, asked, target, steepest)
-        asked = halfway(needed)
+    unknown = dict.fromkeys(sorted({*views} - {*known}), first)
+    needed = known | samples_needed(image, unknown, target, steepest)
+    for _ in range(HALVINGS):
+        needed |= samples_needed(image, halfway(needed), target, steepest)
     return needed
 
 

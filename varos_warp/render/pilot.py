@@ -103,7 +103,8 @@ JUDGED_TO = 0.2
 """Judges tell the square of an error if its standard error is at most this share of it."""
 
 
-def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray], sigmas=SIGMAS) -> np.ndarray:
+def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray],
+          sigmas: float | Sequence[float] = SIGMAS) -> np.ndarray:
     """Relative RMSE [3] of images, from others that know nothing of them, nor of each other.
 
     With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
