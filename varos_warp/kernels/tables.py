@@ -4,8 +4,8 @@ What lamps send through water without end is smooth, stays with the rig, and is 
 each camera sample remain
 
     direct  lamp light off the surface at the end of the ray, with a shadow ray;
-    single  light scattered once: a quadrature without obstacles, less the light of one sampled point if it is blocked
-            (some samples look, for all);
+    single  light scattered once: without obstacles from a table or by quadrature (single_table.py), less the light of
+            one sampled point if it is blocked (some samples look, for all);
     glow    light that this surface reflects after it was scattered or reflected before: from the lamps' tables, less
             what is blocked, plus what other surfaces send (residual.py);
     veil    light scattered twice or more, or off a surface and on its way to the camera: from the camera's table for
@@ -23,8 +23,9 @@ from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.open_water import Tables, single_scattering, veil_radiance
+from varos_warp.kernels.open_water import Tables, veil_radiance
 from varos_warp.kernels.residual import draw, glow
+from varos_warp.kernels.single_table import SingleTable, scattered_once
 from varos_warp.kernels.texture import footprint_width
 from varos_warp.kernels.veil import VeilGrid, frame_veil
 from varos_warp.kernels.walk import surface_vertex
@@ -49,6 +50,7 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
         camera: Camera,
         first_row: int,
         tables: Tables,
+        once: SingleTable,
         grid: VeilGrid,
         max_bounces: int,
         key: wp.uint32,
@@ -94,8 +96,7 @@ def make_tables_kernel(direct: bool, single: bool, multiple: bool, instances: bo
                 if wp.static(multiple):
                     L_glow = wp.cw_mul(T, glow(scene, tables, vertex))
             if wp.static(single):
-                for i in range(scene.lights.shape[0]):
-                    L_single += single_scattering(scene, scene.lights[i], o, d, hit.t)
+                L_single = scattered_once(scene, once, o, d, x / float(width), y / float(height), hit.t)
                 if sample - begin < looks:  # the first ones, which are spread evenly; every fourth would not be
                     scattered = gather_in_scattered(scene, o, d, hit.t, v[1], v[2])
                     if brightest(scattered.L) > 0.0:

@@ -19,6 +19,7 @@ from varos_warp.kernels.film import TILE, Film, develop, share_samples
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
+from varos_warp.kernels.single_table import SingleTable
 from varos_warp.kernels.tables import make_tables_kernel
 from varos_warp.render.adapt import (
     FEWEST_FIRST_SHARED,
@@ -263,6 +264,7 @@ class FrameRenderer:
         keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
         camera = self.world.camera(view, T_w_v)
         tables = self.open_water.tables(view) if wanted[2] else Tables()
+        once = self.open_water.single_table(view) if wanted[1] else SingleTable()
         grid = empty_veil_grid(self.launcher, view)
         lit = wanted[2] and self.world.has_surfaces
         reflects = lit and max_bounces > 0
@@ -276,7 +278,7 @@ class FrameRenderer:
             residual = Residual(self.launcher, scene, surfaces, tables, max_bounces, keys[0], film.lost, filtered)
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
-        before, how = [scene, camera], [tables, grid, max_bounces, wp.uint32(keys[1]), film]
+        before, how = [scene, camera], [tables, once, grid, max_bounces, wp.uint32(keys[1]), film]
         self._take_samples(film, kernel, before, how, first if shares else spp)
         mean = None
         if shares:

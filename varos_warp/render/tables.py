@@ -9,9 +9,12 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
+from varos_warp.kernels.camera import Camera as CameraData
+from varos_warp.kernels.conventions import NEAR
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.open_water import LampTable, Tables
+from varos_warp.kernels.single_table import SingleTable, fill_single, find_smooth
 from varos_warp.kernels.tabulate import fill_veil
 from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
@@ -29,6 +32,14 @@ VEIL_RESOLUTION = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
+SINGLE = (129, 73, 129)
+"""Nodes of the table of light scattered once: distance, rows, columns of the image."""
+SINGLE_PIXELS = 1 << 15
+"""For smaller images it is not made: that would take longer than they do."""
+SINGLE_SCALE = 5.0
+"""Half of its distances are within so many times the mean distance of the lamps."""
+SINGLE_APERTURE = 0.02
+"""Nor for lenses with a larger radius, as a share of the distance of the nearest lamp: it is that of a pinhole."""
 SHARPEST_G = 0.88
 """Sharper phase functions have more harmonics than the grids of directions can tell apart: at 0.88 what is scattered
 twice or more is right to 1 %, at 0.9 it is 3 % too bright, at 0.924 22 %, at 0.93 40 % (sigma_t = 0.3, albedo 0.8)."""
@@ -80,12 +91,11 @@ class OpenWater:
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.water = optical_properties(scene)
         self._cameras: dict[str, wp.array] = {}
+        self._single: dict[str, SingleTable] = {}
 
     def tables(self, view: Camera) -> Tables:
         """Tables for a camera."""
-        # the veil is that of a pinhole, whatever its pixels
-        view = view.model_copy(update={"resolution": VEIL_RESOLUTION})
-        camera = view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
+        view, camera = _as_pinhole(view)
         key = repr(camera)
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
@@ -96,6 +106,18 @@ class OpenWater:
         tables.lamp, tables.veil = self._lamps, self._cameras[key]
         tables.veil_nearest, tables.veil_log_step = VEIL_NEAREST_M, _log_step()
         return tables
+
+    def single_table(self, view: Camera) -> SingleTable:
+        """Light scattered once along the rays of a camera; empty where it is not worth it, or not right."""
+        offsets = [np.linalg.norm(np.subtract(light.position, view.position)) for light in self.scene.vehicle.lights]
+        lens = camera_record(view, np.eye(4), np.zeros(3))
+        if np.prod(view.resolution) < SINGLE_PIXELS or lens.aperture > SINGLE_APERTURE * min(offsets):
+            return SingleTable()
+        view, camera = _as_pinhole(view)
+        key = repr(camera)
+        if key not in self._single:
+            self._single[key] = self._make_single(view, SINGLE_SCALE * max(float(np.mean(offsets)), NEAR))
+        return self._single[key]
 
     @cached_property
     def _lamps(self) -> wp.array:
@@ -132,16 +154,33 @@ class OpenWater:
 
     def _fill_veil(self, view: Camera) -> np.ndarray:
         """Radiance VEIL of a vehicle at rest."""
-        scene = SceneData()
-        scene.medium = medium_record(self.water)
-        records = [light_record(light, np.eye(4), np.zeros(3)) for light in self.scene.vehicle.lights]
-        scene.lights = lights = wp.array(records, dtype=LightData, device=self.device)
-        camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
+        scene, camera, size = self._at_rest(view)
         veil = wp.empty(VEIL, dtype=wp.vec3, device=self.device)
-        before = [scene, self._lamps, camera, wp.vec2(*map(float, view.resolution)), VEIL_NEAREST_M, _log_step()]
+        before = [scene, self._lamps, camera, size, VEIL_NEAREST_M, _log_step()]
         self.launcher.rows(fill_veil, VEIL[1:], before, [veil], tile_rows=1)
-        del lights  # not before the kernel has run
         return veil.numpy()
+
+    def _make_single(self, view: Camera, scale: float) -> SingleTable:
+        table = SingleTable()
+        table.scale = scale
+        table.radiance = wp.empty(SINGLE, dtype=wp.vec3, device=self.device)
+        table.smooth = wp.empty(tuple(nodes - 1 for nodes in SINGLE), dtype=wp.uint8, device=self.device)
+        self.launcher.rows(fill_single, SINGLE[1:], list(self._at_rest(view)), [table], tile_rows=1)
+        distances, *pixels = table.smooth.shape
+        self.launcher.rows(find_smooth, (*pixels, distances), [table], [table.smooth], tile_rows=1)
+        return table
+
+    def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
+        """Water and lamps, a camera and the size of its image, of a vehicle at rest."""
+        scene = SceneData()
+        scene.medium, scene.lights = medium_record(self.water), self._lights_at_rest
+        camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
+        return scene, camera, wp.vec2(*map(float, view.resolution))
+
+    @cached_property
+    def _lights_at_rest(self) -> wp.array:
+        records = [light_record(light, np.eye(4), np.zeros(3)) for light in self.scene.vehicle.lights]
+        return wp.array(records, dtype=LightData, device=self.device)
 
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(values, dtype=wp.vec3, device=self.device)
@@ -151,6 +190,12 @@ def _solved(field: LampField) -> dict[str, np.ndarray]:
     """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more."""
     with threadpool_limits(1):
         return field.solve()
+
+
+def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
+    """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
+    view = view.model_copy(update={"resolution": VEIL_RESOLUTION})
+    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
 
 
 def _kind(light: Light) -> tuple:

@@ -1,0 +1,136 @@
+"""Light scattered once along a camera's rays: from a table wherever that is right, else by quadrature.
+
+Lamps and camera stay with the vehicle, so what open water scatters into a ray once, up to any distance, is known
+beforehand, as the veil is (kernels/open_water.py). But it is less smooth: cones have edges, and lamps may be in view.
+So cells of the table whose nodes bend too much are not used.
+"""
+
+import warp as wp
+
+from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.conventions import FAR
+from varos_warp.kernels.intersect import SceneData
+from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.open_water import single_scattering
+
+wp.set_module_options({"enable_backward": False})
+
+TOLERANCE = wp.constant(1.0e-3)
+"""Cells are used where interpolation is off by less than this, as a share of the radiance."""
+
+
+@wp.struct
+class SingleTable:
+    """Radiance along the rays of one camera, as of a pinhole; owned by the host's render/tables.py."""
+
+    radiance: wp.array3d(dtype=wp.vec3)
+    """Up to each distance [distance, row, column]; empty where there is no table."""
+    smooth: wp.array3d(dtype=wp.uint8)
+    """1 for cells between the nodes that may be interpolated, else 0."""
+    scale: float
+    """The distance t [m] of nodes is even in t / (t + scale), from nothing to no end."""
+
+
+@wp.func
+def node_t(table: SingleTable, k: int):
+    """Distance [m] of a node; of the last, FAR."""
+    share = float(k) / float(table.radiance.shape[0] - 1)
+    return wp.min(table.scale * share / wp.max(1.0 - share, 1.0e-9), FAR)
+
+
+@wp.func
+def scattered_by_lamps(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
+    """Radiance that all lamps' light adds to a ray up to ``t`` by scattering once, by quadrature."""
+    L = wp.vec3(0.0)
+    for i in range(scene.lights.shape[0]):
+        L += single_scattering(scene, scene.lights[i], o, d, t)
+    return L
+
+
+@wp.func
+def scattered_once(scene: SceneData, table: SingleTable, o: wp.vec3, d: wp.vec3, x: float, y: float, t: float):
+    """As scattered_by_lamps, of a camera's ray through a place (x, y) in [0, 1]^2."""
+    if table.radiance.shape[0] == 0:
+        return scattered_by_lamps(scene, o, d, t)
+    w = wp.min(t / (t + table.scale), 1.0) * (float(table.radiance.shape[0] - 1) - 1.0e-3)
+    v = wp.clamp(y, 0.0, 1.0) * (float(table.radiance.shape[1] - 1) - 1.0e-3)
+    u = wp.clamp(x, 0.0, 1.0) * (float(table.radiance.shape[2] - 1) - 1.0e-3)
+    i = int(w)
+    j = int(v)
+    k = int(u)
+    if table.smooth[i, j, k] == wp.uint8(0):
+        return scattered_by_lamps(scene, o, d, t)
+    L = wp.vec3(0.0)
+    for corner in range(4):
+        di = corner >> 1
+        dj = corner & 1
+        weight = wp.where(di == 1, w - float(i), 1.0 - w + float(i)) * wp.where(dj == 1, v - float(j), 1.0 - v + float(j))
+        L += weight * wp.lerp(table.radiance[i + di, j + dj, k], table.radiance[i + di, j + dj, k + 1], u - float(k))
+    return L
+
+
+# ------------------------------------------------------------------------------------------------------- making it
+
+
+@wp.kernel(enable_backward=False)
+def fill_single(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
+    first_row: int,
+    # out
+    table: SingleTable,
+):
+    """The radiance of the nodes, from one to the next along a ray."""
+    tile_row, col = wp.tid()
+    row = first_row + tile_row
+    x = size[0] * float(col) / float(table.radiance.shape[2] - 1)
+    y = size[1] * float(row) / float(table.radiance.shape[1] - 1)
+    ray = camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
+    L = wp.vec3(0.0)
+    start = float(0.0)
+    for k in range(table.radiance.shape[0]):
+        end = node_t(table, k)
+        piece = scattered_by_lamps(scene, ray.o + start * ray.d, ray.d, end - start)
+        L += wp.cw_mul(transmittance(scene.medium, start), piece)
+        table.radiance[k, row, col] = L
+        start = end
+
+
+@wp.func
+def bend(before: wp.vec3, here: wp.vec3, after: wp.vec3):
+    """How far three nodes are from a line, twice."""
+    return wp.abs(before - 2.0 * here + after)
+
+
+@wp.kernel(enable_backward=False)
+def find_smooth(
+    table: SingleTable,
+    first_row: int,
+    # out
+    smooth: wp.array3d(dtype=wp.uint8),
+):
+    """Judge cells by the second differences at their corners.
+
+    Between nodes of a smooth curve an eighth of them is the error; at a kink up to a half. A quarter, summed over the
+    three directions, is taken: smooth light has room to spare, and kinks are far beyond.
+    """
+    tile_row, col, k = wp.tid()
+    row = first_row + tile_row
+    values = table.radiance
+    worst = float(0.0)
+    for corner in range(8):
+        a = k + (corner >> 2)
+        b = row + ((corner >> 1) & 1)
+        c = col + (corner & 1)
+        # at the rim the nearest place with neighbours on both sides
+        i = wp.clamp(a, 1, values.shape[0] - 2)
+        j = wp.clamp(b, 1, values.shape[1] - 2)
+        m = wp.clamp(c, 1, values.shape[2] - 2)
+        off = bend(values[i - 1, b, c], values[i, b, c], values[i + 1, b, c])
+        off += bend(values[a, j - 1, c], values[a, j, c], values[a, j + 1, c])
+        off += bend(values[a, b, m - 1], values[a, b, m], values[a, b, m + 1])
+        for channel in range(3):
+            if off[channel] > 0.0:
+                worst = wp.max(worst, 0.25 * off[channel] / wp.max(values[a, b, c][channel], 1.0e-30))
+    smooth[k, row, col] = wp.uint8(wp.where(worst <= TOLERANCE, 1, 0))
