@@ -177,6 +177,17 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_p
     assert not [path for path in left if path.name.startswith(".")]
 
 
+def test_nothing_hooks_on_garbage_collections_and_swallows_a_ctrl_c(tmp_path):
+    """What is raised in such a hook, as by a signal that came meanwhile, is printed and ignored."""
+    script = tmp_path / "hooks.py"
+    script.write_text(
+        "import gc\nfrom pathlib import Path\nfrom varos_warp.dataset.cluster import Cluster\n"
+        "if __name__ == '__main__':\n    with Cluster('cpu', workers=1) as cluster:\n"
+        "        cluster.start(Path('.'))\n        print('hooks', gc.callbacks)\n")
+    made = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert "hooks []" in made.stdout, made.stdout + made.stderr
+
+
 def members(group: int) -> list[str]:
     """Processes of a group."""
     found = subprocess.run(["ps", "-A", "-o", "pgid=,pid=,args="], capture_output=True, text=True, check=True)

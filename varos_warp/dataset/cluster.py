@@ -130,6 +130,7 @@ class Cluster:
     def _start_workers(self) -> None:
         """Start the processes; each writes while it renders, and is started again where it dies."""
         from distributed import LocalCluster
+        from distributed.gc import disable_gc_diagnosis
 
         from varos_warp.render.launch import usable_cores
 
@@ -137,6 +138,8 @@ class Cluster:
         self.local = LocalCluster(
             n_workers=self.workers, threads_per_worker=1 + room(cores), processes=True, dashboard_address=None,
             memory_limit=None, silence_logs=SILENT, preload=["varos_warp.dataset.worker"])
+        # its hook on the garbage collection swallows a Ctrl-C that comes during one
+        disable_gc_diagnosis()
         self._connect(self.local)
 
     def _wait_for_workers(self) -> None:
