@@ -13,35 +13,48 @@ LAYERS = ("direct", "single", "glow", "veil")
 @wp.kernel(enable_backward=False)
 def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
     """Sums as the path tracers keep them; samples [layer, sample, height, width]."""
-    stratum, row, col = wp.tid()
+    part = film.parts[wp.tid()]
+    row, col = part.row, part.col
     sums = kernel.Sums()
-    for i in range(kernel.first_of(film, stratum, row, col), kernel.end_of(film, stratum, row, col)):
+    for i in range(part.begin, part.end):
         direct, single = samples[0, i, row, col], samples[1, i, row, col]
         sums = kernel.add_sample(sums, direct, single, samples[2, i, row, col], samples[3, i, row, col])
-    kernel.store(film, stratum, row, col, sums)
+    kernel.store(film, wp.tid(), sums)
 
 
-def exposed(samples, strata, takes, sides=1):
-    """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more, take by take."""
+def exposed(samples, most, takes, sides=1, lot=1000):
+    """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more, take by take.
+
+    In parts of ``most`` samples, so many parts at a time.
+    """
     shape, tiles = samples.shape[2:4], tuple(-(-side // int(kernel.TILE)) for side in samples.shape[2:4])
     film = kernel.Film()
-    for name in (*LAYERS, "squares"):
-        setattr(film, name, wp.zeros((strata, *shape), dtype=wp.vec3d, device="cpu"))
+    film.sums = wp.zeros((kernel.SUMS, *shape), dtype=wp.vec3d, device="cpu")
     film.count, film.wanted = (wp.zeros((sides, *tiles), dtype=int, device="cpu") for _ in "cw")
-    film.begin, film.end = (wp.zeros((strata, sides, *tiles), dtype=int, device="cpu") for _ in range(2))
     film.lost = wp.zeros(1, dtype=int, device="cpu")
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
-    for k, take in enumerate(takes):
+    counts = wp.zeros(int(kernel.TILE) ** 2 * tiles[0] * tiles[1], dtype=int, device="cpu")
+    for take in takes:
         film.wanted.assign(np.broadcast_to(np.int32(take), film.count.shape))
-        used = strata if k == 0 else max(1, strata // 2)  # a launch may leave some strata out
-        wp.launch(kernel.share_samples, dim=film.count.shape, inputs=[used, film], device="cpu")
-        wp.launch(expose, dim=(used, *shape), inputs=[device_samples, film], device="cpu")
+        wp.launch(kernel.count_parts, dim=counts.shape, inputs=[film, most], outputs=[counts], device="cpu")
+        ends = wp.array(np.cumsum(counts.numpy()), dtype=int, device="cpu")
+        total = int(ends.numpy()[-1])
+        for begin in range(0, total, lot):
+            parts = min(lot, total - begin)
+            film.parts = wp.zeros(parts, dtype=kernel.PixelPart, device="cpu")
+            film.part_sums = wp.zeros((kernel.SUMS, parts), dtype=wp.vec3d, device="cpu")
+            wp.launch(kernel.list_parts, dim=ends.shape, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+            assert (film.parts.numpy()["end"] - film.parts.numpy()["begin"]).max() <= most
+            wp.launch(expose, dim=parts, inputs=[device_samples, film], device="cpu")
+            dim = (kernel.SUMS, *ends.shape)
+            wp.launch(kernel.add_parts, dim=dim, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+        wp.launch(kernel.note_samples, dim=film.count.shape, outputs=[film], device="cpu")
     return film
 
 
 def developed(film):
     """direct, single, multiple, residual, radiance, stderr [H, W, 3]; without metal no variance of it is known."""
-    shape = film.squares.shape[1:]
+    shape = film.sums.shape[1:]
     out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(7)]
     wp.launch(kernel.develop, dim=shape, inputs=[film], outputs=out, device="cpu")
     *layers, metal_variance, radiance, stderr = (image.numpy() for image in out)
@@ -49,9 +62,9 @@ def developed(film):
     return [*layers, radiance, stderr]
 
 
-def develop(samples, strata):
+def develop(samples, most):
     """Of samples [layer, sample, H, W, 3], all taken at once."""
-    return developed(exposed(samples, strata, [samples.shape[1]]))
+    return developed(exposed(samples, most, [samples.shape[1]]))
 
 
 def samples_of(kind, spp, seed=1):
@@ -67,11 +80,11 @@ def samples_of(kind, spp, seed=1):
 
 
 @pytest.mark.parametrize("kind", ["uniform", "heavy tail", "small spread on a large mean", "faint"])
-@pytest.mark.parametrize(("spp", "strata"), [(1000, 1), (1000, 7), (1000, 1000), (37, 5), (13, 12), (2, 2), (2, 1)])
-def test_mean_and_standard_error_are_those_of_all_samples(kind, spp, strata):
+@pytest.mark.parametrize(("spp", "most"), [(1000, 1000), (1000, 150), (1000, 1), (37, 8), (13, 2), (2, 1), (2, 2)])
+def test_mean_and_standard_error_are_those_of_all_samples(kind, spp, most):
     """In parts of uneven size, too: against numpy in float64."""
     samples = np.float32(samples_of(kind, spp)).astype(float)
-    direct, single, multiple, residual, radiance, stderr = develop(samples, strata)
+    direct, single, multiple, residual, radiance, stderr = develop(samples, most)
     total, means = samples.sum(axis=0), samples.mean(axis=1)
     for layer, truth in zip((direct, single, multiple), (means[0], means[1], means[2] + means[3]), strict=True):
         np.testing.assert_allclose(layer, truth, rtol=1e-7, atol=1e-7 * multiple.max())
@@ -85,22 +98,22 @@ def test_the_mean_does_not_stall_however_many_samples_there_are():
     rng = np.random.default_rng(2)
     samples = np.zeros((4, 1_000_000, 1, 1, 3), np.float32)
     samples[0] = 1e-3 * rng.pareto(1.8, samples.shape[1:])
-    radiance, stderr = develop(samples, 1)[4:]
+    radiance, stderr = develop(samples, 1_000_000)[4:]
     total = samples[0].astype(float)
     np.testing.assert_allclose(radiance[0, 0], total.mean(axis=(0, 1, 2)), rtol=1e-6)
     np.testing.assert_allclose(stderr[0, 0], total.std(axis=(0, 1, 2), ddof=1) / 1e3, rtol=1e-6)
 
 
 @wp.kernel(enable_backward=False)
-def start(stratum: wp.array(dtype=int), strata: int, spp: int, first: wp.array(dtype=int)):
+def start(part: wp.array(dtype=int), parts: int, spp: int, first: wp.array(dtype=int)):
     i = wp.tid()
-    first[i] = kernel.first_sample(stratum[i], strata, spp)
+    first[i] = kernel.first_sample(part[i], parts, spp)
 
 
-@pytest.mark.parametrize(("strata", "spp"), [(7, 1000), (1000, 1000), (524_288, 2_000_000), (3, 2**31 - 2)])
-def test_strata_share_the_samples_evenly_and_without_gaps(strata, spp):
-    first = run(start, [np.arange(strata + 1, dtype=np.int32), strata, spp], [int])
-    assert np.array_equal(first, np.arange(strata + 1, dtype=np.int64) * spp // strata)
+@pytest.mark.parametrize(("parts", "spp"), [(7, 1000), (1000, 1000), (524_288, 2_000_000), (3, 2**31 - 2)])
+def test_parts_share_the_samples_evenly_and_without_gaps(parts, spp):
+    first = run(start, [np.arange(parts + 1, dtype=np.int32), parts, spp], [int])
+    assert np.array_equal(first, np.arange(parts + 1, dtype=np.int64) * spp // parts)
 
 
 def test_layers_sum_to_the_radiance():
@@ -125,7 +138,7 @@ def test_the_two_sides_of_tiles_may_take_unlike_numbers_of_samples():
     rng = np.random.default_rng(3)
     samples = rng.pareto(1.5, (4, 60, 9, 17, 3))
     takes = [np.full((2, 2, 3), 8), rng.integers(0, 20, (2, 2, 3)), rng.integers(0, 20, (2, 2, 3))]
-    *_, radiance, stderr = developed(exposed(samples, 6, takes, sides=2))
+    *_, radiance, stderr = developed(exposed(samples, 6, takes, sides=2, lot=50))
     counts = np.sum(takes, axis=0)
     light = np.float32(samples).astype(float).sum(axis=0)
     for row, col in ((0, 0), (7, 8), (8, 7), (8, 16), (0, 1)):

@@ -27,7 +27,7 @@ from rig import single_scattering as exact
 @wp.kernel(enable_backward=False)
 def scatter_once(scene: SceneData, ends: wp.array(dtype=float), L: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    L[i] = single_scattering(scene, scene.lights[0], wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), ends[i])
+    L[i] = single_scattering(scene.medium, scene.lights[0], wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), ends[i])
 
 
 @wp.kernel(enable_backward=False)

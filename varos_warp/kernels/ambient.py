@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, store
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.sampling import uniforms
@@ -65,25 +65,23 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
     def trace_ambient(
         scene: SceneData,
         camera: Camera,
-        first_row: int,
+        first: int,
         max_bounces: int,
         key: wp.uint32,
         # out
         film: Film,
     ):
         """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
-        tile_row, col, stratum = wp.tid()
-        row = row_of(film, first_row + tile_row)
-        height, width = film.squares.shape[1], film.squares.shape[2]
-        if row >= height:
-            return
-        pixel = row * width + col
+        i = first + wp.tid()
+        part = film.parts[i]
+        row, col = part.row, part.col
+        pixel = row * film.sums.shape[2] + col
         sums = Sums()
-        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
+        for sample in range(part.begin, part.end):
             u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
             L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
             sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
-        store(film, stratum, row, col, sums)
+        store(film, i, sums)
 
     return trace_ambient

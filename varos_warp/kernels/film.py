@@ -13,33 +13,54 @@ TELLING_SAMPLES = wp.constant(4)
 """So many samples tell a variance well enough."""
 
 
+SUMS = 5
+"""Sums of a pixel: those of `Sums`, but for ``lost``."""
+
+
+@wp.struct
+class Sums:
+    """Sums over samples of one pixel."""
+
+    direct: wp.vec3d
+    single: wp.vec3d
+    glow: wp.vec3d
+    veil: wp.vec3d
+    """Radiance of each layer [W/sr/m^2]. The rest is ``glow``, off the surface at the end of the camera's ray, and
+    ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
+    squares: wp.vec3d
+    """Squares of the total radiance."""
+    lost: int
+    """How many samples were infinite or not a number."""
+
+
+@wp.struct
+class PixelPart:
+    """Samples ``begin`` to ``end`` of a pixel, which one thread takes."""
+
+    row: int
+    col: int
+    begin: int
+    end: int
+
+
 @wp.struct
 class Film:
-    """Sums over the samples of one image, in ``strata`` parts that are added up in a fixed order.
+    """Sums over the samples of one image.
 
     Pixels belong to one side, or to two that alternate like the fields of a chessboard and may take different numbers
-    of samples (render/adapt.py). All arrays are [strata, height, width] but for those of samples.
+    of samples (render/adapt.py). They are taken in parts, of no more than a few samples each, or a GPU would wait for
+    the threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
     """
 
     wanted: wp.array3d(dtype=int)
     """Samples that pixels are to take next [side, tile row, tile column]."""
-    rows: wp.array(dtype=int)
-    """Rows of tiles in the order in which they are rendered: those with the most samples a pixel first, or a GPU would
-    wait for a few threads in the end."""
     count: wp.array3d(dtype=int)
-    """Samples of a pixel [side, tile row, tile column], once those of the launch to come are in."""
-    begin: wp.array4d(dtype=int)
-    end: wp.array4d(dtype=int)
-    """First sample of the next launch, and one past its last [stratum, side, tile row, tile column]."""
-
-    direct: wp.array3d(dtype=wp.vec3d)
-    single: wp.array3d(dtype=wp.vec3d)
-    glow: wp.array3d(dtype=wp.vec3d)
-    veil: wp.array3d(dtype=wp.vec3d)
-    """Radiance of each layer [W/sr/m^2]. The rest is ``glow``, off the surface at the end of the camera's ray, and
-    ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
-    squares: wp.array3d(dtype=wp.vec3d)
-    """Squares of the total radiance."""
+    """Samples that they have, alike."""
+    parts: wp.array(dtype=PixelPart)
+    part_sums: wp.array2d(dtype=wp.vec3d)
+    """What threads take, and their sums [SUMS, parts]."""
+    sums: wp.array3d(dtype=wp.vec3d)
+    """Those of all samples [SUMS, height, width]."""
     residual: wp.array2d(dtype=wp.vec3d)
     residual_squares: wp.array2d(dtype=wp.vec3d)
     residual_count: wp.array2d(dtype=int)
@@ -49,18 +70,6 @@ class Film:
     """1 where a sample of the pixel met metal, else 0, [height, width]; empty without the residual."""
     lost: wp.array(dtype=int)
     """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
-
-
-@wp.struct
-class Sums:
-    """The film's entries of one pixel while a thread adds samples to them."""
-
-    direct: wp.vec3d
-    single: wp.vec3d
-    glow: wp.vec3d
-    veil: wp.vec3d
-    squares: wp.vec3d
-    lost: int
 
 
 @wp.func
@@ -90,21 +99,15 @@ def add_sample(sums: Sums, direct: wp.vec3, single: wp.vec3, glow: wp.vec3, veil
 
 
 @wp.func
-def first_sample(stratum: int, strata: int, spp: int):
-    """Number of the first of a stratum's samples; 64 bits, for their product may be large."""
-    return int(wp.int64(stratum) * wp.int64(spp) / wp.int64(strata))
+def first_sample(part: int, parts: int, spp: int):
+    """Number of the first of a part's samples; 64 bits, for their product may be large."""
+    return int(wp.int64(part) * wp.int64(spp) / wp.int64(parts))
 
 
 @wp.func
 def side_of(sides: int, row: int, col: int):
     """The side that a pixel belongs to."""
     return (row + col) % sides
-
-
-@wp.func
-def row_of(film: Film, i: int):
-    """The row of pixels that is rendered as the ``i``-th; may lie beyond the image, in its last row of tiles."""
-    return film.rows[i / TILE] * TILE + i % TILE
 
 
 @wp.func
@@ -120,30 +123,6 @@ def weight_of(film: Film, metal_samples: int, row: int, col: int):
 
 
 @wp.func
-def first_of(film: Film, stratum: int, row: int, col: int):
-    """The first sample of a pixel in the launch."""
-    return of_tile(film.begin[stratum], row, col)
-
-
-@wp.func
-def end_of(film: Film, stratum: int, row: int, col: int):
-    """One past the last sample of a pixel in the launch."""
-    return of_tile(film.end[stratum], row, col)
-
-
-@wp.func
-def store(film: Film, stratum: int, row: int, col: int, sums: Sums):
-    """Add the sums of one pixel to what the film has."""
-    film.direct[stratum, row, col] += sums.direct
-    film.single[stratum, row, col] += sums.single
-    film.glow[stratum, row, col] += sums.glow
-    film.veil[stratum, row, col] += sums.veil
-    film.squares[stratum, row, col] += sums.squares
-    if sums.lost > 0:
-        wp.atomic_add(film.lost, 0, sums.lost)
-
-
-@wp.func
 def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
     """Variance of the mean of ``count`` samples with a given sum and sum of squares; infinite for one."""
     if count < 2:
@@ -152,29 +131,110 @@ def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
     return wp.max((squares - total * total / n) / (n - wp.float64(1.0)), wp.float64(0.0)) / n
 
 
+@wp.func
+def tile_pixel(tile_cols: int, i: int):
+    """Row and column of the ``i``-th pixel, tile by tile: threads side by side then trace rays side by side."""
+    tile = i / (TILE * TILE)
+    within = i % (TILE * TILE)
+    return tile / tile_cols * TILE + within / TILE, tile % tile_cols * TILE + within % TILE
+
+
 @wp.kernel(enable_backward=False)
-def share_samples(strata: int, film: Film):
-    """Share the samples that are wanted among the first ``strata``."""
-    side, tile_row, tile_col = wp.tid()
-    more = film.wanted[side, tile_row, tile_col]
-    taken = film.count[side, tile_row, tile_col]
-    for k in range(strata):
-        film.begin[k, side, tile_row, tile_col] = taken + first_sample(k, strata, more)
-        film.end[k, side, tile_row, tile_col] = taken + first_sample(k + 1, strata, more)
-    film.count[side, tile_row, tile_col] = taken + more
+def count_parts(
+    film: Film,
+    most: int,  # samples of a part
+    # out
+    counts: wp.array(dtype=int),  # per pixel, tile by tile
+):
+    """How many parts the samples that are wanted of each pixel make."""
+    i = wp.tid()
+    row, col = tile_pixel(film.count.shape[2], i)
+    counts[i] = 0
+    if row < film.sums.shape[1] and col < film.sums.shape[2]:
+        counts[i] = (of_tile(film.wanted, row, col) + most - 1) / most
+
+
+@wp.func
+def start_of(ends: wp.array(dtype=int), i: int):
+    """Where the entries of the ``i``-th start in a list of those of all, by the running sum of their numbers."""
+    if i == 0:
+        return 0
+    return ends[i - 1]
+
+
+@wp.kernel(enable_backward=False)
+def list_parts(
+    ends: wp.array(dtype=int),  # running sum of the parts over the pixels, tile by tile
+    first: int,
+    begin: int,
+    # out
+    film: Film,  # the parts from ``begin`` on, as many as there is room for
+):
+    """Write down the parts of each pixel, evenly many samples in each."""
+    i = first + wp.tid()
+    row, col = tile_pixel(film.count.shape[2], i)
+    start = start_of(ends, i)
+    for k in range(wp.max(start, begin), wp.min(ends[i], begin + film.parts.shape[0])):
+        part = PixelPart()
+        part.row = row
+        part.col = col
+        wanted = of_tile(film.wanted, row, col)
+        taken = of_tile(film.count, row, col)
+        part.begin = taken + first_sample(k - start, ends[i] - start, wanted)
+        part.end = taken + first_sample(k - start + 1, ends[i] - start, wanted)
+        film.parts[k - begin] = part
+
+
+@wp.func
+def store(film: Film, part: int, sums: Sums):
+    """Keep the sums of a part."""
+    film.part_sums[0, part] = sums.direct
+    film.part_sums[1, part] = sums.single
+    film.part_sums[2, part] = sums.glow
+    film.part_sums[3, part] = sums.veil
+    film.part_sums[4, part] = sums.squares
+    if sums.lost > 0:
+        wp.atomic_add(film.lost, 0, sums.lost)
 
 
 @wp.func
 def sums_of(film: Film, row: int, col: int):
-    """Sums of one pixel over the strata."""
+    """Sums over all samples of a pixel."""
     sums = Sums()
-    for k in range(film.squares.shape[0]):
-        sums.direct += film.direct[k, row, col]
-        sums.single += film.single[k, row, col]
-        sums.glow += film.glow[k, row, col]
-        sums.veil += film.veil[k, row, col]
-        sums.squares += film.squares[k, row, col]
+    sums.direct = film.sums[0, row, col]
+    sums.single = film.sums[1, row, col]
+    sums.glow = film.sums[2, row, col]
+    sums.veil = film.sums[3, row, col]
+    sums.squares = film.sums[4, row, col]
     return sums
+
+
+@wp.kernel(enable_backward=False)
+def add_parts(
+    ends: wp.array(dtype=int),
+    first: int,
+    begin: int,
+    # out
+    film: Film,
+):
+    """Add the sums of the parts from ``begin`` on to those of their pixels."""
+    tile_sum, i = wp.tid()
+    which = first + tile_sum
+    row, col = tile_pixel(film.count.shape[2], i)
+    start = wp.max(start_of(ends, i), begin)
+    end = wp.min(ends[i], begin + film.parts.shape[0])
+    if start < end:
+        total = film.sums[which, row, col]
+        for k in range(start, end):
+            total += film.part_sums[which, k - begin]
+        film.sums[which, row, col] = total
+
+
+@wp.kernel(enable_backward=False)
+def note_samples(film: Film):
+    """Count the samples that were wanted as taken."""
+    side, tile_row, tile_col = wp.tid()
+    film.count[side, tile_row, tile_col] += film.wanted[side, tile_row, tile_col]
 
 
 @wp.kernel(enable_backward=False)

@@ -10,7 +10,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, is_finite, of_tile, weight_of
+from varos_warp.kernels.film import Film, is_finite, of_tile, start_of, weight_of
 from varos_warp.kernels.gather import gather_reflected
 from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -125,14 +125,6 @@ def count_starts(
     row = pixel / film.residual.shape[1]
     col = pixel % film.residual.shape[1]
     counts[pixel] = of_tile(film.wanted, row, col) * weight_of(film, metal_samples, row, col)
-
-
-@wp.func
-def start_of(ends: wp.array(dtype=int), pixel: int):
-    """Where a pixel's samples start in a list of those of all pixels, by the running sum of their numbers."""
-    if pixel == 0:
-        return 0
-    return ends[pixel - 1]
 
 
 @wp.kernel(enable_backward=False)

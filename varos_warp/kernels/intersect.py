@@ -77,6 +77,12 @@ class Hit:
     """Geometric normal towards the side the ray came from."""
 
 
+@wp.func(inline=False)  # one copy of its long code for all callers, or a GPU waits for its instructions
+def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
+    """Whether a ray hits a mesh, in its axes, before ``t_max``."""
+    return wp.mesh_query_ray_anyhit(mesh, o, d, t_max)
+
+
 @wp.func
 def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
     """How far a secondary ray starts from its surface, in the units of the mesh.
@@ -128,7 +134,7 @@ def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
     k = int(0)
     while wp.bvh_query_next(query, k, t_max):
         copy = scene.instances[k]
-        if wp.mesh_query_ray_anyhit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
+        if any_hit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
             return True
     return False
 
@@ -193,7 +199,7 @@ def make_rays(instances: bool):
         count_ray(scene)
         d = offset / distance
         if scene.mesh != wp.uint64(0):
-            if wp.mesh_query_ray_anyhit(scene.mesh, p, d, distance):
+            if any_hit(scene.mesh, p, d, distance):
                 return False
         if wp.static(instances):
             return not any_instance(scene, p, d, distance)

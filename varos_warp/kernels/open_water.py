@@ -10,9 +10,8 @@ goes around that from the plane of the axis and has the same field on both sides
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light, LitInterval, brightest, falloff, lit_interval
-from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.medium import Medium, transmittance
 from varos_warp.kernels.phase import hg_eval
 from varos_warp.kernels.sampling import equiangular_angle, equiangular_point
 from varos_warp.kernels.single_scatter import one_minus_cos_at
@@ -239,9 +238,9 @@ def legendre_node(k: int):
 
 
 @wp.func
-def segment_nodes(scene: SceneData, h: float, ya: float, yb: float, angle: float):
+def segment_nodes(medium: Medium, h: float, ya: float, yb: float, angle: float):
     """How many nodes an interval takes."""
-    depth = brightest(scene.medium.sigma_t) * (yb - ya + wp.sqrt(h * h + yb * yb) - wp.sqrt(h * h + ya * ya))
+    depth = brightest(medium.sigma_t) * (yb - ya + wp.sqrt(h * h + yb * yb) - wp.sqrt(h * h + ya * ya))
     if depth < SLIVER_DEPTH and angle * h < SLIVER_RAD:
         return SLIVER_NODES
     if ya >= 0.0 and depth < SHORT_DEPTH:
@@ -277,26 +276,26 @@ def segment_node(k: int, count: int):
 
 
 @wp.func
-def scattered_between(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, lit: LitInterval, ya: float, yb: float):
+def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit: LitInterval, ya: float, yb: float):
     """Radiance that scattering once between ya and yb adds to a ray, by quadrature in the equiangular angle.
 
     There the distance law is a constant, and what is left is smooth.
     """
     L = wp.vec3(0.0)
     angle = equiangular_angle(lit.h, ya, yb)
-    count = segment_nodes(scene, lit.h, ya, yb, angle)
+    count = segment_nodes(medium, lit.h, ya, yb, angle)
     k = int(0)
     while k < count:
         node = segment_node(k, count)
         y = equiangular_point(lit.h, ya, yb, angle, node[0])
         distance = wp.sqrt(lit.h * lit.h + y * y)
         t = wp.max(lit.foot + y, 0.0)
-        weight = node[1] * hg_eval(one_minus_cos_at(y, lit.h, distance), scene.medium.g)
+        weight = node[1] * hg_eval(one_minus_cos_at(y, lit.h, distance), medium.g)
         weight *= falloff(light, wp.dot(o + t * d - light.position, light.axis) / distance)
-        L += weight * transmittance(scene.medium, t + distance)
+        L += weight * transmittance(medium, t + distance)
         k += 1
     L *= angle
-    return wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), L)
+    return wp.cw_mul(wp.cw_mul(medium.sigma_s, light.intensity), L)
 
 
 @wp.func
@@ -306,7 +305,7 @@ def next_break(y: float, candidate: float, so_far: float):
 
 
 @wp.func
-def single_scattering(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     """Radiance that a lamp's light adds to a ray up to ``t_max`` by scattering once, without obstacles.
 
     The lit interval is divided at the lamp's foot, before which the phase function peaks, and where a soft edge begins,
@@ -327,6 +326,6 @@ def single_scattering(scene: SceneData, light: Light, o: wp.vec3, d: wp.vec3, t_
         if inner.angle > 0.0:
             end = next_break(y, inner.ya, end)
             end = next_break(y, inner.yb, end)
-        L += scattered_between(scene, light, o, d, lit, y, end)
+        L += scattered_between(medium, light, o, d, lit, y, end)
         y = end
     return L

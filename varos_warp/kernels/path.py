@@ -14,7 +14,7 @@ import warp as wp
 
 from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, store
 from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
@@ -99,7 +99,7 @@ def start_walk(
 
 @cache
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
-    """Path tracing of a range of rows, specialised to ``spec``.
+    """Path tracing of a film's parts from ``first`` on, specialised to ``spec``.
 
     One loop serves camera segments and walks, segment by segment, so that threads of a GPU's warp trace rays together
     whatever their paths are doing (path regeneration, Novak et al. 2010).
@@ -111,21 +111,18 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     def trace_paths(
         scene: SceneData,
         camera: Camera,
-        first_row: int,
+        first: int,
         max_scatterings: int,
         max_bounces: int,
         key: wp.uint32,
         # out
         film: Film,
     ):
-        tile_row, col, stratum = wp.tid()
-        row = row_of(film, first_row + tile_row)
-        height, width = film.squares.shape[1], film.squares.shape[2]
-        if row >= height:
-            return
-        pixel = row * width + col
-        sample = first_of(film, stratum, row, col)
-        end = end_of(film, stratum, row, col)
+        i = first + wp.tid()
+        part = film.parts[i]
+        row, col = part.row, part.col
+        pixel = row * film.sums.shape[2] + col
+        sample = part.begin
         sums = Sums()
         L_direct = wp.vec3(0.0)
         L_single = wp.vec3(0.0)
@@ -133,7 +130,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         on_camera = bool(True)
         from_surface = bool(False)
         walk = Walk()
-        while sample < end:
+        while sample < part.end:
             # a ray: through the pixel, or on from the vertex where a walk turns
             if on_camera:
                 u = uniforms(key, pixel, sample, 0)
@@ -196,6 +193,6 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 L_multiple = wp.vec3(0.0)
                 on_camera = True
                 sample += 1
-        store(film, stratum, row, col, sums)
+        store(film, i, sums)
 
     return trace_paths

@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import Film, Sums, add_sample, end_of, first_of, row_of, store
+from varos_warp.kernels.film import Film, Sums, add_sample, store
 from varos_warp.kernels.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.light import brightest
 from varos_warp.kernels.medium import transmittance
@@ -47,7 +47,7 @@ def balance(throughput: wp.vec3, f: wp.vec3, pdf: wp.vec3):
 
 @cache
 def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
-    """The kernel that renders a range of rows.
+    """The kernel that renders a film's parts from ``first`` on.
 
     Args:
         direct: whether light of one event, a reflection, counts.
@@ -91,21 +91,19 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     def trace_reference(
         scene: SceneData,
         camera: Camera,
-        first_row: int,
+        first: int,
         max_scatterings: int,
         max_bounces: int,
         key: wp.uint32,
         # out
         film: Film,
     ):
-        tile_row, col, stratum = wp.tid()
-        row = row_of(film, first_row + tile_row)
-        height, width = film.squares.shape[1], film.squares.shape[2]
-        if row >= height:
-            return
-        pixel = row * width + col
+        i = first + wp.tid()
+        part = film.parts[i]
+        row, col = part.row, part.col
+        pixel = row * film.sums.shape[2] + col
         sums = Sums()
-        for sample in range(first_of(film, stratum, row, col), end_of(film, stratum, row, col)):
+        for sample in range(part.begin, part.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_glow = wp.vec3(0.0)
@@ -178,6 +176,6 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             if not wp.static(single):
                 L_single = wp.vec3(0.0)
             sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
-        store(film, stratum, row, col, sums)
+        store(film, i, sums)
 
     return trace_reference

@@ -47,7 +47,7 @@ HANDED_SHARE = wp.constant(0.25)
 """Share of the walks that hand a surface on: what is blocked of its glow is little."""
 
 
-@wp.func
+@wp.func(inline=False)
 def draw(key: wp.uint32, pixel: int, sample: int, group: int):
     """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent ones far down a walk."""
     if group < LOW_DIMENSIONS:
@@ -100,6 +100,29 @@ def halo_share(eye: wp.vec3, d: wp.vec3, p: wp.vec3, width: float):
     return 1.0 - x * x * (3.0 - 2.0 * x)
 
 
+@wp.kernel(enable_backward=False)
+def list_walks(
+    starts: wp.array(dtype=Walk),
+    places: wp.array(dtype=int),
+    points: wp.array(dtype=int),
+    metals: int,  # 1: walks from metals too
+    share: float,  # of the walks to take
+    key: wp.uint32,
+    # out
+    listed: wp.array(dtype=int),
+    number: wp.array(dtype=int),  # one number, 0 before
+):
+    """Write down the starts that walks leave from, in any order: among many others they would leave threads idle."""
+    i = wp.tid()
+    if starts[i].alive == 0:
+        return
+    if metals == 0 and starts[i].vertex.on_surface == 1 and starts[i].vertex.surface.metal > 0.0:
+        return
+    if share < 1.0 and draw(key + wp.uint32(1), places[i], points[i], 1)[1] >= share:
+        return
+    listed[wp.atomic_add(number, 0, 1)] = i
+
+
 @cache
 def make_block_kernel(instances: bool) -> wp.Kernel:
     """What surfaces keep from each start of the light that open water would send it."""
@@ -110,16 +133,19 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
         scene: SceneData,
         first: int,
         threads: int,
-        taken: wp.array(dtype=int),  # one number, 0 before: starts taken beyond the first of every thread
+        taken: wp.array(dtype=int),  # one number, 0 before: walks taken beyond the first of every thread
+        listed: wp.array(dtype=int),  # of list_walks
+        number: wp.array(dtype=int),
         starts: wp.array(dtype=Walk),
         places: wp.array(dtype=int),
         points: wp.array(dtype=int),
-        share: float,  # of the starts to take
+        share: float,  # of all that might, so many walk
         key: wp.uint32,
         # out
         light: wp.array(dtype=wp.vec3),  # what is blocked is subtracted
     ):
-        i = first + wp.tid()
+        k = first + wp.tid()
+        i = int(0)
         fresh = bool(True)
         clear = bool(True)
         walk = Walk()
@@ -127,14 +153,11 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
         L = wp.vec3(0.0)
         group = int(0)
         turns = int(0)
-        while i < starts.shape[0]:
+        while k < number[0]:
             if fresh:
+                i = listed[k]
                 walk = starts[i]
                 turns = 0
-                if walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0:
-                    walk.alive = 0
-                if share < 1.0 and draw(key + wp.uint32(1), places[i], points[i], 1)[1] >= share:
-                    walk.alive = 0
                 walk.throughput /= share
                 walk.expected_at_start = expected_light(scene, walk)
                 before = walk.vertex.p
@@ -180,7 +203,7 @@ def make_block_kernel(instances: bool) -> wp.Kernel:
                     walk = drift(scene, walk, lamp_share, wp.vec4(w[2], w[3], v[2], 0.0))
             if walk.alive == 0:
                 light[i] -= L
-                i = threads + wp.atomic_add(taken, 0, 1)
+                k = threads + wp.atomic_add(taken, 0, 1)
                 fresh = True
 
     return block_light
@@ -197,7 +220,9 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         scene: SceneData,
         first: int,
         threads: int,
-        taken: wp.array(dtype=int),  # one number, 0 before: starts taken beyond the first of every thread
+        taken: wp.array(dtype=int),  # one number, 0 before: walks taken beyond the first of every thread
+        listed: wp.array(dtype=int),  # of list_walks
+        number: wp.array(dtype=int),
         starts: wp.array(dtype=Walk),  # in the end those of what is blocked of the glow that walks met
         places: wp.array(dtype=int),
         points: wp.array(dtype=int),
@@ -210,7 +235,8 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         # out
         light: wp.array(dtype=wp.vec3),  # added to
     ):
-        i = first + wp.tid()
+        k = first + wp.tid()
+        i = int(0)
         fresh = bool(True)
         at_start = bool(True)
         sees_water = bool(False)
@@ -219,8 +245,9 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
         weights = float(0.0)
         pick = Pick()
         group = int(0)
-        while i < starts.shape[0]:
+        while k < number[0]:
             if fresh:
+                i = listed[k]
                 walk = starts[i]
                 sees_water = walk.vertex.on_surface == 1 and walk.vertex.surface.metal > 0.0
                 at_start = walk.vertex.on_surface == 0
@@ -308,7 +335,7 @@ def make_reflect_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     handed.alive = 1
                     handed.throughput *= weights / HANDED_SHARE
                     starts[i] = handed
-                i = threads + wp.atomic_add(taken, 0, 1)
+                k = threads + wp.atomic_add(taken, 0, 1)
                 fresh = True
 
     return reflect_light

@@ -7,10 +7,11 @@ So cells of the table whose nodes bend too much are not used.
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.light import Light
+from varos_warp.kernels.medium import Medium, transmittance
 from varos_warp.kernels.open_water import single_scattering
 
 wp.set_module_options({"enable_backward": False})
@@ -38,12 +39,12 @@ def node_t(table: SingleTable, k: int):
     return wp.min(table.scale * share / wp.max(1.0 - share, 1.0e-9), FAR)
 
 
-@wp.func
-def scattered_by_lamps(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
+@wp.func(inline=False)
+def scattered_by_lamps(medium: Medium, lights: wp.array(dtype=Light), o: wp.vec3, d: wp.vec3, t: float):
     """Radiance that all lamps' light adds to a ray up to ``t`` by scattering once, by quadrature."""
     L = wp.vec3(0.0)
-    for i in range(scene.lights.shape[0]):
-        L += single_scattering(scene, scene.lights[i], o, d, t)
+    for i in range(lights.shape[0]):
+        L += single_scattering(medium, lights[i], o, d, t)
     return L
 
 
@@ -51,7 +52,7 @@ def scattered_by_lamps(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
 def scattered_once(scene: SceneData, table: SingleTable, o: wp.vec3, d: wp.vec3, x: float, y: float, t: float):
     """As scattered_by_lamps, of a camera's ray through a place (x, y) in [0, 1]^2."""
     if table.radiance.shape[0] == 0:
-        return scattered_by_lamps(scene, o, d, t)
+        return scattered_by_lamps(scene.medium, scene.lights, o, d, t)
     w = wp.min(t / (t + table.scale), 1.0) * (float(table.radiance.shape[0] - 1) - 1.0e-3)
     v = wp.clamp(y, 0.0, 1.0) * (float(table.radiance.shape[1] - 1) - 1.0e-3)
     u = wp.clamp(x, 0.0, 1.0) * (float(table.radiance.shape[2] - 1) - 1.0e-3)
@@ -59,17 +60,26 @@ def scattered_once(scene: SceneData, table: SingleTable, o: wp.vec3, d: wp.vec3,
     j = int(v)
     k = int(u)
     if table.smooth[i, j, k] == wp.uint8(0):
-        return scattered_by_lamps(scene, o, d, t)
+        return scattered_by_lamps(scene.medium, scene.lights, o, d, t)
     L = wp.vec3(0.0)
     for corner in range(4):
         di = corner >> 1
         dj = corner & 1
-        weight = wp.where(di == 1, w - float(i), 1.0 - w + float(i)) * wp.where(dj == 1, v - float(j), 1.0 - v + float(j))
+        weight = wp.where(di == 1, w - float(i), 1.0 - w + float(i))
+        weight *= wp.where(dj == 1, v - float(j), 1.0 - v + float(j))
         L += weight * wp.lerp(table.radiance[i + di, j + dj, k], table.radiance[i + di, j + dj, k + 1], u - float(k))
     return L
 
 
 # ------------------------------------------------------------------------------------------------------- making it
+
+
+@wp.func
+def node_ray(table: SingleTable, camera: Camera, size: wp.vec2, row: float, col: float):
+    """Ray through a node, or a place between some."""
+    x = size[0] * col / float(table.radiance.shape[2] - 1)
+    y = size[1] * row / float(table.radiance.shape[1] - 1)
+    return camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
 
 
 @wp.kernel(enable_backward=False)
@@ -84,14 +94,12 @@ def fill_single(
     """The radiance of the nodes, from one to the next along a ray."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
-    x = size[0] * float(col) / float(table.radiance.shape[2] - 1)
-    y = size[1] * float(row) / float(table.radiance.shape[1] - 1)
-    ray = camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
+    ray = node_ray(table, camera, size, float(row), float(col))
     L = wp.vec3(0.0)
     start = float(0.0)
     for k in range(table.radiance.shape[0]):
         end = node_t(table, k)
-        piece = scattered_by_lamps(scene, ray.o + start * ray.d, ray.d, end - start)
+        piece = scattered_by_lamps(scene.medium, scene.lights, ray.o + start * ray.d, ray.d, end - start)
         L += wp.cw_mul(transmittance(scene.medium, start), piece)
         table.radiance[k, row, col] = L
         start = end
@@ -103,8 +111,24 @@ def bend(before: wp.vec3, here: wp.vec3, after: wp.vec3):
     return wp.abs(before - 2.0 * here + after)
 
 
+@wp.func
+def hides_beam(light: Light, ray: Ray, spread: float):
+    """Whether a lamp's cone ahead may be so narrow where it crosses a ray that rays at an angle ``spread`` miss it.
+
+    The ray meets the cone no nearer to the lamp than it passes it.
+    """
+    to_light = light.position - ray.o
+    foot = wp.dot(to_light, ray.d)
+    passes_at = wp.length(to_light - foot * ray.d)
+    tan_half = wp.where(light.cos_half < 0.7, 1.0, wp.sqrt(1.0 - light.cos_half * light.cos_half) / light.cos_half)
+    return foot > 0.0 and passes_at * tan_half < 2.0 * spread * foot
+
+
 @wp.kernel(enable_backward=False)
 def find_smooth(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
     table: SingleTable,
     first_row: int,
     # out
@@ -113,12 +137,19 @@ def find_smooth(
     """Judge cells by the second differences at their corners.
 
     Between nodes of a smooth curve an eighth of them is the error; at a kink up to a half. A quarter, summed over the
-    three directions, is taken: smooth light has room to spare, and kinks are far beyond.
+    three directions, is taken: smooth light has room to spare, and kinks are far beyond. Nodes do not tell of a beam
+    that passes between them.
     """
     tile_row, col, k = wp.tid()
     row = first_row + tile_row
     values = table.radiance
     worst = float(0.0)
+    corner_ray = node_ray(table, camera, size, float(row), float(col))
+    across = node_ray(table, camera, size, float(row) + 1.0, float(col) + 1.0)
+    middle = node_ray(table, camera, size, float(row) + 0.5, float(col) + 0.5)
+    for i in range(scene.lights.shape[0]):
+        if hides_beam(scene.lights[i], middle, wp.length(across.d - corner_ray.d)):
+            worst = wp.inf
     for corner in range(8):
         a = k + (corner >> 2)
         b = row + ((corner >> 1) & 1)

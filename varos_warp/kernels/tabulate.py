@@ -62,7 +62,7 @@ def light_scattered_once(
     tile_row, col, i = wp.tid()
     row = first_row + tile_row
     d = towards(grid, row, col, directions[i])
-    L = single_scattering(scene, scene.lights[0], node_point(grid, row, col), d, FAR)
+    L = single_scattering(scene.medium, scene.lights[0], node_point(grid, row, col), d, FAR)
     radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
 
 

@@ -47,12 +47,12 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
         how = plan.options | few | {"layers": tuple(scene.render.layers)}
         return timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
 
-    measured(pilot_camera(camera, 64), 0.0)  # compiles, and makes tables
+    large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
+    measured(small, 0.0)  # compiles, and makes tables
     if renderer.device != "cpu":  # a GPU is not full with a small image
         return measured(camera, 1.0)
     samples = {"A": spp, "B": scene.render.spp_b}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / samples)
-    large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
     at_large = measured(large, factor)
     if large.resolution == camera.resolution:
         return at_large / factor

@@ -2,7 +2,6 @@
 
 import functools
 import warnings
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,11 +10,11 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.adapt import average_tiles, metal_pixels, pixel_statistics, residual_mean_squares
+from varos_warp.kernels.adapt import metal_pixels, residual_mean_squares
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
-from varos_warp.kernels.film import TILE, Film, develop, share_samples
+from varos_warp.kernels.film import TILE, Film, develop
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
@@ -31,6 +30,7 @@ from varos_warp.render.adapt import (
     worst_channel,
 )
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
+from varos_warp.render.films import Films
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.residual import Residual, empty_veil_grid
@@ -42,11 +42,6 @@ from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "tables", "path", "reference")
-GPU_THREADS = 1 << 19
-"""Threads that fill a large GPU: small images are split into strata of samples until there are as many."""
-STRATA, STRATA_PIXELS = 4, 1 << 23
-"""Strata of those samples whose numbers differ from tile to tile: threads side by side then have about equally many. Of
-larger images fewer, so that they and their pixels are no more than the second number."""
 PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
 """With tables: samples of a pixel, beyond the first two, for one more of its residual, and where the residual is
 denoised afterwards (measured)."""
@@ -130,8 +125,7 @@ class FrameRenderer:
         """What the numbers of S stand for: a row for each."""
         self.launcher = Launcher(self.device, threads)
         self.open_water = OpenWater(scene, self.launcher)
-        self._films: dict[tuple, list[Film]] = defaultdict(list)
-        """Those that no frame uses, by their kind."""
+        self.films = Films(self.launcher)
         self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
     @property
@@ -241,7 +235,7 @@ class FrameRenderer:
         if integrator == "tables":
             return (yield from self._render_with_tables(scene, view, T_w_v, spp, max_bounces, asked, guides, key))
         adapts = tolerance is not None and not _is_one_pixel(view)
-        film = self._film(view, spp, adapts=adapts)
+        film = self.films.black(view.resolution, adapts=adapts)
         if integrator == "reference":
             kernel = make_reference_kernel(*wanted, *surfaces)
         else:
@@ -249,10 +243,10 @@ class FrameRenderer:
         before = [scene, self.world.camera(view, T_w_v)]
         how = [max_scatterings, max_bounces, wp.uint32(key), film]
         first = first_samples(spp) if adapts else spp
-        self._take_samples(film, kernel, before, how, first)
+        self.films.take(film, kernel, before, how, first, paths=True)
         if adapts:
-            noise = other_noise(*(yield from self._tile_statistics(film)))
-            self._take_samples(film, kernel, before, how, more_samples(noise, first, tolerance, spp))
+            noise = other_noise(*(yield from self.films.tile_statistics(film)))
+            self.films.take(film, kernel, before, how, more_samples(noise, first, tolerance, spp), paths=True)
         return (yield from self._develop(film, asked))
 
     def _render_with_tables(
@@ -270,7 +264,7 @@ class FrameRenderer:
         reflects = lit and max_bounces > 0
         first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED))
         shares = first < spp and not _is_one_pixel(view)
-        film = self._film(view, spp, adapts=shares, residual=reflects)
+        film = self.films.black(view.resolution, adapts=shares, residual=reflects)
         if lit:
             filtered = (asked.denoise or self.scene.render.denoise) != "none"
             each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
@@ -279,11 +273,11 @@ class FrameRenderer:
             residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
         kernel = make_tables_kernel(*wanted, *surfaces)
         before, how = [scene, camera], [tables, once, grid, max_bounces, wp.uint32(keys[1]), film]
-        self._take_samples(film, kernel, before, how, first if shares else spp)
+        self.films.take(film, kernel, before, how, first if shares else spp)
         mean = None
         if shares:
-            mean, variance = yield from self._tile_statistics(film)
-            self._take_samples(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
+            mean, variance = yield from self.films.tile_statistics(film)
+            self.films.take(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
         if reflects:
             most_on_metal = METAL_SAMPLES if filtered else 1
             yield from self._add_residual(film, residual, view, camera, spp_residual, mean, most_on_metal)
@@ -297,15 +291,15 @@ class FrameRenderer:
         if mean is None:
             yield from residual.add_glow(film, view, camera, round(spp), 1, 0.0)
             return
-        pixels, first = self._buffer(*film.residual.shape), first_samples(spp, 1)
+        pixels, first = self.films.buffer(*film.residual.shape), first_samples(spp, 1)
         self.launcher.run(metal_pixels, pixels.shape, [film], [pixels])
-        metal = (yield from self._tile_means(film, pixels))[0][..., 0]
+        metal = (yield from self.films.tile_means(film, pixels))[0][..., 0]
         # the first samples are to leave half of the others
         on_metal = int(np.clip(1.0 + 0.5 * (spp / first - 1.0) / max(metal.mean(), 1e-6), 1, most_on_metal))
         level = float(worst_channel(mean).mean())
         yield from residual.add_glow(film, view, camera, first, on_metal, level)
         self.launcher.run(residual_mean_squares, pixels.shape, [film, on_metal, float(most_on_metal)], [pixels])
-        noise = other_noise(mean, *(yield from self._tile_means(film, pixels)))
+        noise = other_noise(mean, *(yield from self.films.tile_means(film, pixels)))
         more = share_out(noise, first, spp, 1.0 + (on_metal - 1) * metal, MOST_SHARED_RESIDUAL)
         yield from residual.add_glow(film, view, camera, more, on_metal, level)
 
@@ -314,10 +308,10 @@ class FrameRenderer:
             shape = (*view.resolution[::-1], 3)
             image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
             return (yield from self._denoised(image, {}, asked.denoise))
-        film = self._film(view, spp)
+        film = self.films.black(view.resolution)
         kernel = make_ambient_kernel(self.world.has_instances, self.world.has_textures)
         camera = self.world.camera(view, T_w_v, pinhole=True)
-        self._take_samples(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
+        self.films.take(film, kernel, [self.world.data, camera], [ALL, wp.uint32(key), film], spp)
         guided = (asked.denoise or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop(film, asked, guides() if guided else {}))
 
@@ -341,56 +335,9 @@ class FrameRenderer:
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
-    # ---------------------------------------------------------------------------------------------- films, launches
-
-    def _film(self, view, spp: int, adapts: bool = False, residual: bool = False) -> Film:
-        """Buffers for an image, black; `_develop` keeps them for another one.
-
-        Strata depend on nothing but device kind, size, spp and whether numbers of samples differ.
-        """
-        width, height = view.resolution
-        strata = 1
-        if self.device != "cpu":
-            strata = min(spp, self._even_strata(width * height))
-            if adapts:
-                strata = max(strata, min(spp, STRATA, STRATA_PIXELS // (width * height)))
-        key = (adapts, strata, residual, height, width)
-        film = self._films[key].pop() if self._films[key] else self._new_film(*key)
-        for buffer in (film.direct, film.single, film.glow, film.veil, film.squares, film.count, film.residual,
-                       film.residual_squares, film.residual_count, film.metal, film.lost):
-            buffer.zero_()
-        return film
-
-    @staticmethod
-    def _kind_of(film: Film) -> tuple:
-        """The arguments of `_new_film` that made it."""
-        return len(film.count) == 2, len(film.squares), len(film.residual) > 0, *film.squares.shape[1:]
-
-    def _new_film(self, adapts: bool, strata: int, residual: bool, height: int, width: int) -> Film:
-        film, sides = Film(), 1 + adapts
-        for name in ("direct", "single", "glow", "veil", "squares"):
-            setattr(film, name, self._buffer(strata, height, width))
-        pixels = (height, width) if residual else (0, 0)
-        film.residual, film.residual_squares = (self._buffer(*pixels) for _ in "rs")
-        film.residual_count, film.metal = (wp.empty(pixels, dtype=int, device=self.device) for _ in "cm")
-        tiles = (sides, -(-height // TILE), -(-width // TILE))
-        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
-        film.rows = wp.empty(tiles[1], dtype=int, device=self.device)
-        film.begin, film.end = (wp.empty((strata, *tiles), dtype=int, device=self.device) for _ in "be")
-        film.lost = wp.empty(1, dtype=int, device=self.device)
-        return film
-
-    @staticmethod
-    def _even_strata(pixels: int) -> int:
-        """Strata that fill a GPU where all pixels take equally many samples."""
-        return max(1, GPU_THREADS // pixels)
-
-    def _buffer(self, *shape: int) -> wp.array:
-        return wp.empty(shape, dtype=wp.vec3d, device=self.device)
-
     def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
-        shape = film.squares.shape[1:]
+        shape = film.sums.shape[1:]
         names = (*LAYERS, "residual", "metal_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         self.launcher.run(develop, shape, [film], list(images.values()))
@@ -402,7 +349,7 @@ class FrameRenderer:
         else:
             wanted = work | {name: images[name] for name in ("stderr", *asked.layers)}
         lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
-        self._films[self._kind_of(film)].append(film)
+        self.films.keep(film)
         on_host = dict(zip(wanted, arrays, strict=True))
         if lost[0]:
             warnings.warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
@@ -450,32 +397,6 @@ class FrameRenderer:
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
         return guides
-
-    def _take_samples(self, film: Film, kernel, before, after, samples):
-        """Run a kernel over the pixels and strata of a film, for ``samples`` more: a number, or [side, tiles ...]."""
-        strata, height, width = film.squares.shape
-        even = np.ndim(samples) == 0
-        if even and self.device != "cpu":
-            strata = min(strata, self._even_strata(width * height))
-        self.launcher.upload(samples, film.wanted)
-        self.launcher.run(share_samples, film.count.shape, [strata], [film])
-        rows = film.count.shape[1]
-        order = np.argsort(-np.broadcast_to(samples, film.count.shape).max((0, 2)), kind="stable")
-        self.launcher.upload(order.astype(np.int32), film.rows)
-        self.launcher.rows(kernel, (rows * TILE, width, strata), before, after)
-
-    def _tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
-        """Mean and variance of one sample, [side, tile row, tile column, 3]."""
-        pixels = [self._buffer(*film.squares.shape[1:]) for _ in "mv"]
-        self.launcher.run(pixel_statistics, pixels[0].shape, [film], pixels)
-        return (yield from self._tile_means(film, *pixels))
-
-    def _tile_means(self, film: Film, *images: wp.array) -> Steps[list[np.ndarray]]:
-        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3] of each image."""
-        tiles = [self._buffer(*film.count.shape) for _ in images]
-        for pixels, means in zip(images, tiles, strict=True):
-            self.launcher.run(average_tiles, means.shape, [pixels], [means])
-        return (yield from self.launcher.fetch(*tiles))
 
 
 def _is_one_pixel(view: Camera) -> bool:

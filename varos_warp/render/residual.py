@@ -12,7 +12,7 @@ from varos_warp.kernels.glow import add_counts, add_residual, count_starts, list
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.open_water import Tables
-from varos_warp.kernels.residual import make_block_kernel, make_reflect_kernel
+from varos_warp.kernels.residual import list_walks, make_block_kernel, make_reflect_kernel
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
 from varos_warp.render.launch import Launcher, Steps
@@ -153,17 +153,24 @@ class Residual:
         Random numbers are those of the ``points`` of the ``places``' sequences; ``blocked_share`` of the starts look
         what is blocked.
         """
-        scene, walks, key = self.scene, [starts, places, points], wp.uint32(key)
-        reflected = [*walks, self.tables, self.lit_points, self.max_bounces, wp.vec3(*eye), halo, key, light]
-        block, count = make_block_kernel(self.kinds[0]), starts.shape[0]
-        self._over(block, scene, count, [*walks, blocked_share, key, light])
-        self._over(make_reflect_kernel(*self.kinds), scene, count, reflected)
+        walks, key = [starts, places, points], wp.uint32(key)
+        block, reflect = make_block_kernel(self.kinds[0]), make_reflect_kernel(*self.kinds)
+        self._over(block, walks, False, blocked_share, key, [blocked_share, key, light])
+        how = [self.tables, self.lit_points, self.max_bounces, wp.vec3(*eye), halo, key, light]
+        self._over(reflect, walks, True, 1.0, key, how)
         # the starts now are surfaces that walks met
-        self._over(block, scene, count, [*walks, 1.0, wp.uint32(self.keys[3]), light])
+        key = wp.uint32(self.keys[3])
+        self._over(block, walks, False, 1.0, key, [1.0, key, light])
 
-    def _over(self, kernel, scene, count: int, arguments):
-        """Run a kernel over starts: all at once on the CPU, which has no threads that could wait for each other."""
-        threads = count if self.launcher.device == "cpu" else min(count, WALK_THREADS)
-        taken = wp.zeros(1, dtype=int, device=self.launcher.device)
-        before, after = [scene], [threads, taken, *arguments]
-        self.launcher.rows(kernel, (threads,), before, after, tile_rows=CPU_TILE)
+    def _over(self, kernel, walks: list[wp.array], metals: bool, share: float, key: wp.uint32, how: list):
+        """Run a kernel over walks: all at once on the CPU, which has no threads that could wait for each other.
+
+        Those from ``metals`` too, or not; and of all that there are only a ``share``.
+        """
+        count, device = walks[0].shape[0], self.launcher.device
+        listed, number = wp.empty(count, dtype=int, device=device), wp.zeros(1, dtype=int, device=device)
+        self.launcher.run(list_walks, (count,), [*walks, int(metals), share, key], [listed, number])
+        threads = int(number.numpy()[0]) if device == "cpu" else min(count, WALK_THREADS)
+        taken = wp.zeros(1, dtype=int, device=device)
+        after = [threads, taken, listed, number, *walks, *how]
+        self.launcher.rows(kernel, (threads,), [self.scene], after, tile_rows=CPU_TILE)

@@ -34,8 +34,10 @@ VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
 SINGLE = (129, 73, 129)
 """Nodes of the table of light scattered once: distance, rows, columns of the image."""
-SINGLE_PIXELS = 1 << 15
-"""For smaller images it is not made: that would take longer than they do."""
+SINGLE_PIXELS = SINGLE[1] * SINGLE[2]
+"""Images with fewer do without it: making it would take longer than they do."""
+SINGLE_KEPT = 16
+"""Cameras whose table is kept; each takes 16 MB."""
 SINGLE_SCALE = 5.0
 """Half of its distances are within so many times the mean distance of the lamps."""
 SINGLE_APERTURE = 0.02
@@ -117,7 +119,10 @@ class OpenWater:
         key = repr(camera)
         if key not in self._single:
             self._single[key] = self._make_single(view, SINGLE_SCALE * max(float(np.mean(offsets)), NEAR))
-        return self._single[key]
+        table = self._single[key] = self._single.pop(key)  # the last one used is the last one to go
+        if len(self._single) > SINGLE_KEPT:
+            self._single.pop(next(iter(self._single)))
+        return table
 
     @cached_property
     def _lamps(self) -> wp.array:
@@ -165,9 +170,10 @@ class OpenWater:
         table.scale = scale
         table.radiance = wp.empty(SINGLE, dtype=wp.vec3, device=self.device)
         table.smooth = wp.empty(tuple(nodes - 1 for nodes in SINGLE), dtype=wp.uint8, device=self.device)
-        self.launcher.rows(fill_single, SINGLE[1:], list(self._at_rest(view)), [table], tile_rows=1)
+        at_rest = self._at_rest(view)
+        self.launcher.rows(fill_single, SINGLE[1:], [*at_rest], [table], tile_rows=1)
         distances, *pixels = table.smooth.shape
-        self.launcher.rows(find_smooth, (*pixels, distances), [table], [table.smooth], tile_rows=1)
+        self.launcher.rows(find_smooth, (*pixels, distances), [*at_rest, table], [table.smooth], tile_rows=1)
         return table
 
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:

@@ -1,0 +1,66 @@
+"""Taking samples in parts: every sample once, whatever the size of the image, of its parts and of their lists."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from varos_warp.kernels import film as kernel
+from varos_warp.render import films
+from varos_warp.render.films import Films
+from varos_warp.render.launch import Launcher
+
+
+@wp.kernel(enable_backward=False)
+def count_samples(first: int, film: kernel.Film):
+    """A sample is one watt, and its square its number; a pixel's are told apart by that."""
+    i = first + wp.tid()
+    sums = kernel.Sums()
+    part = film.parts[i]
+    for sample in range(part.begin, part.end):
+        sums.direct += wp.vec3d(wp.float64(1.0))
+        sums.squares += wp.vec3d(wp.float64(sample))
+    kernel.store(film, i, sums)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 4), (8, 8), (9, 17), (24, 40)])
+@pytest.mark.parametrize(("most", "lot"), [(4, 1 << 22), (1, 7), (256, 1 << 18)])
+@pytest.mark.parametrize("sides", [1, 2])
+def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
+    monkeypatch.setitem(films.MOST_SAMPLES, "cpu", most)
+    monkeypatch.setitem(films.MOST_PARTS, "cpu", lot)
+    monkeypatch.setattr(films, "PIXEL_TILE", 100)
+    made = Films(Launcher("cpu", threads=2))
+    film = made.black(shape[::-1], adapts=sides == 2)
+    rng = np.random.default_rng(1)
+    takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
+    for samples in takes:
+        made.take(film, count_samples, [], [film], samples)
+    assert film.parts is None or not film.parts.shape[0]
+    row, col = np.indices(shape)
+    taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
+    assert np.array_equal(film.count.numpy(), taken)
+    expected = taken[(row + col) % sides, row // 8, col // 8]
+    sums = film.sums.numpy()[..., 0]
+    assert np.array_equal(sums[0], expected)
+    assert np.array_equal(sums[4], expected * (expected - 1) / 2)
+
+
+def test_films_are_black_when_they_are_used_again():
+    made = Films(Launcher("cpu"))
+    film = made.black((5, 3))
+    made.take(film, count_samples, [], [film], 2)
+    made.keep(film)
+    again = made.black((5, 3))
+    assert again is film
+    assert not again.sums.numpy().any()
+    assert not again.count.numpy().any()
+    assert made.black((5, 3)) is not film
+
+
+def test_parts_are_fewer_where_their_numbers_would_not_fit():
+    gpu = Films(Launcher("cpu"))
+    gpu.device = "cuda:0"
+    assert gpu._part_size(1000, films.MOST_SAMPLES) == 1
+    assert gpu._part_size(8 * films.GPU_THREADS, films.MOST_SAMPLES) == 4
+    assert gpu._part_size(8 * films.GPU_THREADS, films.MOST_PATHS) == 8
+    assert -(-12_000_000_000 // gpu._part_size(12_000_000_000, films.MOST_SAMPLES)) < 2**30

@@ -1,0 +1,136 @@
+"""Films: the sums of an image's samples, on the device, and taking more of them.
+
+Pixels may want very unlike numbers of samples. So they are taken in parts, lists of which are made anew whenever
+samples are taken, and the sums of the parts are added up in a fixed order: neither the number of threads nor the size
+of the lists changes a byte.
+"""
+
+from collections import defaultdict
+
+import numpy as np
+import warp as wp
+
+from varos_warp.kernels.adapt import average_tiles, pixel_statistics
+from varos_warp.kernels.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
+from varos_warp.render.launch import Launcher, Steps
+from varos_warp.scene.device import kind_of
+
+MOST_SAMPLES, MOST_PATHS = {"cpu": 256, "cuda": 4}, {"cpu": 256, "cuda": 32}
+"""Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many. Of paths, of
+which a thread takes one after the other as they end, more (measured)."""
+GPU_THREADS = 1 << 19
+"""Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
+MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
+"""Parts at a time; each takes 136 bytes. At the end of each lot a GPU is less than full, and all pixels are visited."""
+PIXEL_TILE = 1 << 16
+"""Pixels that a CPU's thread visits at a time."""
+MOST_LISTED = 1 << 28
+"""Parts are larger where there would be more of them in all: their numbers have 32 bits."""
+
+
+class Films:
+    """The films of one device.
+
+    Args:
+        launcher: of the device.
+    """
+
+    def __init__(self, launcher: Launcher):
+        self.launcher, self.device = launcher, launcher.device
+        self._unused: dict[tuple, list[Film]] = defaultdict(list)
+
+    def black(self, resolution, adapts: bool = False, residual: bool = False) -> Film:
+        """A film without samples for an image of width and height, until it is given to `keep`.
+
+        Args:
+            resolution: Width and height.
+            adapts: Whether tiles have two sides, see render/adapt.py.
+            residual: Whether it has a residual, see kernels/film.py.
+        """
+        kind = (adapts, residual, *resolution[::-1])
+        film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
+        for buffer in (film.sums, film.count, film.residual, film.residual_squares, film.residual_count, film.metal,
+                       film.lost):
+            buffer.zero_()
+        return film
+
+    def keep(self, film: Film):
+        """Take a film back for another image."""
+        self._unused[len(film.count) == 2, len(film.residual) > 0, *film.sums.shape[1:]].append(film)
+
+    def _new(self, adapts: bool, residual: bool, height: int, width: int) -> Film:
+        film = Film()
+        film.sums = self.buffer(SUMS, height, width)
+        pixels = (height, width) if residual else (0, 0)
+        film.residual, film.residual_squares = (self.buffer(*pixels) for _ in "rs")
+        film.residual_count, film.metal = (wp.empty(pixels, dtype=int, device=self.device) for _ in "cm")
+        tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
+        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
+        film.lost = wp.empty(1, dtype=int, device=self.device)
+        return film
+
+    def buffer(self, *shape: int) -> wp.array:
+        """Sums, or anything else with a float64 for each channel."""
+        return wp.empty(shape, dtype=wp.vec3d, device=self.device)
+
+    def take(self, film: Film, kernel, before, after, samples: int | np.ndarray, paths: bool = False):
+        """Take more samples.
+
+        Args:
+            film: The film.
+            kernel: Takes the samples of ``film.parts`` from the number that it gets between ``before`` and ``after``.
+            before: Its arguments before that number,
+            after: and after it.
+            samples: How many, of all pixels or [side, tile row, tile column].
+            paths: Whether they are paths.
+        """
+        samples = np.broadcast_to(samples, film.count.shape)
+        pixels = _side_pixels(len(samples), *film.sums.shape[1:])
+        most = self._part_size(int((samples * pixels).sum()), MOST_PATHS if paths else MOST_SAMPLES)
+        self.launcher.upload(samples, film.wanted)
+        ends = self._running_sum(film, most)
+        total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
+        for begin in range(0, total, lot):
+            parts = min(lot, total - begin)
+            film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
+            film.part_sums = self.buffer(SUMS, parts)
+            self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
+            self.launcher.rows(kernel, (parts,), before, after, tile_rows=int(np.clip(parts // 32, 64, 1024)))
+            self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
+        film.parts = film.part_sums = None
+        self.launcher.run(note_samples, film.count.shape, [], [film])
+
+    def _part_size(self, samples: int, bounds: dict[str, int]) -> int:
+        """Most samples of a part, where there are so many in all."""
+        most = bounds[kind_of(self.device)]
+        if self.device != "cpu":
+            most = min(most, max(1, samples // GPU_THREADS))
+        return max(most, samples // MOST_LISTED)
+
+    def _running_sum(self, film: Film, most: int) -> wp.array:
+        """Running sum of the numbers of parts, pixel by pixel and tile by tile."""
+        _, *tiles = film.count.shape
+        counts, ends = (wp.empty(int(np.prod(tiles)) * TILE**2, dtype=int, device=self.device) for _ in "ce")
+        self.launcher.run(count_parts, counts.shape, [film, most], [counts])
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        return ends
+
+    def tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
+        """Mean and variance of one sample, [side, tile row, tile column, 3]."""
+        pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
+        self.launcher.run(pixel_statistics, pixels[0].shape, [film], pixels)
+        return (yield from self.tile_means(film, *pixels))
+
+    def tile_means(self, film: Film, *images: wp.array) -> Steps[list[np.ndarray]]:
+        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3] of each image."""
+        tiles = [self.buffer(*film.count.shape) for _ in images]
+        for pixels, means in zip(images, tiles, strict=True):
+            self.launcher.run(average_tiles, means.shape, [pixels], [means])
+        return (yield from self.launcher.fetch(*tiles))
+
+
+def _side_pixels(sides: int, height: int, width: int) -> np.ndarray:
+    """Pixels of each side of the tiles of an image [side, tile row, tile column]."""
+    rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
+    area = np.outer(rows, cols)
+    return area[None] if sides == 1 else np.stack([(area + 1) // 2, area // 2])
