@@ -129,15 +129,18 @@ class Cluster:
 
     def _start_workers(self) -> None:
         """Start the processes; each writes while it renders, and is started again where it dies."""
+        import dask
         from distributed import LocalCluster
         from distributed.gc import disable_gc_diagnosis
 
         from varos_warp.render.launch import usable_cores
 
         cores = max(1, usable_cores() // self.workers)
-        self.local = LocalCluster(
-            n_workers=self.workers, threads_per_worker=1 + room(cores), processes=True, dashboard_address=None,
-            memory_limit=None, silence_logs=SILENT, preload=["varos_warp.dataset.worker"])
+        # a hundred times a second, Dask's profiler would hold up all threads that render and write
+        with dask.config.set({"distributed.worker.profile.enabled": False}):
+            self.local = LocalCluster(
+                n_workers=self.workers, threads_per_worker=1 + room(cores), processes=True, dashboard_address=None,
+                memory_limit=None, silence_logs=SILENT, preload=["varos_warp.dataset.worker"])
         # its hook on the garbage collection swallows a Ctrl-C that comes during one
         disable_gc_diagnosis()
         self._connect(self.local)
