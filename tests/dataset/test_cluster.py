@@ -83,7 +83,7 @@ def test_workers_make_the_bytes_of_a_single_run_though_one_is_killed_while_it_re
 
 
 def test_a_run_on_workers_that_was_interrupted_leaves_whole_files_and_goes_on(scheduler, whole, tmp_path):
-    out = tmp_path / "out"
+    out, stopped = tmp_path / "out", {}
 
     class Interrupted(cluster._Run):
         def collect(self, future):
@@ -91,10 +91,16 @@ def test_a_run_on_workers_that_was_interrupted_leaves_whole_files_and_goes_on(sc
             if len(self.made.timings) == 8:
                 raise KeyboardInterrupt
 
+        def drain(self):
+            super().drain()
+            name, ask = self.cluster.name, self.cluster.client.run
+            stopped.update(ask(lambda dask_worker: dask_worker.plugins[name].engine._places.stopped))
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cluster, "_Run", Interrupted)
         with pytest.raises(KeyboardInterrupt):
             produce(scene(), out, device="cpu", quiet=True, scheduler=scheduler)
+    assert list(stopped.values()) == [True, True]  # threads that wait for the device begin nothing
     left = tree(out)
     assert left == {name: whole[name] for name in left}
     images = [name for name in left if name.endswith(".exr")]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from standins import FlatFloorRenderer, make_scene, plan_render
 
+from varos_warp.dataset.engine import Places, Stopped
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.pipeline import GIVE_UP, Rendered, render_frames, room
 from varos_warp.dataset.store import ImageJob, Store, Stored, develop
@@ -220,3 +221,27 @@ def test_looking_pixels_up_gives_what_computing_each_gives(letter, gain):
     half = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
     half = np.resize(half[~np.isnan(half)], (120, 177, 3))
     np.testing.assert_array_equal(develop(letter, half, gain), OUTPUTS[letter].encode(half, gain))
+
+
+def test_images_that_wait_for_the_device_are_not_begun_once_a_run_is_stopped():
+    places, begun, refused = Places(1), [], []
+
+    def image(frame):
+        try:
+            with places:
+                begun.append(frame)
+        except Stopped:
+            refused.append(frame)
+
+    with places:
+        waiting = [threading.Thread(target=image, args=(frame,)) for frame in range(3)]
+        for thread in waiting:
+            thread.start()
+        time.sleep(0.05)
+        places.stopped = True
+    for thread in waiting:
+        thread.join(5.0)
+    assert not begun
+    assert sorted(refused) == [0, 1, 2]
+    with pytest.raises(Stopped), places:
+        pass

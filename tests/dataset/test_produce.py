@@ -146,7 +146,7 @@ def test_a_damaged_table_is_written_again(written, tmp_path):
 ])
 def test_a_dataset_of_another_scene_is_refused_naming_the_key(written, change, key):
     before = times(written)
-    with pytest.raises(InputError, match=key + ".*Give another folder"):
+    with pytest.raises(InputError, match=key + ".*Give the same scene and options, another folder"):
         run(written, scene=make_scene(**change))
     assert times(written) == before
 

@@ -406,7 +406,12 @@ class _Run:
 
     def drain(self) -> None:
         """Begin nothing more, and wait for what is under way."""
+        from varos_warp.dataset import worker
+
         client, deadline = self.cluster.client, time.monotonic() + DRAIN_S
+        self.say("ending; what is under way is written first")
+        with contextlib.suppress(Exception):  # workers have more images than are under way on their devices
+            client.run(worker.stop_site, self.cluster.name, on_error="ignore")
         begun = {key for keys in client.processing().values() for key in keys}
         client.cancel([future for key, (future, _) in self.jobs.items() if key not in begun])
         begun = [self.jobs[key][0] for key in begun & self.jobs.keys()]

@@ -12,6 +12,26 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.render.denoise import available_method
 
 
+class Stopped(Exception):
+    """The run has ended: an image that waited for the device is not begun."""
+
+
+class Places:
+    """Room on a device for a few images at a time, until it is ``stopped``."""
+
+    def __init__(self, count: int):
+        self._free, self.stopped = threading.Semaphore(count), False
+
+    def __enter__(self) -> None:
+        self._free.acquire()
+        if self.stopped:
+            self._free.release()
+            raise Stopped
+
+    def __exit__(self, *_) -> None:
+        self._free.release()
+
+
 class Engine:
     """Renders in this process.
 
@@ -104,7 +124,7 @@ class Engine:
         with self._turn:
             if self._plan is None:
                 self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
-                self._places = threading.Semaphore(self.at_once)
+                self._places = Places(self.at_once)
 
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
@@ -118,6 +138,11 @@ class Engine:
         render_frames(self.renderer, store, plan, jobs, self.poses.__getitem__, made=made, clock=clock, done=done,
                       say=say, turn=turn or (lambda: self._turn), place=self._places, cores=self.cores,
                       at_once=min(self.at_once, len(jobs)))
+
+    def stop(self) -> None:
+        """Begin no more images, whichever threads wait for the device with some."""
+        if self._plan is not None:
+            self._places.stopped = True
 
     @property
     def at_once(self) -> int:

@@ -214,11 +214,11 @@ def check_same(scene, meta: dict, file: Path) -> None:
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""
         raise InputError(f"the dataset in this folder was made with {_short(old)}, not {_short(new)}{also}", file=file,
-                         key=key, remedy="Give another folder with -o, or delete this one.")
+                         key=key, remedy="Give the same scene and options, another folder with -o, or delete this one.")
 
 
 def _short(value) -> str:
-    text = "nothing" if value is None else repr(value)
+    text = "no value" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

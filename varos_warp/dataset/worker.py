@@ -203,6 +203,13 @@ def prepare_site(name: str, plan: dict) -> None:
     site_of(name).opened()[0].prepare(plan)
 
 
+def stop_site(name: str, dask_worker) -> None:
+    """Begin no more images of a run."""
+    engine = dask_worker.plugins[name].engine
+    if engine is not None:
+        engine.stop()
+
+
 @dataclass
 class Reply:
     """What became of an image job."""
