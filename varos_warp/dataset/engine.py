@@ -54,6 +54,7 @@ class Engine:
         """Whether the error of the level of detail was measured, for a planner."""
         self._turn = threading.Lock()
         self._plan: dict | None = None
+        self._places: Places | None = None
 
     def __enter__(self) -> "Engine":
         return self
@@ -141,7 +142,7 @@ class Engine:
 
     def stop(self) -> None:
         """Begin no more images, whichever threads wait for the device with some."""
-        if self._plan is not None:
+        if self._places is not None:
             self._places.stopped = True
 
     @property

@@ -50,3 +50,11 @@ def camera_ray(camera: Camera, x: float, y: float, lens: wp.vec2):
     ray.o = camera.position + offset
     ray.d = wp.normalize(camera.focus * through - offset)
     return ray
+
+
+@wp.func
+def node_ray(camera: Camera, size: wp.vec2, row: float, col: float, rows: int, cols: int):
+    """Pinhole ray through a node, or a place between some, of a grid that spans an image of ``size`` [pixels]."""
+    x = size[0] * col / float(cols - 1)
+    y = size[1] * row / float(rows - 1)
+    return camera_ray(camera, x, y, wp.vec2(0.0, 0.0))

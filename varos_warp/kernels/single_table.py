@@ -7,7 +7,7 @@ So cells of the table whose nodes bend too much are not used.
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, Ray, camera_ray
+from varos_warp.kernels.camera import Camera, Ray, node_ray
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light
@@ -74,14 +74,6 @@ def scattered_once(scene: SceneData, table: SingleTable, o: wp.vec3, d: wp.vec3,
 # ------------------------------------------------------------------------------------------------------- making it
 
 
-@wp.func
-def node_ray(table: SingleTable, camera: Camera, size: wp.vec2, row: float, col: float):
-    """Ray through a node, or a place between some."""
-    x = size[0] * col / float(table.radiance.shape[2] - 1)
-    y = size[1] * row / float(table.radiance.shape[1] - 1)
-    return camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
-
-
 @wp.kernel(enable_backward=False)
 def fill_single(
     scene: SceneData,
@@ -94,7 +86,7 @@ def fill_single(
     """The radiance of the nodes, from one to the next along a ray."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
-    ray = node_ray(table, camera, size, float(row), float(col))
+    ray = node_ray(camera, size, float(row), float(col), table.radiance.shape[1], table.radiance.shape[2])
     L = wp.vec3(0.0)
     start = float(0.0)
     for k in range(table.radiance.shape[0]):
@@ -124,44 +116,50 @@ def hides_beam(light: Light, ray: Ray, spread: float):
     return foot > 0.0 and passes_at * tan_half < 2.0 * spread * foot
 
 
+@wp.func
+def bends_by(values: wp.array3d(dtype=wp.vec3), a: int, b: int, c: int):
+    """How far interpolation around a node may be off, as a share of its radiance.
+
+    Between nodes of a smooth curve an eighth of the second difference is the error; at a kink up to a half. A quarter,
+    summed over the three directions, is taken: smooth light has room to spare, and kinks are far beyond.
+    """
+    # at the rim the nearest place with neighbours on both sides
+    i = wp.clamp(a, 1, values.shape[0] - 2)
+    j = wp.clamp(b, 1, values.shape[1] - 2)
+    m = wp.clamp(c, 1, values.shape[2] - 2)
+    off = bend(values[i - 1, b, c], values[i, b, c], values[i + 1, b, c])
+    off += bend(values[a, j - 1, c], values[a, j, c], values[a, j + 1, c])
+    off += bend(values[a, b, m - 1], values[a, b, m], values[a, b, m + 1])
+    worst = float(0.0)
+    for channel in range(3):
+        if off[channel] > 0.0:
+            worst = wp.max(worst, 0.25 * off[channel] / wp.max(values[a, b, c][channel], 1.0e-30))
+    return worst
+
+
 @wp.kernel(enable_backward=False)
 def find_smooth(
     scene: SceneData,
     camera: Camera,
     size: wp.vec2,
-    table: SingleTable,
     first_row: int,
     # out
-    smooth: wp.array3d(dtype=wp.uint8),
+    table: SingleTable,
 ):
-    """Judge cells by the second differences at their corners.
-
-    Between nodes of a smooth curve an eighth of them is the error; at a kink up to a half. A quarter, summed over the
-    three directions, is taken: smooth light has room to spare, and kinks are far beyond. Nodes do not tell of a beam
-    that passes between them.
-    """
-    tile_row, col, k = wp.tid()
+    """Judge the cells along a ray by their corners; and by the lamps, for nodes do not tell of a beam between them."""
+    tile_row, col = wp.tid()
     row = first_row + tile_row
-    values = table.radiance
-    worst = float(0.0)
-    corner_ray = node_ray(table, camera, size, float(row), float(col))
-    across = node_ray(table, camera, size, float(row) + 1.0, float(col) + 1.0)
-    middle = node_ray(table, camera, size, float(row) + 0.5, float(col) + 0.5)
+    rows, cols = table.radiance.shape[1], table.radiance.shape[2]
+    near = node_ray(camera, size, float(row), float(col), rows, cols)
+    far = node_ray(camera, size, float(row) + 1.0, float(col) + 1.0, rows, cols)
+    middle = node_ray(camera, size, float(row) + 0.5, float(col) + 0.5, rows, cols)
+    hidden = float(0.0)
     for i in range(scene.lights.shape[0]):
-        if hides_beam(scene.lights[i], middle, wp.length(across.d - corner_ray.d)):
-            worst = wp.inf
-    for corner in range(8):
-        a = k + (corner >> 2)
-        b = row + ((corner >> 1) & 1)
-        c = col + (corner & 1)
-        # at the rim the nearest place with neighbours on both sides
-        i = wp.clamp(a, 1, values.shape[0] - 2)
-        j = wp.clamp(b, 1, values.shape[1] - 2)
-        m = wp.clamp(c, 1, values.shape[2] - 2)
-        off = bend(values[i - 1, b, c], values[i, b, c], values[i + 1, b, c])
-        off += bend(values[a, j - 1, c], values[a, j, c], values[a, j + 1, c])
-        off += bend(values[a, b, m - 1], values[a, b, m], values[a, b, m + 1])
-        for channel in range(3):
-            if off[channel] > 0.0:
-                worst = wp.max(worst, 0.25 * off[channel] / wp.max(values[a, b, c][channel], 1.0e-30))
-    smooth[k, row, col] = wp.uint8(wp.where(worst <= TOLERANCE, 1, 0))
+        if hides_beam(scene.lights[i], middle, wp.length(far.d - near.d)):
+            hidden = wp.inf
+    for k in range(table.smooth.shape[0]):
+        worst = hidden
+        for corner in range(8):
+            off = bends_by(table.radiance, k + (corner >> 2), row + ((corner >> 1) & 1), col + (corner & 1))
+            worst = wp.max(worst, off)
+        table.smooth[k, row, col] = wp.uint8(wp.where(worst <= TOLERANCE, 1, 0))

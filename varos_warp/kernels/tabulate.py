@@ -7,7 +7,7 @@ same for all nodes, and a matter of the host (render/orders.py); here light goes
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
+from varos_warp.kernels.camera import Camera, node_ray
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light
@@ -125,9 +125,7 @@ def fill_veil(
     """Radiance that light scattered twice or more adds to a camera's rays up to each distance."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
-    x = size[0] * float(col) / float(veil.shape[2] - 1)
-    y = size[1] * float(row) / float(veil.shape[1] - 1)
-    ray = camera_ray(camera, x, y, wp.vec2(0.0, 0.0))
+    ray = node_ray(camera, size, float(row), float(col), veil.shape[1], veil.shape[2])
     L = wp.vec3(0.0)
     start = float(0.0)
     for k in range(veil.shape[0]):

@@ -84,10 +84,10 @@ class Films:
             samples: How many, of all pixels or [side, tile row, tile column].
             paths: Whether they are paths.
         """
+        self.launcher.upload(samples, film.wanted)
         samples = np.broadcast_to(samples, film.count.shape)
         pixels = _side_pixels(len(samples), *film.sums.shape[1:])
         most = self._part_size(int((samples * pixels).sum()), MOST_PATHS if paths else MOST_SAMPLES)
-        self.launcher.upload(samples, film.wanted)
         ends = self._running_sum(film, most)
         total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
         for begin in range(0, total, lot):
@@ -129,8 +129,13 @@ class Films:
         return (yield from self.launcher.fetch(*tiles))
 
 
+def tile_pixels(height: int, width: int) -> np.ndarray:
+    """Pixels of the tiles of an image [tile row, tile column], of which the last ones may be smaller."""
+    rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
+    return np.outer(rows, cols)
+
+
 def _side_pixels(sides: int, height: int, width: int) -> np.ndarray:
     """Pixels of each side of the tiles of an image [side, tile row, tile column]."""
-    rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
-    area = np.outer(rows, cols)
+    area = tile_pixels(height, width)
     return area[None] if sides == 1 else np.stack([(area + 1) // 2, area // 2])

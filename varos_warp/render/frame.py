@@ -14,7 +14,7 @@ from varos_warp.kernels.adapt import metal_pixels, residual_mean_squares
 from varos_warp.kernels.ambient import make_ambient_kernel
 from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
-from varos_warp.kernels.film import TILE, Film, develop
+from varos_warp.kernels.film import Film, develop
 from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.path import PathSpec, make_path_kernel
 from varos_warp.kernels.reference import make_reference_kernel
@@ -30,7 +30,7 @@ from varos_warp.render.adapt import (
     worst_channel,
 )
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
-from varos_warp.render.films import Films
+from varos_warp.render.films import Films, tile_pixels
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.residual import Residual, empty_veil_grid
@@ -405,7 +405,5 @@ def _is_one_pixel(view: Camera) -> bool:
 
 
 def _mean_over_pixels(tiles: np.ndarray, shape: tuple[int, int]) -> float:
-    """Mean over the pixels of an image [H, W] of what is known of its tiles, the last of which may be smaller."""
-    rows, cols = (np.diff(np.minimum(TILE * np.arange(count + 1), side))
-                  for count, side in zip(tiles.shape, shape, strict=True))
-    return float(rows @ tiles @ cols / np.prod(shape))
+    """Mean over the pixels of an image [H, W] of what is known of its tiles."""
+    return float((tiles * tile_pixels(*shape)).sum() / np.prod(shape))

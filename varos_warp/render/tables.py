@@ -172,8 +172,7 @@ class OpenWater:
         table.smooth = wp.empty(tuple(nodes - 1 for nodes in SINGLE), dtype=wp.uint8, device=self.device)
         at_rest = self._at_rest(view)
         self.launcher.rows(fill_single, SINGLE[1:], [*at_rest], [table], tile_rows=1)
-        distances, *pixels = table.smooth.shape
-        self.launcher.rows(find_smooth, (*pixels, distances), [*at_rest, table], [table.smooth], tile_rows=1)
+        self.launcher.rows(find_smooth, table.smooth.shape[1:], [*at_rest], [table], tile_rows=1)
         return table
 
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
