@@ -183,15 +183,19 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_p
     assert not [path for path in left if path.name.startswith(".")]
 
 
-def test_nothing_hooks_on_garbage_collections_and_swallows_a_ctrl_c(tmp_path):
-    """What is raised in such a hook, as by a signal that came meanwhile, is printed and ignored."""
-    script = tmp_path / "hooks.py"
+def test_dask_swallows_no_ctrl_c_here_and_does_not_have_workers_give_memory_back(tmp_path):
+    """What is raised in a hook on garbage collections, as by a signal that came meanwhile, is printed and ignored."""
+    script = tmp_path / "habits.py"
     script.write_text(
-        "import gc\nfrom pathlib import Path\nfrom varos_warp.dataset.cluster import Cluster\n"
+        "import gc, os\nfrom pathlib import Path\nfrom varos_warp.dataset.cluster import Cluster\n"
+        "def trim():\n    return os.environ.get('MALLOC_TRIM_THRESHOLD_')\n"
         "if __name__ == '__main__':\n    with Cluster('cpu', workers=1) as cluster:\n"
-        "        cluster.start(Path('.'))\n        print('hooks', gc.callbacks)\n")
-    made = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert "hooks []" in made.stdout, made.stdout + made.stderr
+        "        cluster.start(Path('.'))\n"
+        "        print('hooks', gc.callbacks, 'trim', *cluster.client.run(trim).values())\n")
+    environ = {key: value for key, value in os.environ.items() if not key.startswith("MALLOC")}  # Dask leaves its own
+    made = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=120,
+                          env=environ)
+    assert "hooks [] trim None" in made.stdout, made.stdout + made.stderr
 
 
 def members(group: int) -> list[str]:
