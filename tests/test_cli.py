@@ -328,6 +328,19 @@ def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
     assert isinstance(result.exception, ZeroDivisionError)
 
 
+@pytest.mark.parametrize(("verb", "called", "goes_on"), [
+    ("run", "produce.produce", True), ("validate", "validate.validate", False)])
+def test_only_what_goes_on_says_so_when_it_is_interrupted(scene_file, tmp_path, monkeypatch, verb, called, goes_on):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"varos_warp.dataset.{called}", interrupted)
+    result = call(verb, scene_file, *(("-o", tmp_path / "out") if verb == "run" else ()))
+    assert result.exit_code == 130
+    assert ("goes on from there" in result.stderr) == goes_on
+    assert "varos-warp: interrupted" in result.stderr
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_ends_with_status_130_and_whole_files_only(scene_file, tmp_path, number):

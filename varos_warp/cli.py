@@ -44,8 +44,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
 
 
-def verb(function):
-    """Register a command; bad input becomes one message and status 2, an interruption status 130."""
+def verb(function, goes_on: bool = False):
+    """Register a command; bad input becomes one message and status 2, an interruption status 130.
+
+    Args:
+        function: What it does.
+        goes_on: Whether, given again, it goes on where it was interrupted.
+    """
     @functools.wraps(function)
     def guarded(*args, **kwargs):
         try:
@@ -54,11 +59,14 @@ def verb(function):
             print(f"varos-warp: {error.message}", file=sys.stderr)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
-            print("varos-warp: interrupted; what is complete stays, the same command goes on from there",
-                  file=sys.stderr)
+            rest = "; what is complete stays, the same command goes on from there" if goes_on else ""
+            print(f"varos-warp: interrupted{rest}", file=sys.stderr)
             raise typer.Exit(130) from None
 
     return app.command(no_args_is_help=False)(guarded)
+
+
+resumable = functools.partial(verb, goes_on=True)
 
 
 # -------------------------------------------------------------------------------------------------------- the main job
@@ -78,21 +86,21 @@ def _job(name: str, text: str, **kind):
              workers=workers, scheduler=scheduler, **kind)
 
     command.__name__, command.__doc__ = name, text
-    return verb(command)
+    return resumable(command)
 
 
 run = _job("run", "Simulate, render and write the dataset; goes on where an earlier run stopped.")
 render = _job("render", "Render the frames only, without IMU, depth gauge and vehicle poses.", sensors=False)
 
 
-@verb
+@resumable
 def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, json_: Json = False,
              quiet: Quiet = False):
     """Write trajectory, IMU and depth gauge only."""
     make(scene, out, overrides(set_, seed=seed), json_, quiet, images=False)
 
 
-@verb
+@resumable
 def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames = None, outputs: Outputs = None,
          tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
          max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None, seed: Seed = None,
@@ -441,7 +449,7 @@ def _print_preprocessed(out: Path, facts: dict) -> None:
     print(f"{out} is written, and its report {out.with_suffix('.json')}")
 
 
-@verb
+@resumable
 def bench(names: Annotated[list[str] | None, typer.Argument(
               metavar="[SCENE-NAMES...]", help="ref1, open_water, floor_clear, coastal, harbour, demo.")] = None,
           methods: Annotated[str | None, typer.Option(

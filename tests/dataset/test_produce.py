@@ -339,3 +339,10 @@ def test_the_log_and_the_summary_tell_where_the_time_went(tmp_path, capsys):
 def test_an_empty_choice_of_frames_is_bad_input(frames):
     with pytest.raises(InputError, match=r"names no frame.*0 to 9"):
         select(frames, 10)
+
+
+@pytest.mark.parametrize(("frames", "told"), [(slice(2, 20), True), (slice(2, None), False), (slice(2, 3), False)])
+def test_frames_beyond_the_end_are_told_of(tmp_path, frames, told):
+    scene = make_scene()
+    summary = produce(scene, tmp_path, frames=frames, quiet=True, images=False)
+    assert any("has frames 0 to" in message for message in summary.messages) == told, summary.messages

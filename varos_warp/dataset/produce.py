@@ -140,6 +140,8 @@ class _Job:
         self.summary = Summary(str(self.layout.root), len(self.selected))
         for message in self.simulation.messages:
             self.say(message)
+        if frames.stop is not None and frames.stop > self.count:
+            self.say(f"the sequence has frames 0 to {self.count - 1} only, of those up to {frames.stop - 1} asked for")
         self.take_over(previous)
 
     def take_over(self, previous: dict | None) -> None:
