@@ -1,5 +1,6 @@
 """How far a long job is: a bar on a terminal, a line now and then in a log, nothing when quiet. All on stderr."""
 
+import math
 import sys
 import time
 
@@ -19,7 +20,7 @@ class Progress:
 
     def __init__(self, label: str, total: int, unit: str = "frames", quiet: bool = False):
         self.label, self.total, self.unit, self.quiet = label, total, unit, quiet
-        self.done = 0
+        self.done = self._at_first = 0
         self._bar = None
 
     def __enter__(self) -> "Progress":
@@ -45,32 +46,35 @@ class Progress:
 
     @property
     def rate(self) -> float:
-        """Steps per second so far, without the first of several: it waits for compilers and caches."""
-        if self.done < 2:
-            return self.done / max(time.monotonic() - self._start, 1e-9)
-        return (self.done - 1) / max(time.monotonic() - self._first, 1e-9)
+        """Steps per second so far; once there are more, without those counted first: they wait for compilers."""
+        first = self._at_first if self.done > self._at_first else 0
+        since = self._first if first else self._start
+        return (self.done - first) / max(time.monotonic() - since, 1e-9)
 
-    def advance(self) -> None:
-        """Count one step."""
-        self.done += 1
-        if self.done == 1:
-            self._first = time.monotonic()
+    def advance(self, steps: int = 1) -> None:
+        """Count steps that were done."""
+        self.done += steps
+        if not self._at_first:
+            self._at_first, self._first = self.done, time.monotonic()
         if self._bar is not None:
-            self._bar.update(self._task, advance=1, rate=f"{self.rate:.3g} {self.unit}/s")
+            self._bar.update(self._task, advance=steps, rate=f"{self.rate:.3g} {self.unit}/s")
         elif not self.quiet and self.done < self.total and time.monotonic() - self._last >= LINE_SECONDS:
             self._last = time.monotonic()
             self._say()
 
     def reach(self, share: float) -> None:
         """Count all steps up to a share of the job, 0 to 1."""
-        while self.done < share * self.total:
-            self.advance()
+        if (steps := math.ceil(share * self.total) - self.done) > 0:
+            self.advance(steps)
 
     def _say(self) -> None:
-        left = (self.total - self.done) / self.rate
-        tail = f", {_clock(left)} left" if self.done < self.total else f" in {_clock(time.monotonic() - self._start)}"
-        print(f"{self.label}: {self.done}/{self.total} {self.unit}, {self.rate:.3g} {self.unit}/s{tail}",
-              file=sys.stderr, flush=True)
+        """How far it is, and, once it is known, when it will end."""
+        words = f"{self.label}: {self.done}/{self.total} {self.unit}"
+        if self.done == self.total:
+            words += f", {self.rate:.3g} {self.unit}/s in {_clock(time.monotonic() - self._start)}"
+        elif self.done > self._at_first:
+            words += f", {self.rate:.3g} {self.unit}/s, {_clock((self.total - self.done) / self.rate)} left"
+        print(words, file=sys.stderr, flush=True)
 
 
 class Steps:
