@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ import pytest
 from standins import tree
 
 from benchmarks.soak import small_scene
+from varos_warp.dataset.engine import Stopped
 from varos_warp.dataset.pipeline import GIVE_UP, Rendered
 from varos_warp.dataset.produce import produce
 from varos_warp.dataset.store import ImageJob
@@ -94,7 +96,7 @@ def test_a_run_on_workers_that_was_interrupted_leaves_whole_files_and_goes_on(sc
         def drain(self):
             super().drain()
             name, ask = self.cluster.name, self.cluster.client.run
-            stopped.update(ask(lambda dask_worker: dask_worker.plugins[name].engine._places.stopped))
+            stopped.update(ask(lambda dask_worker: dask_worker.plugins[name].stopped))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cluster, "_Run", Interrupted)
@@ -249,6 +251,20 @@ def test_a_worker_with_another_kind_of_device_that_comes_late_is_refused():
     site = worker.Site("run", scene(), [], "cpu", "cuda", {})
     with pytest.raises(InputError, match=r"different kinds of device: cpu on .*, cuda elsewhere"):
         site.opened()
+
+
+@pytest.mark.parametrize("when", ["before", "while", "after"])
+def test_a_worker_that_is_to_stop_begins_nothing_also_when_its_scene_comes_later(tmp_path, monkeypatch, when):
+    site = worker.Site("run", scene(), [], "cpu", "cpu", {})
+    stop = partial(worker.stop_site, "run", SimpleNamespace(plugins={"run": site}))
+    monkeypatch.setattr(worker.Engine, "load", lambda *_, **__: stop() if when == "while" else None)
+    if when == "before":
+        stop()
+    engine, _ = site.opened()
+    if when == "after":
+        stop()
+    with pytest.raises(Stopped), engine._places:
+        pytest.fail("an image was begun")
 
 
 def test_workers_with_different_kinds_of_device_are_refused(scheduler, tmp_path, monkeypatch):

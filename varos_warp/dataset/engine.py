@@ -45,16 +45,18 @@ class Engine:
     """
 
     def __init__(self, device: str = "auto", renderer=None, cores: int | None = None):
-        from varos_warp.scene.device import resolve_device
+        from varos_warp.scene.device import kind_of, resolve_device
 
-        self.asked = device if renderer is not None else resolve_device(device)
+        self.device = resolve_device(device) if renderer is None else renderer.device
         self.renderer, self.cores = renderer, cores
+        self.at_once = AT_ONCE[kind_of(self.device)]
+        """Images that may be under way on the device."""
+        self._places = Places(self.at_once)
         self.meshes: dict | None = None
         self.compared = False
         """Whether the error of the level of detail was measured, for a planner."""
         self._turn = threading.Lock()
         self._plan: dict | None = None
-        self._places: Places | None = None
 
     def __enter__(self) -> "Engine":
         return self
@@ -91,9 +93,9 @@ class Engine:
 
         parts = build_parts(scene)
         warnings = [] if path is None else check_scene(scene, parts, path)
-        detail = choose_detail(scene, parts, poses, self.asked, compare=compare)
+        detail = choose_detail(scene, parts, poses, self.device, compare=compare)
         threads = {"threads": self.cores} if self.cores else {}
-        self.renderer = FrameRenderer(scene, self.asked, detail.parts, **threads)
+        self.renderer = FrameRenderer(scene, self.device, detail.parts, **threads)
         self.meshes, self.compared = detail.meshes, compare
         return warnings
 
@@ -125,7 +127,6 @@ class Engine:
         with self._turn:
             if self._plan is None:
                 self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
-                self._places = Places(self.at_once)
 
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
@@ -142,12 +143,4 @@ class Engine:
 
     def stop(self) -> None:
         """Begin no more images, whichever threads wait for the device with some."""
-        if self._places is not None:
-            self._places.stopped = True
-
-    @property
-    def at_once(self) -> int:
-        """Images that may be under way on the device."""
-        from varos_warp.scene.device import kind_of
-
-        return AT_ONCE[kind_of(self.renderer.device)]
+        self._places.stopped = True

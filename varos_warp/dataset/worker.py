@@ -129,7 +129,7 @@ class Site(WorkerPlugin):
 
     def __init__(self, name: str, scene, poses: list[np.ndarray], device: str, kind: str, cores: dict[str, int]):
         self.name, self.scene, self.poses, self.device, self.kind, self.cores = name, scene, poses, device, kind, cores
-        self.versions, self.engine = writers.versions(), None
+        self.versions, self.engine, self.stopped = writers.versions(), None, False
 
     def setup(self, worker) -> None:
         """Nothing yet: this runs where the worker talks to the scheduler."""
@@ -152,7 +152,15 @@ class Site(WorkerPlugin):
             engine = Engine(device, cores=self.cores.get(socket.gethostname()))
             found = engine.load(self.scene, self.poses, path, compare=compare)
             self.engine = engine
+            if self.stopped:
+                engine.stop()
             return engine, found
+
+    def stop(self) -> None:
+        """Begin no more images, also where the scene is not on the device yet."""
+        self.stopped = True
+        if self.engine is not None:
+            self.engine.stop()
 
 
 def different_kinds(where: str, asked: str) -> InputError:
@@ -205,9 +213,7 @@ def prepare_site(name: str, plan: dict) -> None:
 
 def stop_site(name: str, dask_worker) -> None:
     """Begin no more images of a run."""
-    engine = dask_worker.plugins[name].engine
-    if engine is not None:
-        engine.stop()
+    dask_worker.plugins[name].stop()
 
 
 @dataclass
