@@ -1,0 +1,133 @@
+"""What commands print: JSON, and tables of what was planned, found or made."""
+
+import json
+from pathlib import Path
+
+
+def print_json(content) -> None:
+    """Print plain types as JSON."""
+    print(json.dumps(content, indent=2, ensure_ascii=False))
+
+
+def _number(x) -> str:
+    return "-" if x is None else f"{x:.4g}"
+
+
+def _short(x) -> str:
+    if isinstance(x, list):
+        return " to ".join(str([round(v, 2) for v in row]) for row in x)
+    return f"{x:.6g}" if isinstance(x, float) else str(x)
+
+
+def print_table(header: list[str], rows: list[list[str]]) -> None:
+    """Print cells under a header; nothing where there are none."""
+    if not rows:
+        return
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(*map(escape, header), header_style="bold", box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(escape, row))  # [m] is a unit, not a style
+    console = Console()
+    if not console.is_terminal:
+        console.width = 200  # a log is not cut to 80 columns
+    console.print(table)
+
+
+def print_plan(result: dict, plan) -> None:
+    """What was decided, why, the error that it makes and what it saves; then what makes each output, and the time."""
+    rows = [[d.what, d.choice, *_percent(d.error), "" if d.cost is None else f"x {d.cost:.2f}", d.reason]
+            for d in plan.decisions]
+    if plan.error is not None:
+        rows.append(["in all", "", *_percent(plan.error), "",
+                     "noise squared plus the sum of the others squared, its root"])
+    print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "time", "reason"], rows)
+    print("errors: predicted relative RMSE of an image; time: against an image with everything")
+    print("models:", *(f"  {name}: {part}" for name, part in result.get("models", {}).items()), sep="\n")
+    cost = result.get("cost")
+    if cost:
+        parts = ", ".join(f"{name} {seconds:g} s" for name, seconds in cost["seconds_by_output"].items())
+        print(f"cost on {cost['device']}: {cost['seconds_per_frame']:g} s a frame ({parts}), "
+              f"{cost['seconds_in_all']:g} s for {cost['frames']} frames")
+
+
+def _percent(error) -> list[str]:
+    return ["", "", ""] if error is None else [f"{100 * e:.2f}" for e in error]
+
+
+def print_meshes(meshes: dict) -> None:
+    """The plan's section ``meshes``: what is kept of each, by distance, and what that costs in C and D."""
+    detail, memory = meshes["level_of_detail"], meshes["memory_mb"]
+    if detail is None:
+        moved = f", and D moves by {meshes['depth_error']['rms_mm']:.2g} mm (rms)" if "depth_error" in meshes else ""
+        print(f"meshes: all {meshes['triangles']} triangles are kept; with render.level_of_detail={{}} it would be "
+              f"{meshes['kept']}{moved} (--json tells of each mesh)")
+        return
+    print(f"meshes: level_of_detail {detail}")
+    print_table(["mesh", "triangles", "kept", "nearest [m]", "allowed from [mm]", "error [mm]", "why"],
+                 [row for part in meshes["parts"] for row in _mesh_rows(part)])
+    print(f"  in all {meshes['kept']} of {meshes['triangles']} triangles, {memory['kept']:g} of {memory['given']:g} MB")
+    if "depth_error" not in meshes:
+        return
+    columns = {"pixels": "pixels", "rms_mm": "rms [mm]", "rms_steps": "rms [steps]", "p95_steps": "95 % [steps]",
+               "max_steps": "largest [steps]"}
+    print_table(["error of D at [m]", *columns.values()],
+                 [["{:g} to {:g}".format(*row["nearest_m"]), *(f"{row[key]:.4g}" for key in columns)]
+                  for row in meshes["depth_error"]["by_distance"]])
+    turned, seconds = meshes.get("normal_error_deg"), meshes["seconds_per_million_rays"]
+    if turned:
+        print(f"  normals turn by {turned['rms']:.2g} degrees (rms), 95 % of them by less than {turned['p95']:.2g}")
+    print(f"  a million first hits take {seconds['kept']:.3g} s instead of {seconds['given']:.3g} s")
+
+
+def _mesh_rows(part: dict) -> list[list[str]]:
+    """A row for the mesh, and one for each range of distances."""
+    from varos_warp.scene.lod import NEVER_SEEN
+
+    rows = [[part["name"], str(part["triangles"]), str(part["kept"]), f"{part['nearest_m']:.3g}", "",
+             f"{part['error_mm']:.3g}", part["reason"]]]
+    for region in part["regions"]:
+        low, high = region["nearest_m"]
+        rows.append(["", str(region["triangles"]), str(region["kept"]), f"{low:g} to {high:g}",
+                     f"{region['allowed_mm']:.3g}", f"{region['error_mm']:.3g}",
+                     "" if region["in_view"] else NEVER_SEEN])
+    return rows
+
+
+def print_info(facts: dict) -> None:
+    """The facts of `scene_info` as tables."""
+    water, trajectory = facts["water"], facts["trajectory"]
+    print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}, vehicle of {facts['vehicle']['mass_kg']:g} kg")
+    rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
+            "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
+    print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
+                 [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
+    print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
+                 [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
+                   f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
+                   f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}"] for c in facts["cameras"]])
+    print_table(["light", "kind", "position [m]", "cone [deg]", "intensity [W/sr]"],
+                 [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg")),
+                   str(light["intensity"])] for i, light in enumerate(facts["lights"])])
+    print_table(["mesh", "vertices", "triangles", "size [m]"],
+                 [[m["name"], str(m["vertices"]), str(m["triangles"]),
+                   " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True))]
+                  for m in facts["meshes"]])
+
+
+def print_preprocessed(out: Path, facts: dict) -> None:
+    """The report of `preprocess_meshes` as tables."""
+    print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
+                                           for key, value in facts["after"].items()])
+    ways = (("from the original to the result", "distance_to_result_m"),
+            ("from the result to the original", "distance_to_original_m"))
+    print_table(["distance [m], normals [deg]", "rms", "95 %", "largest", "normals: mean", "95 %", "largest"],
+                 [[name, *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max")),
+                   *(f"{facts[key]['normal_deg'][x]:.3g}" for x in ("mean", "p95", "max"))] for name, key in ways])
+    symmetric = facts["symmetric_m"]
+    print(f"both ways: rms {symmetric['rms']:.3g} m, Hausdorff {symmetric['hausdorff']:.3g} m (sampled)")
+    print(*(f"{key.replace('_', ' ')}: {value}" for key, value in facts["counts"].items() if value), sep=", ")
+    print(*(f"{key} {value:.1f} s" for key, value in facts["seconds"].items()), sep=", ")
+    print(f"{out} is written, and its report {out.with_suffix('.json')}")
