@@ -17,9 +17,10 @@ from benchmarks.machine import Stopwatch, machine
 from varos_warp.render import pilot
 from varos_warp.render.by_frame import mean_spp, spp_of
 from varos_warp.render.cost import timed
+from varos_warp.render.decisions import Plan
 from varos_warp.render.denoise import available_method
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import Plan, plan_render, planned_renderer
+from varos_warp.render.plan import plan_render, planned_renderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 

@@ -7,7 +7,7 @@ depends on them, so machines that share the work choose alike. docs/models.md sa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from varos_warp.render import by_frame, pilot
 from varos_warp.render.adapt import brightness
 from varos_warp.render.cost import sequence_cost, timed
+from varos_warp.render.decisions import Decision, Plan, mesh_decisions, models_in_words
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.frame import resolve_integrator
@@ -69,95 +70,6 @@ SHARPEST_LENS_PX = 1.0
 """Depth of field is looked at where the circle of confusion is at most this wide everywhere."""
 
 
-@dataclass(frozen=True)
-class Decision:
-    """One choice of the planner."""
-
-    what: str
-    choice: str
-    reason: str
-    error: tuple[float, float, float] | None = None
-    """Predicted relative RMSE of the choice, per channel; None where it is not known."""
-    cost: float | None = None
-    """Time of an image with the choice over that of one with everything, where both were rendered."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types, without the cost, which differs from machine to machine."""
-        error = None if self.error is None else [float(f"{e:.3g}") for e in self.error]
-        return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": error}
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to render with, and why."""
-
-    spp: int
-    """Samples per pixel of A, of the frames that need most."""
-    max_scatterings: int | None
-    """Most scatterings in the water on a path; None: no bound."""
-    max_bounces: int | None = None
-    """Most reflections on surfaces; None: no bound."""
-    integrator: str = "auto"
-    pinhole: bool = False
-    """Whether the depth of field is left out."""
-    lamps: list[int] | None = None
-    """Numbers of the lamps that reach an image, from 0; None: all."""
-    hidden: bool = True
-    """Whether triangles far from all that is seen are kept."""
-    tile_tolerance: float | None = None
-    """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
-    spp_by_frame: dict[str, list[list[int]]] | None = None
-    """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
-    ``spp``."""
-    decisions: list[Decision] = field(default_factory=list)
-    models: dict[str, str] = field(default_factory=dict)
-    """How each output is made, by its letter."""
-    cost: dict[str, Any] | None = None
-    """Seconds on this device; only where they were asked for."""
-    meshes: dict[str, Any] | None = None
-    """What was kept of every mesh, why, and what that costs; from `varos_warp.render.detail`."""
-
-    @property
-    def reasons(self) -> list[str]:
-        """One sentence for each decision."""
-        return [f"{d.what} {d.choice}: {d.reason}" for d in self.decisions]
-
-    @property
-    def error(self) -> np.ndarray | None:
-        """Predicted relative RMSE [3] of an image: noise, and the sum of what models leave out; None: not predicted."""
-        samples = [d.error for d in self.decisions if d.what == "spp"]
-        if samples in ([], [None]):
-            return None
-        models = [d.error for d in self.decisions if d.what != "spp" and d.error is not None]
-        return np.hypot(samples[0], np.sum([np.zeros(3), *models], axis=0))
-
-    @property
-    def spp_in_words(self) -> str:
-        """Samples per pixel of the frames."""
-        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
-        return f"{least} to {most}" if least < most else str(self.spp)
-
-    def view(self, camera: Camera) -> Camera:
-        """The camera to render with."""
-        return pinhole(camera) if self.pinhole else camera
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Arguments of `FrameRenderer.render` for A as planned."""
-        return {"spp": self.spp, "max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
-                "integrator": self.integrator, "tolerance": self.tile_tolerance}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types; the same on every machine as long as there is no ``cost``."""
-        apart = ("decisions", "cost", "meshes")
-        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
-        error = self.error
-        content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
-        content |= {} if self.cost is None else {"cost": self.cost}
-        content |= {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
-        return content | ({} if self.meshes is None else {"meshes": self.meshes})
-
-
 def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
                 meshes: dict | None = None) -> Plan:
     """Choose models and samples for a sequence; what the scene file fixes stays as it is.
@@ -169,13 +81,13 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         measure_cost: Also measure how long it will take on this device.
         meshes: What was kept of the meshes, for the plan.
     """
-    planner = _Planner(scene, renderer, poses, _why_meshes(meshes))
+    planner = _Planner(scene, renderer, poses, mesh_decisions(meshes))
     plan = planner.plan()
     many = planner.nominal_spp is not None and planner.nominal_spp > MANY_SPP
     if many and plan.integrator == "auto" and "tables" in planner.integrators:
-        planner, plan = _fewer_by_paths(planner, plan, _why_meshes(meshes))
+        planner, plan = _fewer_by_paths(planner, plan, mesh_decisions(meshes))
     cost = sequence_cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
-    return replace(plan, models=_models(planner.scene, plan), meshes=meshes, cost=cost)
+    return replace(plan, models=models_in_words(planner.scene, plan), meshes=meshes, cost=cost)
 
 
 def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -> tuple["_Planner", Plan]:
@@ -555,40 +467,3 @@ def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
     aperture = 1e-3 * camera.focal_mm / camera.f_stop
     defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
     return float(aperture * defocus * intrinsics(camera)[0, 0])
-
-
-# ------------------------------------------------------------------------------------------------------------ in words
-
-
-def _why_meshes(meshes: dict | None) -> list[Decision]:
-    """Decisions on the meshes where any were reduced."""
-    decisions = []
-    if meshes is not None and meshes["level_of_detail"] is not None:
-        asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
-        depth = meshes.get("depth_error", {})
-        cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
-        decisions.append(Decision("meshes", f"level_of_detail {asked}",
-                                  f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"))
-    return decisions
-
-
-TRACERS = {"reference": "reference path tracer", "path": "path tracer", "tables": "tables of open water"}
-
-
-def _models(scene: Scene, plan: Plan) -> dict[str, str]:
-    """What makes each output, in words."""
-    render = scene.render
-    bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
-    limits = [f"any number of {noun}s {where}" if bound is None else
-              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
-    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
-            for camera in scene.vehicle.cameras}
-    tracer = " or ".join(TRACERS[name] for name in sorted(used))
-    stop = "" if plan.tile_tolerance is None else (
-        f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
-    words = {"A": f"{tracer}, paths with {' and '.join(limits)}, {plan.spp_in_words} samples per pixel{stop}, "
-                  f"denoise {render.denoise}",
-             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
-             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
-             "S": "first hits of pixel centres"}
-    return {letter: how for letter, how in words.items() if letter in render.outputs}
