@@ -13,7 +13,8 @@ from benchmarks.errors import Reference
 from varos_warp.errors import InputError
 from varos_warp.render.cache import cached
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.load import demo_scene_path, load_scene
 from varos_warp.scene.meshes import build_parts
 from varos_warp.sim.trajectory import simulate

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.outputs import srgb_oetf
 from varos_warp.scene import procedural, terrain
-from varos_warp.scene.description import Diffuse
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import load_scene

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.description import Camera, Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.normals import corner_normals

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.stability import dynamics_control
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import euler_angles, look_at_matrix
 from varos_warp.sim import quaternion
 from varos_warp.sim.current import Current

@@ -8,7 +8,7 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_lyapunov
 from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import propagator

@@ -10,7 +10,8 @@ from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.outputs import decode_depth, encode_depth
 from varos_warp.scene import device, terrain
-from varos_warp.scene.description import Camera, Diffuse
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import intrinsics, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import scene_from_dict

@@ -17,7 +17,7 @@ from benchmarks.stability.transport import (
     water,
 )
 from varos_warp.kernels.light import Light, falloff
-from varos_warp.scene.description import SpotLight
+from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.device import light_record
 
 TESTS = "tests/stability/test_lamp_limits.py::"

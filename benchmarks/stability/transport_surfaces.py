@@ -5,7 +5,8 @@ import trimesh
 
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry import Part
 

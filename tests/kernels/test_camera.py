@@ -7,7 +7,8 @@ from chance import assert_plausible, rng_array, run, uniform_p
 from scipy.spatial.transform import Rotation
 
 from varos_warp.kernels import camera as kernel
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
 

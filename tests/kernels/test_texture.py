@@ -8,7 +8,7 @@ import warp as wp
 from chance import run
 
 from varos_warp.kernels import texture
-from varos_warp.scene.description import Diffuse, Dirt, Metal, Rust, SlopeBlend
+from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.materials import device_material

@@ -11,7 +11,8 @@ from scipy.integrate import quad
 from truths import SIGMAS, compare
 
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry import Part
 
 RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)

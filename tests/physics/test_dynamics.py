@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import Actuator
 from varos_warp.sim.control import Regulator, dare_gain, gains, plant, sampled, steady_offset

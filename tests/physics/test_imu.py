@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene.description import Imu, Mounted, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Imu, Mounted
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.sensors import measure_depth, measure_imu
 from varos_warp.sim.trajectory import Trajectory, simulate

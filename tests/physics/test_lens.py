@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.geometry import Part
 

@@ -15,7 +15,8 @@ from varos_warp.render.adapt import (
     share_out,
 )
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Metal, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, Metal
 from varos_warp.scene.geometry import Part
 
 FIRST, SPP, TILES = 4, 64, (12, 16)

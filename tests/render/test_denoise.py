@@ -13,7 +13,8 @@ from varos_warp.errors import InputError
 from varos_warp.render import denoise as module
 from varos_warp.render.denoise import QUALITY, RESIDUAL_QUALITY, denoise, denoise_image, mix
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.scene.description import Diffuse, Metal, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, Metal
 from varos_warp.scene.frames import euler_to_matrix, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import scene_from_dict

@@ -8,7 +8,8 @@ import pytest
 from varos_warp.render.detail import choose_detail, comparable, compare_images, depth_error
 from varos_warp.render.frame import DepthImage, FrameRenderer
 from varos_warp.render.plan import plan_render
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, look_at_matrix, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.lod import Need, PlacedNeed

@@ -13,7 +13,8 @@ from scipy import stats
 from varos_warp.errors import InputError
 from varos_warp.render import launch as launch_module
 from varos_warp.render.frame import LAYERS, FrameRenderer
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
 from varos_warp.scene.geometry import Part
 

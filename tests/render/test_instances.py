@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.assets import make_asset
-from varos_warp.scene.description import Diffuse, Nut, Rust
+from varos_warp.scene.description.world import Diffuse, Nut, Rust
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.load import scene_from_dict

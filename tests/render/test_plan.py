@@ -9,7 +9,9 @@ from varos_warp.render.frame import FrameRenderer, RadianceImage
 from varos_warp.render.pilot import View, judged_pixels, pilot_camera
 from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, MOST_SPP, circle_of_confusion, plan_render
 from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
-from varos_warp.scene.description import Camera, Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.water import optical_properties
 

@@ -6,7 +6,8 @@ import pytest
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.plan import plan_render, planned_renderer
 from varos_warp.render.reach import NEAREST_M, without_hidden
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.procedural import generate_terrain

@@ -15,7 +15,8 @@ from varos_warp.render.directions import Directions, irradiance_matrix, scatteri
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.launch import Launcher
 from varos_warp.render.tables import OpenWater, unavailable
-from varos_warp.scene.description import Diffuse, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.device import light_record
 from varos_warp.scene.geometry import Part
 

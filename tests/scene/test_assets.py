@@ -12,7 +12,7 @@ from varos_warp.scene.assets import (
     hex_measures,
     make_asset,
 )
-from varos_warp.scene.description import Object
+from varos_warp.scene.description.world import Object
 from varos_warp.scene.normals import corner_normals
 from varos_warp.scene.query import is_inside, surface_distance
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene.description import Waypoint
+from varos_warp.scene.description.vehicle import Waypoint
 from varos_warp.scene.frames import attitudes, euler_angles
 
 

@@ -5,7 +5,9 @@ import pytest
 import trimesh
 
 from varos_warp.scene import lod
-from varos_warp.scene.description import Camera, Diffuse, LevelOfDetail, Scene
+from varos_warp.scene.description import LevelOfDetail, Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, look_at_matrix, transform
 from varos_warp.scene.geometry import Instances, Part, Skin
 from varos_warp.scene.lod import Need, allowed_all_over, depth_step, keep_parts, pixel_angle, reduce_parts

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene import description
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import guidance
 from varos_warp.sim.guidance import PEAK_ACCELERATION, PEAK_RATE, Course, Gate, Guidance, Leg, plan, weight
 from varos_warp.sim.trajectory import simulate

@@ -9,8 +9,8 @@ from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
-from varos_warp.scene import description
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import limit
 from varos_warp.sim.clock import frame_count, ticks_per_sample

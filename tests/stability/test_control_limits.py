@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.control import design, plant
 from varos_warp.sim.trajectory import simulate

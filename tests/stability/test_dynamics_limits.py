@@ -5,8 +5,8 @@ import pytest
 from regulators import care_gain
 
 from varos_warp.errors import InputError
-from varos_warp.scene import description
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import propagator
 from varos_warp.sim.control import Regulator, dare_gain, design, is_slow, plant, sampled

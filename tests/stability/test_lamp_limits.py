@@ -7,7 +7,8 @@ from pydantic import ValidationError
 from benchmarks.stability.transport_lamps import beside_error, cone_error, flux_error, intensity_error, lit_error
 from varos_warp.errors import InputError
 from varos_warp.render.frame import resolve_integrator
-from varos_warp.scene.description import PointLight, Scene, SpotLight
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import PointLight, SpotLight
 
 
 @pytest.mark.parametrize("ahead", [2.0, 0.0])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from varos_warp.scene.description import Diffuse, LevelOfDetail, Scene
+from varos_warp.scene.description import LevelOfDetail, Scene
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.lod import reduce_parts

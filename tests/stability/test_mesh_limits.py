@@ -6,7 +6,7 @@ import pytest
 from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene import terrain
-from varos_warp.scene.description import Diffuse
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.meshes import build_parts, load_mesh

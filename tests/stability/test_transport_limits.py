@@ -20,7 +20,8 @@ from physics.rig import (
 
 from varos_warp.errors import InputError
 from varos_warp.render.frame import LAYERS, FrameRenderer
-from varos_warp.scene.description import Diffuse, Rust, Scene, SlopeBlend
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, Rust, SlopeBlend
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry import Part
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import euler_angles
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import quaternion

@@ -13,7 +13,7 @@ import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import SCHEMA_VERSION, Layout, runs
 from varos_warp.render.outputs import DEPTH_LEVELS
-from varos_warp.scene.description import GROUND_TEXTURES
+from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.water import optical_properties

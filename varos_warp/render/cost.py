@@ -9,7 +9,8 @@ import numpy as np
 from varos_warp.render import pilot
 from varos_warp.render.by_frame import mean_spp
 from varos_warp.render.pilot import pilot_camera
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""

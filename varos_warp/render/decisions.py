@@ -7,7 +7,8 @@ import numpy as np
 
 from varos_warp.render import by_frame
 from varos_warp.render.frame import resolve_integrator
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import pinhole
 
 TRACERS = {"reference": "reference path tracer", "path": "path tracer", "tables": "tables of open water"}

@@ -35,7 +35,8 @@ from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceIma
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.residual import Residual, empty_veil_grid
 from varos_warp.render.tables import OpenWater, unavailable
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.segments import segment_table

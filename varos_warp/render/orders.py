@@ -17,7 +17,7 @@ from varos_warp.kernels.open_water import LampTable, NodeGrid
 from varos_warp.kernels.tabulate import light_scattered_again, light_scattered_once
 from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
 from varos_warp.render.launch import Launcher
-from varos_warp.scene.description import Light, PointLight
+from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.device import light_record, medium_record
 from varos_warp.scene.water import OpticalProperties
 

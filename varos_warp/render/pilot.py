@@ -14,7 +14,8 @@ from scipy.ndimage import laplace, uniform_filter
 
 from varos_warp.render.adapt import DARK, brightness
 from varos_warp.render.denoise import denoise_image
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 
 SCOUT_POSES = 5
 SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4

@@ -24,7 +24,8 @@ from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
 from varos_warp.render.tables import unavailable
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
-from varos_warp.scene.description import Camera, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import intrinsics, pinhole
 from varos_warp.scene.water import optical_properties
 

@@ -16,7 +16,7 @@ from varos_warp.kernels.residual import list_walks, make_block_kernel, make_refl
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
 from varos_warp.kernels.walk import Walk
 from varos_warp.render.launch import Launcher, Steps
-from varos_warp.scene.description import Camera
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import kind_of
 
 LIT_POINTS = 1 << 14

@@ -20,7 +20,8 @@ from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
 from varos_warp.render.launch import Launcher
 from varos_warp.render.orders import LampField, farthest_m, shines_everywhere
-from varos_warp.scene.description import Camera, Light, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.water import optical_properties
 

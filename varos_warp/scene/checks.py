@@ -7,7 +7,8 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from varos_warp.scene.description import Scene, SpotLight
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry import Instances, Part, local_origin, standpoints
 from varos_warp.scene.hull import displaced_volume, sphere_radius

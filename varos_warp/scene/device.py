@@ -10,7 +10,8 @@ from varos_warp.kernels.intersect import SceneData
 from varos_warp.kernels.light import Light as LightData
 from varos_warp.kernels.medium import Medium
 from varos_warp.kernels.texture import DIFFUSE, Material
-from varos_warp.scene.description import Camera, Light, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.geometry import Instances, Part, local_origin
 from varos_warp.scene.lobe import has_lobe, lobe_albedo_table

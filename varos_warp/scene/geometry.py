@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from varos_warp.scene.description import Material, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Material
 
 
 @dataclass(frozen=True)

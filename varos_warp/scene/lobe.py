@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from varos_warp.scene.description import Material, Metal, Rust
+from varos_warp.scene.description.world import Material, Metal, Rust
 
 SIZE = 32
 """Rows and columns: roughness and root of the cosine of the viewer, both evenly over 0..1."""

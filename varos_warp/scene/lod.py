@@ -12,7 +12,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.assets import default_chord_error
-from varos_warp.scene.description import Boulder, Camera, LevelOfDetail, MeshObject, Scene
+from varos_warp.scene.description import LevelOfDetail, Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Boulder, MeshObject
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.meshes import object_part

@@ -8,7 +8,8 @@ from scipy.special import ndtri
 
 from varos_warp.kernels import texture
 from varos_warp.kernels.tiling import PERIOD
-from varos_warp.scene.description import Diffuse, Dirt, Metal, Rust, Scene, SlopeBlend, Texture
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend, Texture
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.textures import Textures
 

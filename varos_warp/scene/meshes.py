@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.scene import assets, procedural, terrain
-from varos_warp.scene.description import Diffuse, MeshObject, Object, ProceduralTerrain, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, MeshObject, Object, ProceduralTerrain
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.scatter import Ground, scatter

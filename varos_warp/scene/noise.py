@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from varos_warp.errors import InputError
-from varos_warp.scene.description import Block, ImuNoise, NonNegative, Positive
+from varos_warp.scene.description.block import Block, NonNegative, Positive
+from varos_warp.scene.description.vehicle import ImuNoise
 from varos_warp.scene.load import load_block
 
 FOLDER = resources.files("varos_warp") / "data" / "noise"

@@ -12,7 +12,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
-from varos_warp.scene.description import Scatter
+from varos_warp.scene.description.world import Scatter
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.query import clearance, crossings, is_inside
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.scene.description import Coefficients, Jerlov, Principled, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Coefficients, Jerlov, Principled
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from math import isclose, pi
 
 import numpy as np
 
-from varos_warp.scene.description import Pose, Scene
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Pose
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.control import Gains, is_slow, steady_offset

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, expm, solve_discrete_are
 
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.actuator import limit
 from varos_warp.sim.clock import TICK_S

@@ -6,7 +6,7 @@ A free neutral sphere inherits the acceleration of the water; a rougher current 
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.quaternion import Vector
 
 WAVES = 8

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim import quaternion
 from varos_warp.sim.clock import TICK_S

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.noise import DepthGaugeNoise
 
 _IMU, _DEPTH_GAUGE = 0x696D75, 0x646570

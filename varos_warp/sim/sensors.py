@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.scene import description, frames
+from varos_warp.scene import frames
+from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.clock import ticks_per_sample
 from varos_warp.sim.noise import imu_noise
 

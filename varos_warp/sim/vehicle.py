@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import exp, inf, log, pi, sqrt
 
-from varos_warp.scene import description
+from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.hull import WATER_DENSITY, displaced_volume, sphere_radius
 from varos_warp.sim import quaternion
 from varos_warp.sim.quaternion import Quaternion, Vector

@@ -5,7 +5,7 @@ import numpy as np
 from varos_warp.scene.assets.fasteners import HEX_SIZES_MM, bolt, hex_measures, nut
 from varos_warp.scene.assets.pipes import FLANGES_MM, elbow, flange, flange_measures, pipe, pipe_support, valve
 from varos_warp.scene.assets.rocks import boulder
-from varos_warp.scene.description import (
+from varos_warp.scene.description.world import (
     Bolt,
     Boulder,
     Elbow,

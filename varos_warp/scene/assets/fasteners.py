@@ -4,7 +4,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.assets.lofts import arc_steps, divided, rounded, turned
-from varos_warp.scene.description import Bolt, Nut
+from varos_warp.scene.description.world import Bolt, Nut
 
 HEX_SIZES_MM = {
     "M3": (5.5, 2.0, 2.4, 0.5), "M3.5": (6.0, 2.4, 2.8, 0.6), "M4": (7.0, 2.8, 3.2, 0.7), "M5": (8.0, 3.5, 4.7, 0.8),

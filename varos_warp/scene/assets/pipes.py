@@ -16,7 +16,7 @@ from varos_warp.scene.assets.lofts import (
     outward,
     rounded,
 )
-from varos_warp.scene.description import Elbow, Flange, Pipe, PipeSupport, Valve
+from varos_warp.scene.description.world import Elbow, Flange, Pipe, PipeSupport, Valve
 from varos_warp.scene.terrain import join
 
 WALL = 0.08

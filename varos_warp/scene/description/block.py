@@ -1,0 +1,24 @@
+"""What blocks of a scene file are made of: lengths, angles, colours, and the base of every block."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Vec3 = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
+Position = tuple[Coordinate, Coordinate, Coordinate]
+Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""[degrees]; of much larger ones whole turns would leave no digit."""
+EulerAngles = tuple[Angle, Angle, Angle]
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Unit = Annotated[float, Field(ge=0.0, le=1.0)]
+UnitRgb = tuple[Unit, Unit, Unit]
+NonNegativeRgb = tuple[NonNegative, NonNegative, NonNegative]
+
+
+class Block(BaseModel):
+    """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)

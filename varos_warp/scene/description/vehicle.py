@@ -1,0 +1,267 @@
+"""The vehicle with its lights, cameras and sensors, the current that it meets, and where it goes."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from varos_warp.scene.description.block import Block, EulerAngles, NonNegative, Position, Positive, Unit, Vec3
+
+# ----------------------------------------------------------------------------------------------------------- vehicle
+
+
+def _is_representable(value: float) -> float:
+    if 0.0 < value < 1e-20:
+        raise ValueError("an intensity is 0 or at least 1e-20 W/sr")
+    return value
+
+
+Intensity = Annotated[float, Field(ge=0.0, le=1e20), AfterValidator(_is_representable)]
+"""[W/sr]; beyond, single precision over- or underflows on the way of the light."""
+IntensityRgb = tuple[Intensity, Intensity, Intensity]
+
+
+class SpotLight(Block):
+    """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
+
+    kind: Literal["spot"] = "spot"
+    position: Position = (0.0, 0.0, 0.0)
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    cone_deg: Annotated[float, Field(ge=1.0, le=360.0)] = 65.0
+    """Full angle of the cone; single precision does not hold the cosines of narrower ones."""
+    blend: Unit = 0.0
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+
+    @field_validator("cone_deg")
+    @classmethod
+    def _not_all_but_a_point(cls, value):
+        if 359.9 < value < 360.0:
+            raise ValueError("a cone is at most 359.9 degrees wide, or 360 for a light without one")
+        return value
+
+    @field_validator("direction")
+    @classmethod
+    def _has_length(cls, value):
+        if np.linalg.norm(value) < 1e-6:  # float32 on the device squares it
+            raise ValueError("the direction of a light must be at least 1e-6 long")
+        return value
+
+
+class PointLight(Block):
+    """A light that shines equally in every direction, ``intensity`` [W/sr]."""
+
+    kind: Literal["point"]
+    position: Position = (0.0, 0.0, 0.0)
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+
+
+Light = Annotated[SpotLight | PointLight, Field(discriminator="kind")]
+
+
+def _check_look_at(block):
+    """A direction to look in must be given once, and exist."""
+    if block.look_at is None:
+        return block
+    if block.rotation_euler_deg not in (None, (0.0, 0.0, 0.0)):
+        raise ValueError("give look_at or rotation_euler_deg, not both")
+    if block.look_at == block.position:
+        raise ValueError("look_at must differ from the position")
+    return block
+
+
+LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
+"""[mm]; single precision holds every view that such sizes make."""
+
+
+class Camera(Block):
+    """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
+
+    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "M0"
+    """Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
+    mount: Literal["vehicle", "world"] = "vehicle"
+    position: Position = (0.0, 0.0, 0.0)
+    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
+    look_at: Position | None = None
+    """Point to look at, in the axes of the mount; instead of ``rotation_euler_deg``."""
+    resolution: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (1280, 720)
+    sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
+    focal_mm: LensSize = 3.4
+    f_stop: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """Focal length over aperture diameter, at least 0.001; 0 is a pinhole."""
+    focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
+
+    @field_validator("f_stop")
+    @classmethod
+    def _open_no_wider_than_a_thousandth(cls, value):
+        if 0.0 < value < 1e-3:
+            raise ValueError("an f_stop is at least 0.001, or 0 for a pinhole")
+        return value
+
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+
+
+class Mounted(Block):
+    """A sensor on the vehicle, in its axes."""
+
+    position: Position = (0.0, 0.0, 0.0)
+    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
+    rate_hz: Positive = 200.0
+
+
+NoiseDensity = Annotated[float, Field(ge=0.0, le=1e6)]
+
+
+class ImuNoise(Block):
+    """White noise and bias of each axis; densities in Kalibr's units; all zero is no noise.
+
+    The bias is the constant one, plus one drawn at random when the sensor is turned on, plus a random walk.
+    """
+
+    accelerometer_noise_density: NoiseDensity = 0.0
+    """[m/s^2/sqrt(Hz)]"""
+    accelerometer_random_walk: NoiseDensity = 0.0
+    """[m/s^3/sqrt(Hz)]"""
+    gyroscope_noise_density: NoiseDensity = 0.0
+    """[rad/s/sqrt(Hz)]"""
+    gyroscope_random_walk: NoiseDensity = 0.0
+    """[rad/s^2/sqrt(Hz)]"""
+    accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
+    """Constant part, sensor axes [m/s^2]"""
+    accelerometer_turn_on_bias: NoiseDensity = 0.0
+    """Standard deviation of the part that is drawn once a sequence [m/s^2]"""
+    gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
+    """[rad/s]"""
+    gyroscope_turn_on_bias: NoiseDensity = 0.0
+    """[rad/s]"""
+
+
+class Imu(Mounted):
+    """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
+
+    noise: ImuNoise | None = None
+
+
+class Controller(Block):
+    """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
+
+    feed_forward: Literal["none", "velocity", "full"] = "full"
+    translation_q: tuple[NonNegative, NonNegative] = (1.0, 0.5)
+    rotation_q: tuple[NonNegative, NonNegative] = (6.0, 1.0)
+    r: Positive = 1.0
+    integral: NonNegative = 0.0
+    """Weight of the integrated position error (LQI); needed to hold station in a current."""
+
+
+class Current(Block):
+    """Water current: a uniform drift plus seeded sinusoids of ``fluctuation`` [m/s RMS]."""
+
+    velocity: Vec3 = (0.0, 0.0, 0.0)
+    fluctuation: NonNegative = 0.0
+    period_s: Positive = 20.0
+
+
+class Vehicle(Block):
+    """A neutrally buoyant sphere with thrusters; what is absent follows from its mass (between presets)."""
+
+    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
+    mass_kg: Positive = 40.0
+    linear_drag: NonNegative | None = None
+    """d1 [N s/m]."""
+    quadratic_drag: NonNegative | None = None
+    """d2 [N s^2/m^2]."""
+    linear_rotational_drag: NonNegative | None = None
+    """r1 [N m s]."""
+    quadratic_rotational_drag: NonNegative | None = None
+    """r2 [N m s^2]."""
+    actuator_frequency: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
+    """wn [rad/s] of the second-order thruster."""
+    actuator_damping: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
+    max_force: Positive | None = None
+    """[N]"""
+    max_torque: Positive | None = None
+    """[N m]"""
+    actuator_frame: Literal["world", "body"] = "world"
+    """Axes in which the thrusters lag: world keeps rotation and translation apart (paper 3.3.2), body is a real ROV."""
+    net_buoyancy: float = 0.0
+    """Buoyancy less weight [N]; 0 is neutral."""
+    metacentric_height: NonNegative = 0.0
+    """How far the centre of buoyancy lies above the centre of mass [m]; 0 is no righting moment."""
+    controller: Controller = Controller()
+    lights: list[Light] = []
+    cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
+    imu: Imu | None = Imu()
+    depth_gauge: Mounted | None = Mounted()
+
+    @field_validator("lights", mode="before")
+    @classmethod
+    def _spot_by_default(cls, lights: Any):
+        if not isinstance(lights, list):
+            return lights
+        return [{"kind": "spot", **x} if isinstance(x, dict) and "kind" not in x else x for x in lights]
+
+    @field_validator("cameras")
+    @classmethod
+    def _distinct_ids(cls, cameras):
+        folded = [camera.id.lower() for camera in cameras]
+        if len(set(folded)) < len(folded):
+            raise ValueError("camera ids must differ, also when upper and lower case are taken for the same")
+        return cameras
+
+
+# -------------------------------------------------------------------------------------------------------- trajectory
+
+
+class Waypoint(Block):
+    """A pose to pass by; ``strict`` ones are reached exactly.
+
+    Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
+    """
+
+    position: Position
+    look_at: Position | None = None
+    rotation_euler_deg: EulerAngles | None = None
+    speed: Positive | None = None
+    """Speed of the leg that ends here [m/s]."""
+    strict: bool = False
+    dwell_s: NonNegative | None = None
+    """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
+
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+
+
+class Pose(Block):
+    """An exact pose at a time; no dynamics. Attitude as for a waypoint."""
+
+    time_s: NonNegative = 0.0
+    position: Position
+    look_at: Position | None = None
+    rotation_euler_deg: EulerAngles | None = None
+
+    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+
+
+class Trajectory(Block):
+    """One of: waypoints for the simulated vehicle to follow, or exact poses."""
+
+    waypoints: list[Waypoint] | None = None
+    poses: list[Pose] | None = None
+    speed: Positive = 0.5
+    """Leg speed where a waypoint names none [m/s]."""
+    max_angular_speed_deg: Positive = 30.0
+    max_acceleration: Positive = 0.25
+    overlap: Annotated[float, Field(ge=0.0, le=0.5)] = 0.4
+    """Share of a leg's time in which the next one already acts (hand-over, paper 3.3.2)."""
+    handover_radius_m: Positive = 0.5
+    handover_timeout_s: Positive = 30.0
+    dwell_s: NonNegative = 0.25
+    """Rest at a strict waypoint."""
+    duration_s: Positive | None = None
+    """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose."""
+
+    @model_validator(mode="after")
+    def _one_form(self):
+        if (self.waypoints is None) == (self.poses is None):
+            raise ValueError("give exactly one of waypoints, poses")
+        if not (self.waypoints if self.poses is None else self.poses):
+            raise ValueError("at least one waypoint or pose is needed")
+        return self
