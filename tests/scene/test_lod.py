@@ -96,6 +96,16 @@ def test_lamps_count_as_cameras_do_and_the_finest_camera_rules():
     assert Need(two, POSES, detail).per_metre == pytest.approx(Need(make_scene(), POSES, detail).per_metre / 4)
 
 
+def test_what_is_near_is_found_as_if_all_distances_were_looked_at():
+    need, rng = Need(make_scene(), POSES, LevelOfDetail()), np.random.default_rng(5)
+    for count in (1, 64, 65, 1000):
+        points = rng.normal(scale=20.0, size=(count, 3))
+        distance = need.distance(points)
+        assert need.nearest(points) == distance.min()
+        np.testing.assert_array_equal(need.within(points, 15.0), distance < 15.0)
+    assert 0 < need.within(points, 15.0).sum() < count
+
+
 def test_all_that_is_in_a_picture_counts_as_seen_and_what_is_behind_does_not():
     scene = make_scene()
     need, camera = Need(scene, POSES, LevelOfDetail()), scene.vehicle.cameras[0]

@@ -72,7 +72,20 @@ class Need:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Nearest approach [N] [m] of any camera or lamp to points [N, 3]."""
-        return self.eyes.query(points)[0]
+        return self.eyes.query(points, workers=-1)[0]
+
+    def nearest(self, points: np.ndarray) -> float:
+        """The least of these distances; of a few points first, which bounds the search for the others."""
+        bound = self.distance(points[::64]).min()
+        others = self.eyes.query(points, distance_upper_bound=bound, workers=-1)[0]
+        return float(min(bound, others.min()))
+
+    def within(self, points: np.ndarray, reach: float) -> np.ndarray:
+        """Whether a camera or lamp comes nearer to points [N, 3] than this [m], bool [N].
+
+        That is known much sooner than the distances of all that is far away.
+        """
+        return np.isfinite(self.eyes.query(points, distance_upper_bound=reach, workers=-1)[0])
 
     def at(self, distance: np.ndarray) -> np.ndarray:
         """What is allowed at a distance, of what is seen [m]."""
@@ -206,7 +219,7 @@ def _account(need, allowed, part, vertices, faces):
     regions = _regions(need, allowed, part.vertices[part.faces].mean(axis=1), vertices[faces].mean(axis=1), found)
     ruled = "the depth" if need.per_metre * CLOSE_M > need.depth else "the pixel"
     return Kept(part.name, len(part.faces), len(faces), f"as far as {ruled} tolerance lets",
-                float(need.distance(part.vertices).min()), 1e3 * float(found.distance.max()),
+                need.nearest(part.vertices), 1e3 * float(found.distance.max()),
                 float((found.distance / np.maximum(found.limit, 1e-300)).max()), regions)
 
 
@@ -239,7 +252,7 @@ def _tessellate(scene, need, part, block):
     made = object_part(scene, block.model_copy(update={"chord_error_m": chord}), part.name)
     why = f"chord error {1e3 * chord:.3g} mm instead of {1e3 * default_chord_error(block, part.name):.3g}"
     why += "" if seen else f", {NEVER_SEEN}"
-    return made, Kept(part.name, len(part.faces), len(made.faces), why, float(need.distance(part.vertices).min()),
+    return made, Kept(part.name, len(part.faces), len(made.faces), why, need.nearest(part.vertices),
                       1e3 * chord, 1.0)
 
 
@@ -272,7 +285,7 @@ def allowed_all_over(need: Need, vertices: np.ndarray) -> tuple[float, bool]:
 
 
 def _nearest_approach(need, part):
-    return float(min(need.distance(box.vertices).min() for box in part.boxes()))
+    return min(need.nearest(box.vertices) for box in part.boxes())
 
 
 def _unchanged(need, part, why):
