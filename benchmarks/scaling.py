@@ -4,8 +4,9 @@
         [--device auto] [--set KEY=VALUE ...] [-o benchmarks/results/scaling]
 
 Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
-kernels are compiled (a run before the others does that) and scenes uploaded, which is told apart. 0 workers are a run
-in one process without Dask, to show what Dask costs. Workers on a CPU share its cores, so that more of them are no
+kernels are compiled (a run before the others does that) and scenes uploaded, which is told apart: in one process `load`
+brings the scene as planned to the device, with workers that is a part of the time until the first image. 0 workers are
+a run in one process without Dask, to show what Dask costs. Workers on a CPU share its cores, so that more of them are no
 faster: there, only the machinery is measured.
 """
 
@@ -39,9 +40,11 @@ def measure(scene, frames: int, workers: int, device: str, out: Path, step: int 
                       quiet=True)
     log, = (json.loads(path.read_text()) for path in (out / "log").iterdir())
     seconds, spp = summary.stages, [entry["spp"] for entry in log["frames"] if "spp" in entry]
+    rendering = seconds["wait"] + (0.0 if workers else seconds["render"])
     return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
             "frames_per_s": summary.rate, "seconds": summary.seconds,
             "start_and_upload_s": seconds["load"], "plan_s": seconds["plan"],
+            "until_first_image_s": round(rendering - (frames - 1) / summary.rate, 2),
             "compile_s": log["compile_seconds"], "expose_and_checksums_s": seconds["expose"] + seconds["checksums"],
             "spp": round(sum(spp) / len(spp), 2) if spp else None, "stages": seconds,
             "checksums": (out / "checksums").read_text()}
@@ -90,16 +93,17 @@ def chart(result: dict, path: Path) -> None:
     for row in (row for row in result["runs"] if not row["workers"]):
         left.axhline(row["frames_per_s"], color="C2", linestyle=":",
                      label=f"one process without Dask: {row['frames_per_s']:.3g}")
-    left.set(xlabel="workers", ylabel="frames/s, all files written", ylim=(0, None), xticks=counts,
-             xlim=(0, 1.2 * counts[-1]))
+    left.set(xlabel="workers", ylabel="frames/s from the first image on, all files written", ylim=(0, None),
+             xticks=counts, xlim=(0, 1.2 * counts[-1]))
     left.legend(fontsize=9)
     bottom = [0.0] * len(rows)
-    for name in ("start_and_upload_s", "plan_s", "expose_and_checksums_s"):
+    for name in ("start_and_upload_s", "plan_s", "until_first_image_s", "expose_and_checksums_s"):
         heights = [row[name] for row in rows]
         right.bar([str(n) for n in counts], heights, bottom=bottom, label=name[:-2].replace("_", " "))
         bottom = [low + height for low, height in zip(bottom, heights, strict=True)]
-    right.set(xlabel="workers", ylabel="seconds beside rendering")
-    right.legend(fontsize=9)
+    right.set(xlabel="workers", ylabel="seconds that are spent once")
+    right.margins(y=0.25)
+    right.legend(fontsize=9, loc="upper center", ncols=2)
     width, height = result["resolution"]
     figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, "
                     f"{''.join(result['outputs'])}\n{subtitle(result)}", fontsize=11)

@@ -13,7 +13,7 @@ def test_efficiency_is_the_gain_over_one_worker_and_differing_bytes_are_told(tmp
     def measure(scene, frames, workers, device, out, step=1):
         calls.append((frames, workers))
         return {"workers": workers, "frames_per_s": rates[workers], "start_and_upload_s": 4.0, "plan_s": 1.0,
-                "expose_and_checksums_s": 2.0, "stages": {}, "checksums": str(workers == 4)}
+                "until_first_image_s": 3.0, "expose_and_checksums_s": 2.0, "stages": {}, "checksums": str(workers == 4)}
 
     monkeypatch.setattr(scaling, "measure", measure)
     result = scaling.scaling(make_scene(), 50, [0, 1, 2, 4], "cpu", tmp_path, say=lambda line: None)
@@ -33,4 +33,5 @@ def test_a_run_is_measured_by_its_log(tmp_path):
     log, = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").iterdir())
     assert 0 < row["frames_per_s"] <= 1.01 * 5 / sum(entry["seconds"] for entry in log["frames"][1:])
     assert row["spp"] > 0
+    assert 0 <= row["until_first_image_s"] < row["seconds"] - 5 / row["frames_per_s"]
     assert len(row["checksums"].splitlines()) > 24

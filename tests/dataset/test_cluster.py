@@ -254,17 +254,26 @@ def test_a_worker_with_another_kind_of_device_that_comes_late_is_refused():
 
 
 @pytest.mark.parametrize("when", ["before", "while", "after"])
-def test_a_worker_that_is_to_stop_begins_nothing_also_when_its_scene_comes_later(tmp_path, monkeypatch, when):
-    site = worker.Site("run", scene(), [], "cpu", "cpu", {})
+def test_a_worker_that_is_to_stop_begins_nothing_also_when_its_scene_comes_later(monkeypatch, when):
+    site, loaded = worker.Site("run", scene(), [], "cpu", "cpu", {}), []
     stop = partial(worker.stop_site, "run", SimpleNamespace(plugins={"run": site}))
-    monkeypatch.setattr(worker.Engine, "load", lambda *_, **__: stop() if when == "while" else None)
+
+    def load(*_, **__):
+        loaded.append(True)
+        if when == "while":
+            stop()
+
+    monkeypatch.setattr(worker.Engine, "load", load)
     if when == "before":
         stop()
-    engine, _ = site.opened()
     if when == "after":
+        engine, _ = site.opened()
         stop()
-    with pytest.raises(Stopped), engine._places:
-        pytest.fail("an image was begun")
+        with pytest.raises(Stopped), engine._places:
+            pytest.fail("an image was begun")
+    with pytest.raises(Stopped):
+        site.opened()
+    assert len(loaded) == (when != "before")
 
 
 def test_workers_with_different_kinds_of_device_are_refused(scheduler, tmp_path, monkeypatch):

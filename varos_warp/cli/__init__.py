@@ -100,7 +100,7 @@ run = _job("run", "Simulate, render and write the dataset; goes on where an earl
 render = _job("render", "Render the frames only, without IMU, depth gauge and vehicle poses.", sensors=False)
 
 
-@resumable
+@verb
 def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, json_: Json = False,
              quiet: Quiet = False):
     """Write trajectory, IMU and depth gauge only."""
@@ -359,7 +359,7 @@ def preprocess(
         print(f"warning: {warning}", file=sys.stderr)
 
 
-@resumable
+@verb
 def bench(names: Annotated[list[str] | None, typer.Argument(
               metavar="[SCENE-NAMES...]", help="ref1, open_water, floor_clear, coastal, harbour, demo.")] = None,
           methods: Annotated[str | None, typer.Option(

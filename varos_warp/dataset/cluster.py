@@ -38,9 +38,9 @@ SILENT = logging.CRITICAL + 1
 """Level of Dask's log."""
 HABITS = {"distributed.worker.profile.enabled": False,
           "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-"""Of Dask's workers, that ours do without. Its profiler holds up all threads a hundred times a second. Its threshold
-gives every array back to the operating system: writing a frame of 1280 x 720 then meets 25 000 page faults instead of
-800, which take a quarter more CPU-seconds, and threads that render meet them, too."""
+"""Defaults of Dask that workers started here do without. Its profiler holds up all threads a hundred times a second.
+Its threshold, as any would, keeps the C library from learning to reuse the memory of large arrays: writing a frame of
+1280 x 720 meets 25 000 page faults instead of 800, and a worker makes an eighth fewer frames (docs/long_runs.md)."""
 NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance", "pinhole", "lamps", "hidden")
 """What workers need of a plan."""
 

@@ -141,7 +141,7 @@ class _Job:
         for message in self.simulation.messages:
             self.say(message)
         if frames.stop is not None and frames.stop > self.count:
-            self.say(f"the sequence has frames 0 to {self.count - 1} only, of those up to {frames.stop - 1} asked for")
+            self.say(f"frames up to {frames.stop - 1} are asked for, but the sequence ends with frame {self.count - 1}")
         self.take_over(previous)
 
     def take_over(self, previous: dict | None) -> None:

@@ -22,7 +22,7 @@ from distributed import WorkerPlugin, get_worker
 from filelock import FileLock, Timeout
 
 from varos_warp.dataset import files, writers
-from varos_warp.dataset.engine import Engine
+from varos_warp.dataset.engine import Engine, Stopped
 from varos_warp.dataset.pipeline import Rendered
 from varos_warp.dataset.store import ImageJob, Store
 from varos_warp.dataset.timing import BESIDE, Clock
@@ -139,25 +139,29 @@ class Site(WorkerPlugin):
         self.engine = None
 
     def opened(self, path=None, compare: bool = False) -> tuple[Engine, list[str]]:
-        """The engine, once its scene is on the device, and what looks wrong in the scene."""
+        """The engine, once its scene is on the device, and what looks wrong in the scene.
+
+        Raises:
+            Stopped: If the run has ended meanwhile.
+        """
         from varos_warp.scene.device import kind_of
 
         with _turn:
-            if self.engine is not None and (self.engine.compared or not compare):
-                return self.engine, []
-            check_versions(writers.versions(), files.HOST, self.versions)  # it may have come late
-            device = take_device(self.device)
-            if kind_of(device) != self.kind:
-                raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
-            engine = Engine(device, cores=self.cores.get(socket.gethostname()))
-            found = engine.load(self.scene, self.poses, path, compare=compare)
-            self.engine = engine
+            found = []
+            if not self.stopped and (self.engine is None or (compare and not self.engine.compared)):
+                check_versions(writers.versions(), files.HOST, self.versions)  # it may have come late
+                device = take_device(self.device)
+                if kind_of(device) != self.kind:
+                    raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
+                engine = Engine(device, cores=self.cores.get(socket.gethostname()))
+                found = engine.load(self.scene, self.poses, path, compare=compare)
+                self.engine = engine
             if self.stopped:
-                engine.stop()
-            return engine, found
+                raise Stopped
+            return self.engine, found
 
     def stop(self) -> None:
-        """Begin no more images, also where the scene is not on the device yet."""
+        """Begin no more images, and bring no scene to the device."""
         self.stopped = True
         if self.engine is not None:
             self.engine.stop()
