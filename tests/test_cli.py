@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.dataset.layout import Dataset
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, SchedulerGone
 
 
 @pytest.fixture(autouse=True)
@@ -326,6 +326,16 @@ def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
     result = call("run", scene_file, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_a_scheduler_that_has_gone_is_one_line_and_status_1(scene_file, tmp_path, monkeypatch):
+    def gone(*_, **__):
+        raise SchedulerGone("the scheduler has gone; the same command goes on")
+
+    monkeypatch.setattr("varos_warp.dataset.produce.produce", gone)
+    result = call("run", scene_file, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert result.stderr == "varos-warp: the scheduler has gone; the same command goes on\n"
 
 
 @pytest.mark.parametrize(("verb", "called", "goes_on"), [

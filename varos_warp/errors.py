@@ -1,4 +1,4 @@
-"""The one exception for bad input: the command line prints it as a single message and ends with status 2."""
+"""What the command line prints as a single message: bad input, with status 2, and a scheduler that has gone, with 1."""
 
 from pathlib import Path
 from typing import Any
@@ -19,3 +19,7 @@ class InputError(ValueError):
         what = self.key if self.value is None else f"{self.key} = {self.value!r}" if self.key else repr(self.value)
         text = ": ".join(part for part in (where, what, self.problem) if part)
         return f"{text}. {self.remedy}" if self.remedy else text
+
+
+class SchedulerGone(RuntimeError):
+    """Nothing can be asked of the workers of a cluster any more."""

@@ -20,7 +20,7 @@ from varos_warp.dataset.pipeline import GIVE_UP, Rendered
 from varos_warp.dataset.produce import produce
 from varos_warp.dataset.store import ImageJob
 from varos_warp.dataset.timing import Clock
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, SchedulerGone
 
 distributed = pytest.importorskip("distributed")
 from varos_warp.dataset import cluster, files, worker  # noqa: E402
@@ -151,10 +151,8 @@ def test_stages_are_summed_over_workers_in_one_log(scheduler, tmp_path):
     assert content["stages"]["encode"] > 0
 
 
-@posix
-def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_path):
-    """The terminal's Ctrl-C goes to all processes of the group."""
-    out = tmp_path / "out"
+def interrupted(tmp_path, out, when) -> None:
+    """A command with two workers gets a terminal's Ctrl-C, which goes to all processes of the group, and ends well."""
     script = tmp_path / "run.py"
     script.write_text(
         "import signal\nimport sys\nimport varos_warp.cli as cli\nfrom varos_warp.scene import load\n"
@@ -168,21 +166,35 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_p
         env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}, start_new_session=True,
         stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
-    while len(list(out.rglob("D/*.png"))) < 5 and process.poll() is None and time.monotonic() < deadline:
+    while not when(process.pid) and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     assert len(members(process.pid)) >= 3
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=30)
-    assert process.returncode == 130
+    assert process.returncode == 130, said
     assert "interrupted; what is complete stays" in said
-    assert "Traceback" not in said
+    assert "Traceback" not in said, said
     deadline = time.monotonic() + 5
     while members(process.pid) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not members(process.pid)
+
+
+@posix
+def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(tmp_path):
+    out = tmp_path / "out"
+    interrupted(tmp_path, out, lambda _: len(list(out.rglob("D/*.png"))) >= 5)
     left = list(out.rglob("*"))
     assert 5 <= len([path for path in left if path.match("D/*.png")]) < 400
     assert not [path for path in left if path.name.startswith(".")]
+
+
+@posix
+@pytest.mark.parametrize("processes", [3, 4])
+def test_a_command_that_is_interrupted_while_its_workers_start_says_so_and_no_more(tmp_path, processes):
+    """Of the processes one is the command, one counts what all share, and the others are to be workers."""
+    interrupted(tmp_path, tmp_path / "out", lambda pid: len(members(pid)) >= processes)
+    assert not (tmp_path / "out").exists()
 
 
 def test_dask_swallows_no_ctrl_c_here_and_does_not_have_workers_give_memory_back(tmp_path):
@@ -206,6 +218,24 @@ def members(group: int) -> list[str]:
     return [line for line in found.stdout.splitlines() if line.split()[0] == str(group)]
 
 
+def test_a_scheduler_that_goes_is_told_of_as_such():
+    """The connection breaks while a task's result is waited for, or its future is cancelled."""
+    def broken():
+        raise distributed.comm.CommClosedError("in <TCP (closed)>: ConnectionResetError")
+
+    def cancelled():
+        raise distributed.CancelledError("key")
+
+    for result in (broken, cancelled):
+        with pytest.raises(SchedulerGone, match="the same command goes on"):
+            cluster.Cluster.result(None, SimpleNamespace(done=lambda: True, result=result))
+
+
+def test_an_address_without_a_port_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"dask://localhost.*names no port\. Give the address that `dask scheduler`"):
+        produce(scene(), tmp_path / "out", scheduler="dask://localhost", quiet=True)
+
+
 def test_an_address_without_a_scheduler_is_refused_within_seconds(tmp_path):
     start = time.monotonic()
     with pytest.raises(InputError, match=r"no Dask scheduler answers there.*dask://HOST:PORT") as caught:
@@ -215,11 +245,13 @@ def test_an_address_without_a_scheduler_is_refused_within_seconds(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scheduler_without_workers_is_refused(tmp_path, monkeypatch):
+def test_a_scheduler_without_workers_is_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cluster, "START_S", 0.5)
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.1)
     with distributed.LocalCluster(n_workers=0, dashboard_address=":0") as local, \
             pytest.raises(InputError, match="has no workers after"):
-        produce(scene(), tmp_path / "out", scheduler=local.scheduler_address, quiet=True)
+        produce(scene(), tmp_path / "out", scheduler=local.scheduler_address)
+    assert capsys.readouterr().err.count("waiting for workers of tcp://") == 1
 
 
 def test_workers_that_do_not_see_the_folder_are_refused(scheduler, tmp_path, monkeypatch):

@@ -166,6 +166,7 @@ def test_overrides_reach_into_blocks_and_lists_and_make_blocks(tmp_path):
 
 
 @pytest.mark.parametrize(("override", "says"), [
+    ("vehicle.camera.0.resolution=[96, 54]", "vehicle.camera: unknown key. Did you mean 'cameras'?"),
     ("render.spp", "key.path=value"), ("=3", "key.path=value"), ("render..spp=3", "key.path=value"),
     ("objects.7.scale=2", "0 to 1"), ("objects.x.scale=2", "0 to 1"), ("objects.7=2", "0 to 1"),
     ("name.x=1", "no block"), ("name.x.y=1", "no block"), ("render.spp=[1", "not valid YAML"),

@@ -45,7 +45,7 @@ from varos_warp.cli.arguments import (
     split_names,
 )
 from varos_warp.cli.tables import print_info, print_json, print_meshes, print_plan, print_preprocessed, print_table
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, SchedulerGone
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="Realistic synthetic underwater video with exact ground truth.")
@@ -65,6 +65,9 @@ def verb(function, goes_on: bool = False):
         except InputError as error:
             print(f"varos-warp: {error.message}", file=sys.stderr)
             raise typer.Exit(2) from None
+        except SchedulerGone as error:
+            print(f"varos-warp: {error}", file=sys.stderr)
+            raise typer.Exit(1) from None
         except KeyboardInterrupt:
             rest = "; what is complete stays, the same command goes on from there" if goes_on else ""
             print(f"varos-warp: interrupted{rest}", file=sys.stderr)
@@ -196,7 +199,8 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
         for problem in result.problems:
             print(f"problem: {problem}")
         sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
-        print(f"{dataset}: {result.files_read} images read, {sums}, {len(result.problems) or 'no'} problems")
+        count = len(result.problems)
+        print(f"{dataset}: {result.files_read} images read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
     if result.problems:
         raise typer.Exit(2)
 

@@ -11,7 +11,7 @@ SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YA
 Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `varos-warp run` wrote to.")]
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
 Device = Annotated[str, typer.Option(help="auto, cpu or cuda:N.")]
-Frames = Annotated[str | None, typer.Option(metavar="A:B", help="Frames A to B - 1 of the sequence only.")]
+Frames = Annotated[str | None, typer.Option(metavar="A:B", help="Only frames A to B - 1; also A: or A.")]
 Outputs = Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Image types to make.")]
 Tolerance = Annotated[float | None, typer.Option(help="Relative error asked of A; the planner chooses the samples.")]
 Spp = Annotated[int | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")]

@@ -9,12 +9,16 @@ import contextlib
 import importlib.util
 import logging
 import os
+import re
+import signal
+import threading
 import time
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import numpy as np
@@ -23,17 +27,20 @@ from varos_warp.dataset import files
 from varos_warp.dataset.pipeline import GIVE_UP, PLANNED, Rendered, room
 from varos_warp.dataset.store import ImageJob, Store
 from varos_warp.dataset.timing import Clock
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, SchedulerGone
 
 CONNECT_S = 5.0
 """A scheduler answers in this time, or is not there."""
 START_S = 60.0
 """Workers come within this time, at the start and after all have died."""
+PATIENCE_S = 3.0
+"""So long it is not said that they are waited for."""
 SETTLE_S = 1.0
 """A scheduler's workers are taken for all when no more have come for so long; later ones get work, too."""
 DRAIN_S = 10.0
 """What is under way at an interruption has so long to be written."""
 POLL_S = 0.02
+POSIX = hasattr(signal, "pthread_sigmask")
 SILENT = logging.CRITICAL + 1
 """Level of Dask's log."""
 HABITS = {"distributed.worker.profile.enabled": False,
@@ -45,8 +52,35 @@ NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance", "pinhole", "lamps",
 """What workers need of a plan."""
 
 
-class SchedulerGone(RuntimeError):
-    """Nothing can be asked of the workers any more."""
+@contextlib.contextmanager
+def held_back() -> Iterator[None]:
+    """Interruptions wait until processes have been started, for Dask cannot be interrupted then; a second one does not.
+
+    The processes do not see the terminal's: they begin with SIGINT blocked, as the thread that starts them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+
+    def hold(number, _frame):
+        held.append(number)
+        if len(held) > 1:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, hold) for number in (signal.SIGINT, signal.SIGTERM)}
+    if POSIX:
+        resource_tracker.ensure_running()  # where it is begun later, it unblocks SIGINT
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if POSIX:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 class Cluster:
@@ -76,7 +110,6 @@ class Cluster:
         self.compiled: dict[str, float] = {}
         self._events: list[dict] = []
         self._watched = self._seen = time.monotonic()
-        logging.getLogger("distributed").setLevel(SILENT)  # what happens is told below, in our words
         if scheduler is not None:
             self._connect(scheduler)
 
@@ -99,8 +132,13 @@ class Cluster:
 
     def _connect(self, address) -> None:
         """Connect to a scheduler."""
-        from distributed import Client
+        from distributed import Client  # which sets its own levels of logs
 
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(SILENT)  # what happens is told in our words
+        if isinstance(address, str) and not re.search(r":\d+$", address):
+            raise InputError("names no port", key="--scheduler", value=address,
+                             remedy="Give the address that `dask scheduler` prints, as dask://HOST:PORT.")
         try:
             where = address.replace("dask://", "tcp://", 1) if isinstance(address, str) else address
             self.client = Client(where, timeout=CONNECT_S, set_as_default=False)
@@ -110,8 +148,12 @@ class Cluster:
                                     "dask://HOST:PORT.") from error
         self.client.subscribe_topic("all", lambda event: self._events.append(event[1]))
 
-    def start(self, root: Path) -> None:
+    def start(self, root: Path, say: Callable[[str], None] = lambda message: None) -> None:
         """Start or find the workers, and see that they can do the work.
+
+        Args:
+            root: The owner's folder.
+            say: Told what the user should know.
 
         Raises:
             InputError: If there are none, or they cannot see the folder, or they are not alike.
@@ -120,7 +162,7 @@ class Cluster:
 
         if self.scheduler is None:
             self._start_workers()
-        self._wait_for_workers()
+        self._wait_for_workers(say)
         token = root.resolve() / f".{self.name}.{files.HOST}-{os.getpid()}-0.tmp"  # a killed run's is swept
         with files.writing(token):
             token.touch()
@@ -141,22 +183,27 @@ class Cluster:
         from varos_warp.render.launch import usable_cores
 
         cores = max(1, usable_cores() // self.workers)
-        with dask.config.set(HABITS):
+        # without the dashboard it still serves HTTP, at a port that another run would miss
+        quiet = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+        with dask.config.set(HABITS), held_back():
             self.local = LocalCluster(
-                n_workers=self.workers, threads_per_worker=1 + room(cores), processes=True, dashboard_address=None,
+                n_workers=self.workers, threads_per_worker=1 + room(cores), processes=True, scheduler_kwargs=quiet,
                 memory_limit=None, silence_logs=SILENT, preload=["varos_warp.dataset.worker"])
         # its hook on the garbage collection swallows a Ctrl-C that comes during one
         disable_gc_diagnosis()
         self._connect(self.local)
 
-    def _wait_for_workers(self) -> None:
+    def _wait_for_workers(self, say: Callable[[str], None]) -> None:
         """Wait for those that were started; of a scheduler's, until no more come."""
-        start, settled, known, wanted = time.monotonic(), 0.0, -1, self.workers or 1
+        start, settled, known, wanted, patient = time.monotonic(), 0.0, -1, self.workers or 1, True
         while known < wanted or (self.local is None and time.monotonic() < settled):
             time.sleep(POLL_S)
             number = len(self.addresses())
             if number != known:
                 known, settled = number, time.monotonic() + SETTLE_S
+            if patient and known < wanted and time.monotonic() > start + PATIENCE_S:
+                say(f"waiting for workers of {self.scheduler or 'this host'}")
+                patient = False
             if known < wanted and time.monotonic() > start + START_S:
                 if self.local is not None:
                     raise RuntimeError(f"{known} of {wanted} workers have started within {START_S:.0f} s")
@@ -257,13 +304,14 @@ class Cluster:
     def result(self, future):
         """What a task returned; what Dask raises becomes words."""
         from distributed import CancelledError, KilledWorker
+        from distributed.comm import CommClosedError
 
         try:
             while not future.done():
                 self.watch()
                 time.sleep(POLL_S)
             return future.result()
-        except CancelledError as error:
+        except (CancelledError, CommClosedError) as error:
             raise SchedulerGone("the scheduler has gone; the same command goes on") from error
         except KilledWorker as error:
             raise RuntimeError(f"{error.allowed_failures + 1} workers died of it") from error

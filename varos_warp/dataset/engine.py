@@ -64,7 +64,7 @@ class Engine:
     def __exit__(self, *_) -> None:
         self.renderer = None
 
-    def start(self, root) -> None:
+    def start(self, root, say=None) -> None:
         """Nothing is to be started; see `Cluster.start`."""
 
     def available_method(self, asked: str) -> str:

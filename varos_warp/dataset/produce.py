@@ -234,7 +234,7 @@ class _Job:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
         from varos_warp.sim.trajectory import path_samples
 
-        self.engine.start(self.layout.root)
+        self.engine.start(self.layout.root, self.tell)
         self.choose_denoisers()
         for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation),
                                         compare=not self.plan):

@@ -181,6 +181,8 @@ def _apply_override(source: _Source, override: str) -> None:
                          remedy="Quote it if it is text; lists are written [1, 2, 3].") from None
     block = source.data
     for depth, part in enumerate(path[:-1]):
+        if isinstance(block, dict) and block.get(part) is None:
+            source.overridden[path[:depth + 1]] = override
         block = _child(block, part, path[:depth], where)
     if isinstance(block, list):
         _child(block, path[-1], path[:-1], where)
