@@ -5,7 +5,7 @@ x right, y forward, z up, so the identity attitude looks along +y. Unknown keys 
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
@@ -96,28 +96,6 @@ class Scene(Block):
 
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
-
-    @field_validator("terrain", mode="before")
-    @classmethod
-    def _terrain_is_a_file(cls, terrain: Any):
-        """``{file: x.dae}`` is short for ``{kind: file, file: x.dae}``."""
-        return {"kind": "file", **terrain} if isinstance(terrain, dict) and "kind" not in terrain else terrain
-
-    @field_validator("objects", mode="before")
-    @classmethod
-    def _files_are_meshes(cls, objects: Any):
-        """``{file: x.dae}`` is short for ``{kind: mesh, file: x.dae}``."""
-        if not isinstance(objects, list):
-            return objects
-        return [{"kind": "mesh", **o} if isinstance(o, dict) and "kind" not in o else o for o in objects]
-
-    @field_validator("materials", mode="before")
-    @classmethod
-    def _diffuse_by_default(cls, materials: Any):
-        if not isinstance(materials, dict):
-            return materials
-        return {k: {"kind": "diffuse", **m} if isinstance(m, dict) and "kind" not in m else m
-                for k, m in materials.items()}
 
     @model_validator(mode="after")
     def _scatter_has_ground(self):

@@ -1,8 +1,8 @@
 """What blocks of a scene file are made of: lengths, angles, colours, and the base of every block."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 Vec3 = tuple[float, float, float]
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
@@ -22,3 +22,11 @@ class Block(BaseModel):
     """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+def kind_by_default(kind: str) -> BeforeValidator:
+    """For a union of blocks: one without ``kind`` is of this kind, so ``{file: x.dae}`` may be short for a mesh."""
+    def with_kind(block: Any):
+        return {"kind": kind, **block} if isinstance(block, dict) and "kind" not in block else block
+
+    return BeforeValidator(with_kind)

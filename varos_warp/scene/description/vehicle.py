@@ -1,11 +1,20 @@
 """The vehicle with its lights, cameras and sensors, the current that it meets, and where it goes."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from varos_warp.scene.description.block import Block, EulerAngles, NonNegative, Position, Positive, Unit, Vec3
+from varos_warp.scene.description.block import (
+    Block,
+    EulerAngles,
+    NonNegative,
+    Position,
+    Positive,
+    Unit,
+    Vec3,
+    kind_by_default,
+)
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -55,7 +64,7 @@ class PointLight(Block):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
 
 
-Light = Annotated[SpotLight | PointLight, Field(discriminator="kind")]
+Light = Annotated[SpotLight | PointLight, Field(discriminator="kind"), kind_by_default("spot")]
 
 
 def _check_look_at(block):
@@ -191,13 +200,6 @@ class Vehicle(Block):
     cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
     imu: Imu | None = Imu()
     depth_gauge: Mounted | None = Mounted()
-
-    @field_validator("lights", mode="before")
-    @classmethod
-    def _spot_by_default(cls, lights: Any):
-        if not isinstance(lights, list):
-            return lights
-        return [{"kind": "spot", **x} if isinstance(x, dict) and "kind" not in x else x for x in lights]
 
     @field_validator("cameras")
     @classmethod

@@ -1,6 +1,6 @@
 """The world: terrain, objects and what is scattered, what surfaces are made of, and the water."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -13,6 +13,7 @@ from varos_warp.scene.description.block import (
     Positive,
     Unit,
     UnitRgb,
+    kind_by_default,
 )
 
 # ---------------------------------------------------------------------------------------------------------- geometry
@@ -99,7 +100,7 @@ class ProceduralTerrain(Placed):
     shading: Literal["flat", "smooth"] = "smooth"
 
 
-AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind")]
+AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind"), kind_by_default("file")]
 
 
 class MeshObject(Placed):
@@ -195,7 +196,7 @@ class Boulder(Parametric):
 
 
 ParametricObject = Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder
-Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind")]
+Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind"), kind_by_default("mesh")]
 
 
 class Scatter(Block):
@@ -224,11 +225,6 @@ class Scatter(Block):
     """Only where the terrain is no steeper than this."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
     """Smallest and largest scale; all between are equally likely."""
-
-    @field_validator("object", mode="before")
-    @classmethod
-    def _file_is_mesh(cls, value: Any):
-        return {"kind": "mesh", **value} if isinstance(value, dict) and "kind" not in value else value
 
     @model_validator(mode="after")
     def _one_area(self):
@@ -308,7 +304,8 @@ class Dirt(Block):
     """Reflectance of the silt."""
 
 
-Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind")]
+Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind"),
+                     kind_by_default("diffuse")]
 
 
 # ------------------------------------------------------------------------------------------------------------- water
