@@ -88,7 +88,8 @@ class Films:
         samples = np.broadcast_to(samples, film.count.shape)
         pixels = _side_pixels(len(samples), *film.sums.shape[1:])
         most = self._part_size(int((samples * pixels).sum()), MOST_PATHS if paths else MOST_SAMPLES)
-        ends = self._running_sum(film, most)
+        places = int(np.prod(film.count.shape[1:])) * TILE**2
+        _, ends = self.launcher.running_sum(count_parts, places, [film, most])  # of parts, tile by tile
         total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
@@ -106,14 +107,6 @@ class Films:
         if self.device != "cpu":
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
-
-    def _running_sum(self, film: Film, most: int) -> wp.array:
-        """Running sum of the numbers of parts, pixel by pixel and tile by tile."""
-        _, *tiles = film.count.shape
-        counts, ends = (wp.empty(int(np.prod(tiles)) * TILE**2, dtype=int, device=self.device) for _ in "ce")
-        self.launcher.run(count_parts, counts.shape, [film, most], [counts])
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        return ends
 
     def tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
         """Mean and variance of one sample, [side, tile row, tile column, 3]."""

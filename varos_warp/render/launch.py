@@ -117,6 +117,13 @@ class Launcher:
         self.load(kernel)
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
 
+    def running_sum(self, kernel, count: int, inputs) -> tuple[wp.array, wp.array]:
+        """How many entries a kernel counts for each of so many, and the running sum, by which they share a list."""
+        counts, ends = (wp.empty(count, dtype=int, device=self.device) for _ in "ce")
+        self.run(kernel, counts.shape, inputs, [counts])
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        return counts, ends
+
     def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""
         if self.device != "cpu":

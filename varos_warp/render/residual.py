@@ -122,10 +122,8 @@ class Residual:
         """As add_glow, of a list of samples that is not too long."""
         width, height = view.resolution
         device, pixels = self.launcher.device, (height, width)
-        counts, ends = (wp.empty(width * height, dtype=int, device=device) for _ in "ce")
         self.launcher.upload(more, film.wanted)
-        self.launcher.run(count_starts, counts.shape, [film, metal_samples], [counts])
-        wp.utils.array_scan(counts, ends, inclusive=True)
+        counts, ends = self.launcher.running_sum(count_starts, width * height, [film, metal_samples])
         last, = yield from self.launcher.fetch(ends[-1:])
         total, most = int(last[0]), MOST_STARTS[kind_of(device)]
         for begin in range(0, total, most):
