@@ -103,6 +103,9 @@ class Cluster:
             raise InputError("cannot be given together", key="--workers and --scheduler", remedy="Give one of them.")
         if workers is not None and workers < 1:
             raise InputError("must be at least 1", key="--workers", value=workers)
+        if scheduler is not None and not re.search(r":\d+$", scheduler):
+            raise InputError("names no port", key="--scheduler", value=scheduler,
+                             remedy="Give the address that `dask scheduler` prints, as dask://HOST:PORT.")
         self.asked, self.workers, self.scheduler = device, workers, scheduler
         self.name = f"varos_warp-{uuid.uuid4().hex[:12]}"
         self.local = self.client = None
@@ -136,9 +139,6 @@ class Cluster:
 
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(SILENT)  # what happens is told in our words
-        if isinstance(address, str) and not re.search(r":\d+$", address):
-            raise InputError("names no port", key="--scheduler", value=address,
-                             remedy="Give the address that `dask scheduler` prints, as dask://HOST:PORT.")
         try:
             where = address.replace("dask://", "tcp://", 1) if isinstance(address, str) else address
             self.client = Client(where, timeout=CONNECT_S, set_as_default=False)

@@ -144,21 +144,26 @@ class Site(WorkerPlugin):
         Raises:
             Stopped: If the run has ended meanwhile.
         """
-        from varos_warp.scene.device import kind_of
-
         with _turn:
             found = []
             if not self.stopped and (self.engine is None or (compare and not self.engine.compared)):
-                check_versions(writers.versions(), files.HOST, self.versions)  # it may have come late
-                device = take_device(self.device)
-                if kind_of(device) != self.kind:
-                    raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
-                engine = Engine(device, cores=self.cores.get(socket.gethostname()))
-                found = engine.load(self.scene, self.poses, path, compare=compare)
-                self.engine = engine
+                found = self._load(path, compare)
             if self.stopped:
                 raise Stopped
             return self.engine, found
+
+    def _load(self, path, compare: bool) -> list[str]:
+        """Bring the scene onto the device; see `Engine.load`."""
+        from varos_warp.scene.device import kind_of
+
+        check_versions(writers.versions(), files.HOST, self.versions)  # it may have come late
+        device = take_device(self.device)
+        if kind_of(device) != self.kind:
+            raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
+        engine = Engine(device, cores=self.cores.get(socket.gethostname()))
+        found = engine.load(self.scene, self.poses, path, compare=compare)
+        self.engine = engine
+        return found
 
     def stop(self) -> None:
         """Begin no more images, and bring no scene to the device."""
