@@ -9,7 +9,7 @@ import warp as wp
 from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
-from varos_warp.kernels.film import Sums, add_sample, variance_of_mean
+from varos_warp.kernels.film.film import Sums, add_sample, variance_of_mean
 from varos_warp.render import exposure, outputs
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.checks import PIXEL_BYTES

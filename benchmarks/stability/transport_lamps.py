@@ -16,7 +16,7 @@ from benchmarks.stability.transport import (
     truth_of,
     water,
 )
-from varos_warp.kernels.light import Light, falloff
+from varos_warp.kernels.world.light import Light, falloff
 from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.device import light_record
 

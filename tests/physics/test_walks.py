@@ -1,4 +1,4 @@
-"""Walks of light (flights, turns, roulette: kernels/walk.py) in slabs, a half space and water without end.
+"""Walks of light (flights, turns, roulette: kernels/transport/subpath.py) in slabs, a half space and water without end.
 
 The renderer has no lamp that is a parallel beam and no meter of fluence, so kernels here start and end the walks; what
 happens in between are the project's own functions. Three channels, three waters, in each run: a wrong weight of one
@@ -21,13 +21,9 @@ from exact_transport import (
 )
 
 from varos_warp.kernels.conventions import ALL, FAR
-from varos_warp.kernels.intersect import Hit, SceneData
-from varos_warp.kernels.light import Light, brightest
-from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.phase import hg_eval
 from varos_warp.kernels.residual import lamp_share_at
-from varos_warp.kernels.sampling import sample_cosine, uniforms
-from varos_warp.kernels.walk import (
+from varos_warp.kernels.transport.sampling import sample_cosine, uniforms
+from varos_warp.kernels.transport.subpath import (
     Walk,
     advance,
     drift,
@@ -37,6 +33,10 @@ from varos_warp.kernels.walk import (
     turn,
     water_vertex,
 )
+from varos_warp.kernels.world.intersect import Hit, SceneData
+from varos_warp.kernels.world.light import Light, brightest
+from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.phase import hg_eval
 
 pytestmark = pytest.mark.subject("multiple scattering")
 

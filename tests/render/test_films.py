@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from varos_warp.kernels import film as kernel
+from varos_warp.kernels.film import film as kernel
 from varos_warp.render import films
 from varos_warp.render.films import Films
 from varos_warp.render.launch import Launcher

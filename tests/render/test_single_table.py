@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.medium import transmittance
 from varos_warp.kernels.single_table import TOLERANCE, SingleTable, scattered_by_lamps, scattered_once
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.medium import transmittance
 from varos_warp.render import tables
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.launch import Launcher

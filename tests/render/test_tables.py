@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from varos_warp.kernels.light import Light
-from varos_warp.kernels.open_water import LampTable, scattered_again, scattered_irradiance
+from varos_warp.kernels.field.open_water import LampTable, scattered_again, scattered_irradiance
+from varos_warp.kernels.world.light import Light
 from varos_warp.render import orders, tables
 from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
 from varos_warp.render.frame import FrameRenderer

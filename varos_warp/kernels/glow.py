@@ -8,18 +8,18 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, is_finite, of_tile, start_of, weight_of
-from varos_warp.kernels.gather import gather_reflected
-from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.light import brightest
-from varos_warp.kernels.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
-from varos_warp.kernels.phase import hg_sample
+from varos_warp.kernels.film.film import Film, is_finite, of_tile, start_of, weight_of
 from varos_warp.kernels.residual import draw, halo_share
-from varos_warp.kernels.surface import surface_albedo
-from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
-from varos_warp.kernels.walk import Walk, lamp_light_at, surface_vertex, walk_from_surface
+from varos_warp.kernels.transport.next_event import gather_reflected
+from varos_warp.kernels.transport.subpath import Walk, lamp_light_at, surface_vertex, walk_from_surface
+from varos_warp.kernels.world.bsdf import surface_albedo
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
+from varos_warp.kernels.world.phase import hg_sample
+from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 

@@ -18,16 +18,11 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.conventions import ALL, FAR, LONG_KERNEL
-from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
-from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.light import brightest
-from varos_warp.kernels.lit_points import LitPoint, found_weight, gather_lit_point, may_have_lobe
-from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.open_water import Tables, scattered_irradiance
-from varos_warp.kernels.sampling import Pick, reservoir, uniforms
-from varos_warp.kernels.sobol import sobol4
-from varos_warp.kernels.texture import WALK_ANGLE, footprint_width
-from varos_warp.kernels.walk import (
+from varos_warp.kernels.field.open_water import Tables, scattered_irradiance
+from varos_warp.kernels.transport.next_event import gather_in_scattered, gather_reflected
+from varos_warp.kernels.transport.sampling import Pick, reservoir, uniforms
+from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.subpath import (
     Vertex,
     Walk,
     advance,
@@ -38,6 +33,11 @@ from varos_warp.kernels.walk import (
     surface_vertex,
     turn,
 )
+from varos_warp.kernels.transport.virtual_lights import LitPoint, found_weight, gather_lit_point, may_have_lobe
+from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 

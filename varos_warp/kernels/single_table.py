@@ -1,18 +1,18 @@
 """Light scattered once along a camera's rays: from a table wherever that is right, else by quadrature.
 
 Lamps and camera stay with the vehicle, so what open water scatters into a ray once, up to any distance, is known
-beforehand, as the veil is (kernels/open_water.py). But it is less smooth: cones have edges, and lamps may be in view.
+beforehand, as the veil is (kernels/field/open_water.py). But it is less smooth: cones have edges, and lamps may be in view.
 So cells of the table whose nodes bend too much are not used.
 """
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, Ray, node_ray
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.light import Light
-from varos_warp.kernels.medium import Medium, transmittance
-from varos_warp.kernels.open_water import single_scattering
+from varos_warp.kernels.field.open_water import single_scattering
+from varos_warp.kernels.world.camera import Camera, Ray, node_ray
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.medium import Medium, transmittance
 
 wp.set_module_options({"enable_backward": False})
 

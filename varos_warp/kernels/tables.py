@@ -16,19 +16,19 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film import Film, Sums, add_sample, store
-from varos_warp.kernels.gather import gather_in_scattered, gather_reflected
-from varos_warp.kernels.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.light import brightest
-from varos_warp.kernels.medium import transmittance
-from varos_warp.kernels.open_water import Tables, veil_radiance
+from varos_warp.kernels.field.open_water import Tables, veil_radiance
+from varos_warp.kernels.film.film import Film, Sums, add_sample, store
 from varos_warp.kernels.residual import draw, glow
 from varos_warp.kernels.single_table import SingleTable, scattered_once
-from varos_warp.kernels.texture import footprint_width
+from varos_warp.kernels.transport.next_event import gather_in_scattered, gather_reflected
+from varos_warp.kernels.transport.subpath import surface_vertex
 from varos_warp.kernels.veil import VeilGrid, frame_veil
-from varos_warp.kernels.walk import surface_vertex
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
 

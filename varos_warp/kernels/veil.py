@@ -11,12 +11,12 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.camera import Camera, camera_ray
-from varos_warp.kernels.film import is_finite
-from varos_warp.kernels.intersect import SceneData, make_rays
-from varos_warp.kernels.medium import transmittance
+from varos_warp.kernels.film.film import is_finite
 from varos_warp.kernels.residual import draw
-from varos_warp.kernels.walk import Walk, walk_from_water
+from varos_warp.kernels.transport.subpath import Walk, walk_from_water
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData, make_rays
+from varos_warp.kernels.world.medium import transmittance
 
 wp.set_module_options({"enable_backward": False})
 

@@ -4,8 +4,8 @@ import weakref
 
 import warp as wp
 
-from varos_warp.kernels import denoise as kernels
-from varos_warp.kernels.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
+from varos_warp.kernels.film import denoise as kernels
+from varos_warp.kernels.film.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
 from varos_warp.render.denoise import FAR, NEAR, QUALITY, RESIDUAL_QUALITY
 
 

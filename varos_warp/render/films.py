@@ -10,8 +10,8 @@ from collections import defaultdict
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.adapt import average_tiles, pixel_statistics
-from varos_warp.kernels.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
+from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
+from varos_warp.kernels.film.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
 from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.device import kind_of
 
@@ -45,7 +45,7 @@ class Films:
         Args:
             resolution: Width and height.
             adapts: Whether tiles have two sides, see render/adapt.py.
-            residual: Whether it has a residual, see kernels/film.py.
+            residual: Whether it has a residual, see kernels/film/film.py.
         """
         kind = (adapts, residual, *resolution[::-1])
         film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)

@@ -10,16 +10,16 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.adapt import metal_pixels, residual_mean_squares
-from varos_warp.kernels.ambient import make_ambient_kernel
-from varos_warp.kernels.aov import make_first_hits_kernel, make_guides_kernel
 from varos_warp.kernels.conventions import ALL
-from varos_warp.kernels.film import Film, develop
-from varos_warp.kernels.open_water import Tables
-from varos_warp.kernels.path import PathSpec, make_path_kernel
-from varos_warp.kernels.reference import make_reference_kernel
+from varos_warp.kernels.field.open_water import Tables
+from varos_warp.kernels.film.adapt import metal_pixels, residual_mean_squares
+from varos_warp.kernels.film.film import Film, develop
 from varos_warp.kernels.single_table import SingleTable
 from varos_warp.kernels.tables import make_tables_kernel
+from varos_warp.kernels.transport.ambient import make_ambient_kernel
+from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel
+from varos_warp.kernels.transport.path import PathSpec, make_path_kernel
+from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.render.adapt import (
     FEWEST_FIRST_SHARED,
     MOST_SHARED_RESIDUAL,

@@ -2,7 +2,7 @@
 
 Light scattered once is a quadrature. What is scattered n + 1 times follows from what is scattered n times: at every
 node a matrix turns the light that arrives into what leaves (render/directions.py), and integrals along straight lines
-take that to the nodes again (kernels/tabulate.py). The sum over the orders solves a linear equation, X = B + K X.
+take that to the nodes again (kernels/field/tabulate.py). The sum over the orders solves a linear equation, X = B + K X.
 """
 
 import numpy as np
@@ -11,10 +11,10 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.light import Light as LightData
-from varos_warp.kernels.open_water import LampTable, NodeGrid
-from varos_warp.kernels.tabulate import light_scattered_again, light_scattered_once
+from varos_warp.kernels.field.open_water import LampTable, NodeGrid
+from varos_warp.kernels.field.tabulate import light_scattered_again, light_scattered_once
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight

@@ -1,20 +1,20 @@
 """What surfaces do to the light of open water in one frame: lit points, the grid of the veil, the residual of the glow.
 
-The kernels are those of kernels/lit_points.py, residual.py, veil.py and glow.py.
+The kernels are those of kernels/transport/virtual_lights.py, residual.py, veil.py and glow.py.
 """
 
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.camera import Camera as CameraData
-from varos_warp.kernels.film import Film
+from varos_warp.kernels.field.open_water import Tables
+from varos_warp.kernels.film.film import Film
 from varos_warp.kernels.glow import add_counts, add_residual, count_starts, list_starts, make_start_glow_kernel
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.lit_points import LitPoint, make_lit_points_kernel
-from varos_warp.kernels.open_water import Tables
 from varos_warp.kernels.residual import list_walks, make_block_kernel, make_reflect_kernel
+from varos_warp.kernels.transport.subpath import Walk
+from varos_warp.kernels.transport.virtual_lights import LitPoint, make_lit_points_kernel
 from varos_warp.kernels.veil import VeilGrid, average_slabs, make_start_veil_kernel, sum_slabs
-from varos_warp.kernels.walk import Walk
+from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import kind_of

@@ -1,6 +1,6 @@
 """Tables of light in open water: built once for the lamps and cameras of a vehicle in its water, and kept on disk.
 
-kernels/open_water.py says what they hold, docs/transport.md how right they are.
+kernels/field/open_water.py says what they hold, docs/transport.md how right they are.
 """
 
 from functools import cached_property
@@ -9,13 +9,13 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
-from varos_warp.kernels.camera import Camera as CameraData
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.light import Light as LightData
-from varos_warp.kernels.open_water import LampTable, Tables
+from varos_warp.kernels.field.open_water import LampTable, Tables
+from varos_warp.kernels.field.tabulate import fill_veil
 from varos_warp.kernels.single_table import SingleTable, fill_single, find_smooth
-from varos_warp.kernels.tabulate import fill_veil
+from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
 from varos_warp.render.launch import Launcher

@@ -4,12 +4,12 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.camera import Camera as CameraData
-from varos_warp.kernels.intersect import Instance as InstanceData
-from varos_warp.kernels.intersect import SceneData
-from varos_warp.kernels.light import Light as LightData
-from varos_warp.kernels.medium import Medium
-from varos_warp.kernels.texture import DIFFUSE, Material
+from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.kernels.world.intersect import Instance as InstanceData
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.light import Light as LightData
+from varos_warp.kernels.world.medium import Medium
+from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position

@@ -1,4 +1,4 @@
-"""What the lobe of a white metal reflects when microfacets reflect once: the table that kernels/surface.py reads."""
+"""What the lobe of a white metal reflects when microfacets reflect once: the table that kernels/world/bsdf.py reads."""
 
 from functools import cache
 

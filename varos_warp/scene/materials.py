@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from scipy.special import ndtri
 
-from varos_warp.kernels import texture
-from varos_warp.kernels.tiling import PERIOD
+from varos_warp.kernels.world import texture
+from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend, Texture
 from varos_warp.scene.geometry import Instances, Part

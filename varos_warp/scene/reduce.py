@@ -15,7 +15,7 @@ import trimesh
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.project import find_nearest
+from varos_warp.kernels.mesh.project import find_nearest
 from varos_warp.scene.normals import face_normals
 from varos_warp.scene.terrain import Surface
 

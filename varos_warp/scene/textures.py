@@ -12,9 +12,9 @@ from PIL import Image as PillowImage
 from scipy.special import ndtr, ndtri
 
 from varos_warp.errors import InputError
-from varos_warp.kernels import bake
-from varos_warp.kernels.texture import Layer
-from varos_warp.kernels.tiling import REACH, VALUES, Image
+from varos_warp.kernels.mesh import bake
+from varos_warp.kernels.world.texture import Layer
+from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import intrinsics
 

@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 import warp as wp
 
-from varos_warp.kernels import project
 from varos_warp.kernels.conventions import BLOCK_DIM, FAR
+from varos_warp.kernels.mesh import project
 from varos_warp.scene.terrain.topology import chunks
 
 wp.config.log_level = wp.LOG_WARNING

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation
 from skimage.measure import marching_cubes
 
 from varos_warp.errors import InputError
-from varos_warp.kernels import project
+from varos_warp.kernels.mesh import project
 from varos_warp.scene.terrain.draping import drape
 from varos_warp.scene.terrain.joining import median_edge, merge_equal
 from varos_warp.scene.terrain.repair import clean

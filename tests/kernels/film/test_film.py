@@ -1,0 +1,159 @@
+"""Film: sums in parts, and the mean and standard error that they develop to, against numpy."""
+
+import numpy as np
+import pytest
+import warp as wp
+from chance import run
+
+from varos_warp.kernels.film import film as kernel
+
+LAYERS = ("direct", "single", "glow", "veil")
+
+
+@wp.kernel(enable_backward=False)
+def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
+    """Sums as the path tracers keep them; samples [layer, sample, height, width]."""
+    part = film.parts[wp.tid()]
+    row, col = part.row, part.col
+    sums = kernel.Sums()
+    for i in range(part.begin, part.end):
+        direct, single = samples[0, i, row, col], samples[1, i, row, col]
+        sums = kernel.add_sample(sums, direct, single, samples[2, i, row, col], samples[3, i, row, col])
+    kernel.store(film, wp.tid(), sums)
+
+
+def exposed(samples, most, takes, sides=1, lot=1000):
+    """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more, take by take.
+
+    In parts of ``most`` samples, so many parts at a time.
+    """
+    shape, tiles = samples.shape[2:4], tuple(-(-side // int(kernel.TILE)) for side in samples.shape[2:4])
+    film = kernel.Film()
+    film.sums = wp.zeros((kernel.SUMS, *shape), dtype=wp.vec3d, device="cpu")
+    film.count, film.wanted = (wp.zeros((sides, *tiles), dtype=int, device="cpu") for _ in "cw")
+    film.lost = wp.zeros(1, dtype=int, device="cpu")
+    device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
+    counts = wp.zeros(int(kernel.TILE) ** 2 * tiles[0] * tiles[1], dtype=int, device="cpu")
+    for take in takes:
+        film.wanted.assign(np.broadcast_to(np.int32(take), film.count.shape))
+        wp.launch(kernel.count_parts, dim=counts.shape, inputs=[film, most], outputs=[counts], device="cpu")
+        ends = wp.array(np.cumsum(counts.numpy()), dtype=int, device="cpu")
+        total = int(ends.numpy()[-1])
+        for begin in range(0, total, lot):
+            parts = min(lot, total - begin)
+            film.parts = wp.zeros(parts, dtype=kernel.PixelPart, device="cpu")
+            film.part_sums = wp.zeros((kernel.SUMS, parts), dtype=wp.vec3d, device="cpu")
+            wp.launch(kernel.list_parts, dim=ends.shape, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+            assert (film.parts.numpy()["end"] - film.parts.numpy()["begin"]).max() <= most
+            wp.launch(expose, dim=parts, inputs=[device_samples, film], device="cpu")
+            dim = (kernel.SUMS, *ends.shape)
+            wp.launch(kernel.add_parts, dim=dim, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+        wp.launch(kernel.note_samples, dim=film.count.shape, outputs=[film], device="cpu")
+    return film
+
+
+def developed(film):
+    """direct, single, multiple, residual, radiance, stderr [H, W, 3]; without metal no variance of it is known."""
+    shape = film.sums.shape[1:]
+    out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(7)]
+    wp.launch(kernel.develop, dim=shape, inputs=[film], outputs=out, device="cpu")
+    *layers, metal_variance, radiance, stderr = (image.numpy() for image in out)
+    assert (metal_variance < 0.0).all()
+    return [*layers, radiance, stderr]
+
+
+def develop(samples, most):
+    """Of samples [layer, sample, H, W, 3], all taken at once."""
+    return developed(exposed(samples, most, [samples.shape[1]]))
+
+
+def samples_of(kind, spp, seed=1):
+    rng = np.random.default_rng(seed)
+    shape = (4, spp, 3, 4, 3)
+    if kind == "heavy tail":
+        return rng.pareto(1.5, shape)
+    if kind == "small spread on a large mean":
+        return 1e4 + rng.normal(size=shape)
+    if kind == "faint":
+        return 1e-12 * rng.random(shape)
+    return rng.random(shape)
+
+
+@pytest.mark.parametrize("kind", ["uniform", "heavy tail", "small spread on a large mean", "faint"])
+@pytest.mark.parametrize(("spp", "most"), [(1000, 1000), (1000, 150), (1000, 1), (37, 8), (13, 2), (2, 1), (2, 2)])
+def test_mean_and_standard_error_are_those_of_all_samples(kind, spp, most):
+    """In parts of uneven size, too: against numpy in float64."""
+    samples = np.float32(samples_of(kind, spp)).astype(float)
+    direct, single, multiple, residual, radiance, stderr = develop(samples, most)
+    total, means = samples.sum(axis=0), samples.mean(axis=1)
+    for layer, truth in zip((direct, single, multiple), (means[0], means[1], means[2] + means[3]), strict=True):
+        np.testing.assert_allclose(layer, truth, rtol=1e-7, atol=1e-7 * multiple.max())
+    assert not residual.any()
+    np.testing.assert_allclose(radiance, total.mean(axis=0), rtol=3e-7)
+    np.testing.assert_allclose(stderr, total.std(axis=0, ddof=1) / np.sqrt(spp), rtol=1e-6)
+
+
+def test_the_mean_does_not_stall_however_many_samples_there_are():
+    """A million samples of which few are bright: in float32 the many dark ones would no longer move a running mean."""
+    rng = np.random.default_rng(2)
+    samples = np.zeros((4, 1_000_000, 1, 1, 3), np.float32)
+    samples[0] = 1e-3 * rng.pareto(1.8, samples.shape[1:])
+    radiance, stderr = develop(samples, 1_000_000)[4:]
+    total = samples[0].astype(float)
+    np.testing.assert_allclose(radiance[0, 0], total.mean(axis=(0, 1, 2)), rtol=1e-6)
+    np.testing.assert_allclose(stderr[0, 0], total.std(axis=(0, 1, 2), ddof=1) / 1e3, rtol=1e-6)
+
+
+@wp.kernel(enable_backward=False)
+def start(part: wp.array(dtype=int), parts: int, spp: int, first: wp.array(dtype=int)):
+    i = wp.tid()
+    first[i] = kernel.first_sample(part[i], parts, spp)
+
+
+@pytest.mark.parametrize(("parts", "spp"), [(7, 1000), (1000, 1000), (524_288, 2_000_000), (3, 2**31 - 2)])
+def test_parts_share_the_samples_evenly_and_without_gaps(parts, spp):
+    first = run(start, [np.arange(parts + 1, dtype=np.int32), parts, spp], [int])
+    assert np.array_equal(first, np.arange(parts + 1, dtype=np.int64) * spp // parts)
+
+
+def test_layers_sum_to_the_radiance():
+    direct, single, multiple, _, radiance, _ = develop(samples_of("heavy tail", 50), 3)
+    assert np.array_equal(direct + single + multiple, radiance)
+
+
+def test_equal_samples_have_no_error():
+    radiance, stderr = develop(np.full((4, 64, 2, 2, 3), 0.25), 5)[4:]
+    assert np.all(radiance == 1.0)
+    assert np.all(stderr == 0.0)
+
+
+def test_one_sample_has_an_unknown_error_not_a_small_one():
+    radiance, stderr = develop(samples_of("uniform", 1), 1)[4:]
+    assert np.isfinite(radiance).all()
+    assert np.all(np.isinf(stderr))
+
+
+def test_the_two_sides_of_tiles_may_take_unlike_numbers_of_samples():
+    """3 x 4 pixels are one tile, 9 x 17 six; three takes in a row, different in every tile and side."""
+    rng = np.random.default_rng(3)
+    samples = rng.pareto(1.5, (4, 60, 9, 17, 3))
+    takes = [np.full((2, 2, 3), 8), rng.integers(0, 20, (2, 2, 3)), rng.integers(0, 20, (2, 2, 3))]
+    *_, radiance, stderr = developed(exposed(samples, 6, takes, sides=2, lot=50))
+    counts = np.sum(takes, axis=0)
+    light = np.float32(samples).astype(float).sum(axis=0)
+    for row, col in ((0, 0), (7, 8), (8, 7), (8, 16), (0, 1)):
+        taken = light[:counts[(row + col) % 2, row // 8, col // 8], row, col]
+        np.testing.assert_allclose(radiance[row, col], taken.mean(0), rtol=1e-6)
+        np.testing.assert_allclose(stderr[row, col], taken.std(axis=0, ddof=1) / np.sqrt(len(taken)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_numbers_are_counted_and_black(bad):
+    samples = samples_of("uniform", 10)
+    samples[1, 3, 0, 2, 1] = bad
+    samples[2, 7, 2, 0, 0] = bad
+    film = exposed(samples, 2, [10])
+    samples[:, 3, 0, 2] = samples[:, 7, 2, 0] = 0.0
+    radiance = developed(film)[4]
+    assert film.lost.numpy()[0] == 2
+    np.testing.assert_allclose(radiance, samples.sum(axis=0).mean(axis=0), rtol=1e-6)

@@ -1,0 +1,134 @@
+"""The phase function of Henyey and Greenstein: values, normalisation, moments, and samples that follow it."""
+
+import numpy as np
+import pytest
+import warp as wp
+from chance import assert_plausible, rng_array, run, two_sided, uniform_p
+from scipy.special import eval_legendre
+
+from varos_warp.kernels.world import phase
+
+pytestmark = pytest.mark.subject("phase functions")
+
+N = 1 << 17
+HG = "Henyey and Greenstein (1941)"
+ANISOTROPIES = [-0.99, -0.5, 0.0, 1e-4, 0.5, 0.8, 0.924, 0.99]
+MOMENTS = [-0.95, -0.5, -0.1, 0.1, 0.5, 0.8, 0.924, 0.99]
+
+
+@wp.kernel(enable_backward=False)
+def evaluate(g: float, one_minus_cos: wp.array(dtype=float), pdf: wp.array(dtype=float)):
+    i = wp.tid()
+    pdf[i] = phase.hg_eval(one_minus_cos[i], g)
+
+
+@wp.kernel(enable_backward=False)
+def sample(g: float, d: wp.vec3, u: wp.array(dtype=wp.vec2), one_minus_cos: wp.array(dtype=float),
+           direction: wp.array(dtype=wp.vec3)):
+    i = wp.tid()
+    one_minus_cos[i] = phase.hg_sample_one_minus_cos(g, u[i][0])
+    direction[i] = phase.hg_sample(d, g, u[i][0], u[i][1])
+
+
+def density(one_minus_cos, g):
+    return run(evaluate, [float(g), np.asarray(one_minus_cos)], [float]).astype(float)
+
+
+def samples(g, u, d=(0.0, 0.0, 1.0)):
+    one_minus_cos, direction = run(sample, [float(g), wp.vec3(*d), u], [float, wp.vec3])
+    return one_minus_cos.astype(float), direction.astype(float)
+
+
+def distribution(x, g):
+    """P(1 - cos(theta) <= x) in float64; the distribution below is 1 minus that of the notes."""
+    x = np.asarray(x, float)
+    if abs(g) < 1e-12:
+        return x / 2
+    return (1 + g) * (1 / (1 - g) - 1 / np.sqrt((1 - g) ** 2 + 2 * g * x)) * (1 - g) / (2 * g)
+
+
+def test_the_density_has_the_known_values(truth):
+    known = np.array([3.58098621957, 0.0136403924191, 0.0049121896016])
+    for cosine, expected, got in zip((1, 0, -1), known, density([0.0, 1.0, 2.0], 0.8), strict=True):
+        truth(f"p(cos = {cosine}) [1/sr], g = 0.8", source=HG, expected=expected, got=got, tolerance=1e-6 * expected,
+              reason="float32 rounding")
+
+
+@pytest.mark.parametrize("g", ANISOTROPIES)
+def test_the_density_has_the_moments_g_to_the_l(truth, g):
+    """Quadrature over the logarithm of 1 - cos, or of 1 + cos for g < 0, where the peak is; l = 0 is its integral."""
+    edges, weights = np.polynomial.legendre.leggauss(100)
+    s = 0.5 * (edges + 1) * np.log(2 / 1e-9) + np.log(1e-9)
+    small = np.exp(s)
+    x = small if g >= 0 else 2 - small
+    # next to the peak of a negative g, 1 - cos = 2 is all that float32 sees: the integrand is known there
+    p = np.where(small > 1e-5, density(x, g), (1 - g * g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * x) ** 1.5))
+    w = 2 * np.pi * p * small * weights * 0.5 * np.log(2 / 1e-9)
+    mu = 1 - x
+    moments = [(w * eval_legendre(l, mu)).sum() for l in range(7)]
+    # 1 - |g| is known to 6e-8/(1 - |g|); at g = -0.99 the peak is 5e-5 wide in a 1 - cos that is known to 1e-7
+    truth(f"<P_l>, l = 0 to 6, of the density, g = {g}", source=HG + ": g^l", expected=float(g) ** np.arange(7),
+          got=moments, tolerance=1e-3 if g < -0.9 else 2e-6 + 3 * 6e-8 / (1 - abs(g)),
+          reason="float32 rounding of 1 - |g| and of 1 - cos")
+
+
+@pytest.mark.parametrize("g", MOMENTS)
+def test_samples_have_the_moments_g_to_the_l(truth, g):
+    mu = 1.0 - samples(g, rng_array(5, (8 * N, 2)))[0]
+    P = np.array([eval_legendre(l, mu) for l in range(1, 7)])
+    truth(f"<P_l>, l = 1 to 6, of samples, g = {g}", source=HG + ": g^l", expected=g ** np.arange(1, 7),
+          got=P.mean(axis=1), stderr=P.std(axis=1) / np.sqrt(len(mu)), tolerance=1e-6,
+          reason="float32 rounding of 1 - g")
+
+
+def test_samples_are_the_inverse_of_the_distribution(truth):
+    """The notes count u from the back: cos(u) = -1 at 0."""
+    u = np.array([0, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99])
+    cosine = [-1, 0.4, 0.8, 0.944, 0.983673469388, 0.99488399762, 0.999549558608]
+    x, _ = samples(0.8, np.column_stack([u, u * 0]))
+    truth("cos(u) at u = 0, .1, .25, .5, .75, .9, .99, g = 0.8", source=HG + ", inverse of the distribution",
+          expected=cosine, got=1 - x, tolerance=3e-7, reason="float32 rounding")
+    np.testing.assert_allclose(x, 1 - np.array(cosine), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("cosine", "share"), [(-0.5, 0.0190414899245), (0.0, 0.0506954821247), (0.5, 0.120495126515),
+                                               (0.9, 0.378115294937)])
+def test_the_share_of_light_scattered_beyond_an_angle(truth, cosine, share):
+    x, _ = samples(0.8, rng_array(1, (N, 2)))
+    hits = np.count_nonzero(1 - x <= cosine)
+    truth(f"P(cos <= {cosine}), g = 0.8", source=HG, expected=share, got=hits / N,
+          stderr=np.sqrt(share * (1 - share) / N))
+    np.testing.assert_allclose(1 - distribution(1 - cosine, 0.8), share, rtol=1e-9)
+
+
+@pytest.mark.parametrize("g", ANISOTROPIES)
+def test_samples_follow_the_density(g):
+    """Polar angle by the exact distribution, azimuth uniform; mean cosine g."""
+    axis = np.array([0.48, -0.6, -0.64])
+    x, d = samples(g, rng_array(2, (N, 2)), axis)
+    np.testing.assert_allclose(np.linalg.norm(d, axis=1), 1.0, atol=5e-7)
+    # the direction's own angle, from |d - axis|^2 / 2, which does not cancel
+    np.testing.assert_allclose(0.5 * ((d - axis) ** 2).sum(axis=1), x, rtol=1e-3, atol=1e-6)
+    e1 = np.cross(axis, [0, 0, 1]) / np.linalg.norm(np.cross(axis, [0, 0, 1]))
+    azimuth = np.arctan2(d @ np.cross(axis, e1), d @ e1) / (2 * np.pi) % 1.0
+    assert_plausible([uniform_p(np.clip(distribution(x, g), 0, 1)), uniform_p(azimuth)])
+    assert_plausible(two_sided((1 - x.mean() - g) / x.std() * np.sqrt(N)))
+
+
+@pytest.mark.parametrize("g", ANISOTROPIES)
+def test_samples_keep_their_digits_in_both_peaks(g):
+    """Relative error of 1 - cos ahead, absolute error behind, against float64 for the same g and u."""
+    u = rng_array(3, (N, 2))
+    x, _ = samples(g, u)
+    g32, v = float(np.float32(g)), u[:, 0].astype(float)
+    b = 1 - g32 + 2 * g32 * v
+    exact = 2 * (1 - v) * (1 + g32 * v) * (1 - g32) ** 2 / b**2
+    # 1 - g is rounded once for all samples: 6e-8/(1 - |g|)
+    np.testing.assert_allclose(x, exact, rtol=4e-7 + 4 * 6e-8 / (1 - abs(g)) * (abs(g) > 0.9))
+    assert x.min() >= 0.0
+
+
+def test_positive_g_scatters_forward():
+    assert density([0.1], 0.8)[0] > 50 * density([1.9], 0.8)[0]
+    assert samples(0.8, rng_array(4, (N, 2)), (0.0, 1.0, 0.0))[1].mean(axis=0)[1] > 0.79
+    assert samples(-0.8, rng_array(4, (N, 2)), (0.0, 1.0, 0.0))[1].mean(axis=0)[1] < -0.79

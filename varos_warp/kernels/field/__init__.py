@@ -1,0 +1,1 @@
+"""The precomputed radiance field of open water and its lookups."""

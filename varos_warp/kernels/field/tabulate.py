@@ -1,0 +1,141 @@
+"""Kernels that fill the tables of kernels/field/open_water.py, order of scattering by order.
+
+Light that arrives at a node is kept in directions (gamma, phi): gamma is the angle to the direction to the lamp, phi
+goes around it from the plane of the lamp's axis, and -phi is as phi. What scattering makes of them is a matrix, the
+same for all nodes, and a matter of the host (render/orders.py); here light goes from one scattering to the next.
+"""
+
+import warp as wp
+
+from varos_warp.kernels.conventions import FAR
+from varos_warp.kernels.field.open_water import (
+    LampTable,
+    NodeGrid,
+    legendre_node,
+    node_angle,
+    node_distance,
+    scale_at,
+    scattered_again,
+    single_scattering,
+)
+from varos_warp.kernels.transport.subpath import asinh
+from varos_warp.kernels.world.camera import Camera, node_ray
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.medium import Medium, transmittance
+
+wp.set_module_options({"enable_backward": False})
+
+PANEL = wp.constant(3.0)
+"""Longest piece of a ray for eight nodes, in units of the logarithm of the distance from the lamp."""
+
+
+@wp.func
+def node_point(grid: NodeGrid, row: int, col: int):
+    """Where a node lies; the lamp is at the origin and its axis along z."""
+    theta = node_angle(grid, col)
+    return node_distance(grid, row) * wp.vec3(wp.sin(theta), 0.0, wp.cos(theta))
+
+
+@wp.func
+def towards(grid: NodeGrid, row: int, col: int, direction: wp.vec2):
+    """Unit vector of a direction (gamma, phi) at a node."""
+    theta = node_angle(grid, col)
+    to_light = wp.vec3(-wp.sin(theta), 0.0, -wp.cos(theta))
+    across = wp.vec3(-wp.cos(theta), 0.0, wp.sin(theta))
+    sideways = wp.vec3(0.0, 1.0, 0.0)
+    gamma = direction[0]
+    phi = direction[1]
+    return wp.cos(gamma) * to_light + wp.sin(gamma) * (wp.cos(phi) * across + wp.sin(phi) * sideways)
+
+
+@wp.kernel(enable_backward=False)
+def light_scattered_once(
+    scene: SceneData,
+    grid: NodeGrid,
+    directions: wp.array(dtype=wp.vec2),
+    first_row: int,
+    # out
+    radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
+):
+    """Radiance that arrives at the nodes after one scattering."""
+    tile_row, col, i = wp.tid()
+    row = first_row + tile_row
+    d = towards(grid, row, col, directions[i])
+    L = single_scattering(scene.medium, scene.lights[0], node_point(grid, row, col), d, FAR)
+    radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
+
+
+@wp.func
+def light_along(medium: Medium, table: LampTable, light: Light, p: wp.vec3, d: wp.vec3):
+    """Radiance that a ray without end receives by another scattering.
+
+    The source falls off about as the inverse of the distance from the lamp, so it is even in the area hyperbolic sine;
+    at the lamp's foot, where it changes its side, the ray is taken apart.
+    """
+    foot = wp.dot(light.position - p, d)
+    h = wp.max(wp.length(light.position - p - foot * d), 1.0e-3 * wp.length(light.position - p))
+    reach = node_distance(table.grid, table.grid.distances - 1)
+    start = asinh(-foot / h)
+    L = wp.vec3(0.0)
+    for side in range(2):
+        low = wp.where(side == 0, start, wp.max(start, 0.0))
+        high = wp.where(side == 0, 0.0, asinh((reach - foot) / h))
+        panels = int(wp.ceil(wp.max(high - low, 0.0) / PANEL))
+        width = (high - low) / float(wp.max(panels, 1))
+        for k in range(8 * panels):
+            node = legendre_node(k & 7)
+            x = low + width * (float(k >> 3) + node[0])
+            t = wp.max(foot + 0.5 * h * (wp.exp(x) - wp.exp(-x)), 0.0)
+            weight = node[1] * width * 0.5 * h * (wp.exp(x) + wp.exp(-x))
+            L += weight * wp.cw_mul(transmittance(medium, t), scattered_again(table, light, p + t * d, d))
+    return L
+
+
+@wp.kernel(enable_backward=False)
+def light_scattered_again(
+    scene: SceneData,
+    table: LampTable,
+    grid: NodeGrid,
+    directions: wp.array(dtype=wp.vec2),
+    first_row: int,
+    # out
+    radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
+):
+    """Radiance that arrives at the nodes of ``grid`` after light of the ``table`` has scattered once more."""
+    tile_row, col, i = wp.tid()
+    row = first_row + tile_row
+    d = towards(grid, row, col, directions[i])
+    L = light_along(scene.medium, table, scene.lights[0], node_point(grid, row, col), d)
+    radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
+
+
+@wp.kernel(enable_backward=False)
+def fill_veil(
+    scene: SceneData,
+    lamps: wp.array(dtype=LampTable),
+    camera: Camera,
+    size: wp.vec2,
+    nearest: float,
+    log_step: float,
+    first_row: int,
+    # out
+    veil: wp.array3d(dtype=wp.vec3),  # [distance, row, col]
+):
+    """Radiance that light scattered twice or more adds to a camera's rays up to each distance."""
+    tile_row, col = wp.tid()
+    row = first_row + tile_row
+    ray = node_ray(camera, size, float(row), float(col), veil.shape[1], veil.shape[2])
+    L = wp.vec3(0.0)
+    start = float(0.0)
+    for k in range(veil.shape[0]):
+        end = nearest * wp.exp(float(k) * log_step)
+        for i in range(8):
+            node = legendre_node(i)
+            t = wp.lerp(start, end, node[0])
+            S = wp.vec3(0.0)
+            for lamp in range(lamps.shape[0]):
+                S += scattered_again(lamps[lamp], scene.lights[lamp], ray.o + t * ray.d, ray.d)
+            L += node[1] * (end - start) * wp.cw_mul(transmittance(scene.medium, t), S)
+        veil[k, row, col] = L
+        start = end

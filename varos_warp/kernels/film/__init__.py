@@ -1,0 +1,1 @@
+"""Samples to pixels: sums, adaptive sampling, what a denoiser needs."""

@@ -1,0 +1,1 @@
+"""Kernels for meshes on the host: closest points, shrinkwrap, baking."""

@@ -1,0 +1,87 @@
+"""Image B: the scene without water in uniform ambient light of radiance 1."""
+
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.transport.sampling import uniforms
+from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Image B, for scenes with or without instances and textures."""
+    first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+
+    @wp.func
+    def ambient_radiance(
+        scene: SceneData,
+        o: wp.vec3,
+        d: wp.vec3,
+        pixel_angle: float,
+        max_bounces: int,
+        key: wp.uint32,
+        pixel: int,
+        sample: int,
+    ):
+        """Radiance along a ray: surfaces take their shares until the path escapes to the light around the scene."""
+        throughput = wp.vec3(1.0)
+        origin = o
+        direction = d
+        bounces = int(0)
+        while bounces <= max_bounces:
+            hit = first_hit(scene, origin, direction)
+            if hit.face < 0:
+                return throughput
+            n = shading_normal(scene, hit)
+            angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
+            footprint = footprint_width(angle, hit.t, direction, hit.n)
+            surface = hit_surface(scene, hit, n, footprint)
+            bounces += 1
+            u = uniforms(key, pixel, sample, bounces)
+            v = -direction
+            direction = sample_surface(surface, n, v, u[0], u[1], u[3])
+            throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, v, direction))
+            origin = hit.start
+            survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
+            if u[2] >= survival:
+                return wp.vec3(0.0)
+            # around a smoothed normal some directions dip into the surface: mirrored out, no light is lost
+            below = wp.min(wp.dot(direction, hit.n), 0.0)
+            direction = direction - 2.0 * below * hit.n
+            throughput /= survival
+        return wp.vec3(0.0)
+
+    @wp.kernel(**LONG_KERNEL)
+    def trace_ambient(
+        scene: SceneData,
+        camera: Camera,
+        first: int,
+        max_bounces: int,
+        key: wp.uint32,
+        # out
+        film: Film,
+    ):
+        """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
+        i = first + wp.tid()
+        part = film.parts[i]
+        row, col = part.row, part.col
+        pixel = row * film.sums.shape[2] + col
+        sums = Sums()
+        for sample in range(part.begin, part.end):
+            u = uniforms(key, pixel, sample, 0)
+            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
+            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
+            sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
+        store(film, i, sums)
+
+    return trace_ambient

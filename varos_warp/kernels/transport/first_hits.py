@@ -1,0 +1,82 @@
+"""Images C, D and S, and guides for a denoiser: what the ray through each pixel's centre hits first."""
+
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.world.bsdf import surface_albedo
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData, corner_normal, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.texture import footprint_width
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_first_hits_kernel(instances: bool) -> wp.Kernel:
+    """Images C, D and S, for scenes with or without instances."""
+    first_hit, _ = make_rays(instances)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_first_hits(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        # out
+        normal: wp.array2d(dtype=wp.vec3),
+        depth: wp.array2d(dtype=float),
+        distance: wp.array2d(dtype=float),
+        instance: wp.array2d(dtype=wp.int32),
+    ):
+        """World normal, planar depth z and distance along the ray [m], number of the part from 1, all [height, width].
+
+        Where nothing is hit: zeros, inf, inf, 0.
+        """
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        # the centre of the lens, whatever the aperture
+        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
+        hit = first_hit(scene, ray.o, ray.d)
+        if hit.face < 0:
+            normal[row, col] = wp.vec3(0.0)
+            depth[row, col] = wp.inf
+            distance[row, col] = wp.inf
+            instance[row, col] = 0
+            return
+        normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
+        depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
+        distance[row, col] = hit.t
+        instance[row, col] = hit.part + 1
+
+    return trace_first_hits
+
+
+@cache
+def make_guides_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Guides for a denoiser, for scenes with or without instances and textures."""
+    first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_guides(
+        scene: SceneData,
+        camera: Camera,
+        first_row: int,
+        # out
+        albedo: wp.array2d(dtype=wp.vec3),
+        normal: wp.array2d(dtype=wp.vec3),
+    ):
+        """What the surface reflects, in [0, 1], and its normal as in image C, both [height, width]; zeros at no hit."""
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
+        hit = first_hit(scene, ray.o, ray.d)
+        albedo[row, col] = wp.vec3(0.0)
+        normal[row, col] = wp.vec3(0.0)
+        if hit.face >= 0:
+            n = shading_normal(scene, hit)
+            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
+            albedo[row, col] = wp.min(surface_albedo(surface), wp.vec3(1.0))
+            normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
+
+    return trace_guides

@@ -1,0 +1,159 @@
+"""Lit points: places on surfaces that rays from the lamps meet first, spread over a frame before its pixels are drawn.
+
+Light that goes lamp, surface, vertex can be found from the vertex (a ray in a direction of its lobe, that happens to
+meet a lit place) or from the lamp (a lit point, that happens to be seen). Each fails where the other is good: small
+bright places far away, and places close by. Both are taken, weighted by the balance heuristic (Veach and Guibas 1995).
+Of several lit points one is chosen by what it would send without obstacles (resampling, Talbot et al. 2005).
+"""
+
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.transport.in_scatter import lamp_beam
+from varos_warp.kernels.transport.sampling import Pick, from_polar, reservoir
+from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
+from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import Light, brightest
+from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.texture import METAL, WALK_ANGLE, footprint_width
+
+wp.set_module_options({"enable_backward": False})
+
+CANDIDATES = wp.constant(4)
+"""Lit points that one is chosen from."""
+
+
+@wp.struct
+class LitPoint:
+    """A place that one lamp lights."""
+
+    p: wp.vec3
+    """Where rays from it start."""
+    n: wp.vec3
+    """Geometric normal on the lit side."""
+    L: wp.vec3
+    """Radiance of the lamp's light off the surface; 0 where the ray met nothing, or a material that may be metal."""
+    density: float
+    """Of such points per area [1/m^2]."""
+
+
+@wp.func
+def may_have_lobe(scene: SceneData, hit: Hit):
+    """Whether a surface's material can be metal: by the material, so that rays of any width agree on it."""
+    material = scene.materials[hit.part]
+    return material.kind == METAL or material.metallic == 1
+
+
+@wp.func
+def cone_solid_angle(light: Light):
+    """Of a lamp's cone [sr]."""
+    return wp.tau * (1.0 - light.cos_half)
+
+
+@wp.func
+def lamp_flux(light: Light):
+    """Brightest channel of what a lamp sends [W], its soft edge counted in full."""
+    return brightest(light.intensity) * cone_solid_angle(light)
+
+
+@wp.func
+def lit_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
+    """Density per area of lit points of lamp ``i`` at a place with geometric normal ``n`` that it lights."""
+    total = float(0.0)
+    for k in range(scene.lights.shape[0]):
+        total += lamp_flux(scene.lights[k])
+    offset = scene.lights[i].position - p
+    d2 = wp.dot(offset, offset)
+    facing = wp.abs(wp.dot(n, offset)) / (d2 * wp.sqrt(d2))
+    return lamp_flux(scene.lights[i]) / total * facing / cone_solid_angle(scene.lights[i])
+
+
+@cache
+def make_lit_points_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Rays from the lamps to their first surfaces."""
+    first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_lit_points(
+        scene: SceneData,
+        key: wp.uint32,
+        # out
+        points: wp.array(dtype=LitPoint),
+    ):
+        k = wp.tid()
+        u = sobol4(key, -1, k, 0)
+        total = float(0.0)
+        pick = Pick()
+        pick.u = u[2]
+        for i in range(scene.lights.shape[0]):
+            weight = lamp_flux(scene.lights[i])
+            total += weight
+            pick = reservoir(pick, i, weight, total)
+        light = scene.lights[pick.index]
+        x = u[0] * (1.0 - light.cos_half)
+        d = from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * u[1])
+        hit = first_hit(scene, light.position, d)
+        point = LitPoint()
+        if hit.face >= 0:
+            n = shading_normal(scene, hit)
+            surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
+            point.p = hit.start
+            point.n = hit.n
+            if not may_have_lobe(scene, hit):
+                E = wp.max(-wp.dot(n, d), 0.0) * lamp_beam(scene, light, hit.p)
+                point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
+                point.density = lit_density(scene, pick.index, hit.p, hit.n)
+        points[k] = point
+
+    return find_lit_points
+
+
+@wp.struct
+class PointLight:
+    """Light of one lit point at a vertex, as if nothing stood between the two."""
+
+    p: wp.vec3
+    L: wp.vec3
+
+
+@wp.func
+def gather_lit_point(scene: SceneData, points: wp.array(dtype=LitPoint), vertex: Vertex, u: float, v: float):
+    """Light of all lit points on a vertex, towards where its ray came from, estimated by one of them.
+
+    Each of the CANDIDATES is drawn from its own part of the points.
+    """
+    total = float(0.0)
+    pick = Pick()
+    pick.u = v
+    best = PointLight()
+    candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is what GPUs like
+    for k in range(candidates):
+        at = int((float(k) + u) / float(CANDIDATES) * float(points.shape[0]))
+        point = points[wp.min(at, points.shape[0] - 1)]
+        offset = point.p - vertex.p
+        r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
+        r = wp.sqrt(r2)
+        d = offset / r
+        facing = -wp.dot(point.n, d) / r2
+        if facing > 0.0 and point.density > 0.0:
+            either = own_lobe_pdf(scene, vertex, d) * facing + point.density
+            f = vertex_eval(scene, vertex, d)
+            L = (facing / either) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
+            weight = brightest(L)
+            total += weight
+            pick = reservoir(pick, k, weight, total)
+            if weight > 0.0 and pick.index == k:
+                best.p = point.p
+                best.L = L / weight
+    best.L *= total / float(CANDIDATES)
+    return best
+
+
+@wp.func
+def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, lamp: int, p: wp.vec3, n: wp.vec3):
+    """Weight of a lamp's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_lit_point."""
+    found = lobe_pdf * wp.abs(wp.dot(d, n))
+    return found / wp.max(found + t * t * lit_density(scene, lamp, p, n), 1.0e-30)

@@ -1,0 +1,167 @@
+"""How a surface scatters light: a Lambertian part and a metal's rough mirror lobe (GGX).
+
+Directions ``v`` (towards the viewer) and ``l`` (towards the light) are unit vectors that point away from the surface.
+The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing (Heitz 2014). Light that microfacets
+reflect more than once is given back by the factor of Turquin (2019), so that a white metal loses nothing.
+"""
+
+import warp as wp
+
+from varos_warp.kernels.transport.sampling import sample_cosine
+from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.texture import Surface
+
+wp.set_module_options({"enable_backward": False})
+
+GRAZING = wp.constant(1.0e-3)
+"""Least cosine of the viewer."""
+
+
+@wp.func
+def facing(n: wp.vec3, viewer: wp.vec3):
+    """The viewer's direction, raised where a smoothed normal faces away from him: density and value then agree."""
+    below = GRAZING - wp.dot(n, viewer)
+    if below <= 0.0:
+        return viewer
+    return wp.normalize(viewer + below * n)
+
+
+@wp.func
+def lobe_alpha(roughness: float):
+    """Slope deviation of the microfacets (Burley 2012); smoother than 0.01 point lamps have no digits left."""
+    return wp.max(roughness * roughness, 0.01)
+
+
+@wp.func
+def smith_lambda(cosine: float, alpha: float):
+    """Heitz 2014, equation (72)."""
+    c2 = cosine * cosine
+    return 0.5 * (wp.sqrt(1.0 + alpha * alpha * wp.max(1.0 - c2, 0.0) / c2) - 1.0)
+
+
+@wp.func
+def ggx(n_h: float, alpha: float):
+    """Density of microfacet normals at cosine ``n_h`` [1/sr]."""
+    x = 1.0 + (alpha * alpha - 1.0) * n_h * n_h
+    return alpha * alpha / (wp.pi * x * x)
+
+
+@wp.func
+def lobe_pdf(n: wp.vec3, viewer: wp.vec3, l: wp.vec3, alpha: float):
+    """Density of sample_lobe [1/sr]: visible normals, reflected (Heitz 2018, equation (17))."""
+    v = facing(n, viewer)
+    n_v = wp.dot(n, v)
+    n_h = wp.dot(n, wp.normalize(v + l))
+    if n_h <= 0.0:
+        return 0.0
+    return ggx(n_h, alpha) / (4.0 * n_v * (1.0 + smith_lambda(n_v, alpha)))
+
+
+@wp.func
+def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
+    """Mirror direction about a normal that the viewer sees.
+
+    Heitz 2018, "Sampling the GGX distribution of visible normals", JCGT 7(4); may lie under the surface.
+    """
+    v = facing(n, viewer)
+    s = wp.where(n[2] < 0.0, -1.0, 1.0)
+    a = -1.0 / (s + n[2])
+    b = n[0] * n[1] * a
+    x = wp.vec3(1.0 + s * n[0] * n[0] * a, s * b, -s * n[0])
+    y = wp.vec3(b, s + n[1] * n[1] * a, -n[1])
+    stretched = wp.normalize(wp.vec3(alpha * wp.dot(x, v), alpha * wp.dot(y, v), wp.dot(n, v)))
+    t1 = wp.vec3(1.0, 0.0, 0.0)
+    if stretched[2] < 0.9999:
+        t1 = wp.normalize(wp.vec3(-stretched[1], stretched[0], 0.0))
+    t2 = wp.cross(stretched, t1)
+    r = wp.sqrt(u)
+    p1 = r * wp.cos(wp.tau * w)
+    half = 0.5 * (1.0 + stretched[2])
+    p2 = (1.0 - half) * wp.sqrt(wp.max(1.0 - p1 * p1, 0.0)) + half * r * wp.sin(wp.tau * w)
+    m = p1 * t1 + p2 * t2 + wp.sqrt(wp.max(1.0 - p1 * p1 - p2 * p2, 0.0)) * stretched
+    h = wp.normalize(alpha * m[0] * x + alpha * m[1] * y + wp.max(m[2], 1.0e-6) * n)
+    return wp.normalize(2.0 * wp.dot(v, h) * h - v)
+
+
+@wp.func
+def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
+    """What a white lobe reflects when microfacets reflect once; bilinear in the roots of cosine and alpha."""
+    x = wp.sqrt(wp.clamp(cosine, 0.0, 1.0)) * float(table.shape[1] - 1)
+    y = wp.clamp(wp.sqrt(alpha), 0.0, 1.0) * float(table.shape[0] - 1)
+    i = wp.min(int(x), table.shape[1] - 2)
+    j = wp.min(int(y), table.shape[0] - 2)
+    low = wp.lerp(table[j, i], table[j, i + 1], x - float(i))
+    high = wp.lerp(table[j + 1, i], table[j + 1, i + 1], x - float(i))
+    return wp.lerp(low, high, y - float(j))
+
+
+@wp.func
+def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, viewer: wp.vec3, l: wp.vec3):
+    """Lobe times the cosine of the light, per channel [1/sr]; Fresnel's term is Schlick's (1994)."""
+    n_l = wp.dot(n, l)
+    if n_l <= 0.0:
+        return wp.vec3(0.0)
+    alpha = lobe_alpha(surface.roughness)
+    v = facing(n, viewer)
+    n_v = wp.dot(n, v)
+    h = wp.normalize(v + l)
+    grazing = wp.pow(1.0 - wp.clamp(wp.dot(v, h), 0.0, 1.0), 5.0)
+    F = surface.specular + grazing * (wp.vec3(surface.metal) - surface.specular)
+    shadowing = 1.0 / (1.0 + smith_lambda(n_v, alpha) + smith_lambda(n_l, alpha))
+    once = ggx(wp.dot(n, h), alpha) * shadowing / (4.0 * n_v)
+    E = lobe_albedo(table, n_v, alpha)
+    again = wp.vec3(1.0) + ((1.0 - E) / (E * surface.metal)) * surface.specular
+    return once * wp.cw_mul(F, again)
+
+
+# -------------------------------------------------------------------------------------------------------- both parts
+
+
+@wp.func
+def surface_albedo(surface: Surface):
+    """About what a surface reflects in all, per channel."""
+    return surface.reflectance + surface.specular
+
+
+@wp.func
+def lobe_share(surface: Surface):
+    """Share of directions that are drawn from the lobe."""
+    if surface.metal <= 0.0:
+        return 0.0
+    lobe = brightest(surface.specular)
+    return lobe / wp.max(lobe + brightest(surface.reflectance), 1.0e-20)
+
+
+@wp.func
+def surface_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """Scattering function times the cosine of the light, per channel [1/sr]."""
+    f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * surface.reflectance
+    if surface.metal > 0.0:
+        f += lobe_eval(table, surface, n, v, l)
+    return f
+
+
+@wp.func
+def surface_pdf(surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """Density of sample_surface [1/sr]."""
+    share = lobe_share(surface)
+    pdf = (1.0 - share) * wp.max(wp.dot(n, l), 0.0) / wp.pi
+    if share > 0.0:
+        pdf += share * lobe_pdf(n, v, l, lobe_alpha(surface.roughness))
+    return pdf
+
+
+@wp.func
+def sample_surface(surface: Surface, n: wp.vec3, v: wp.vec3, u: float, w: float, choice: float):
+    """Direction of light, from the cosine or from the lobe; may lie under the surface."""
+    if choice < lobe_share(surface):
+        return sample_lobe(n, v, lobe_alpha(surface.roughness), u, w)
+    return sample_cosine(n, u, w)
+
+
+@wp.func
+def sample_weight(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """surface_eval over surface_pdf for a direction from sample_surface; without a lobe exactly the reflectance."""
+    if surface.metal <= 0.0:
+        return surface.reflectance
+    return surface_eval(table, surface, n, v, l) / wp.max(surface_pdf(surface, n, v, l), 1.0e-20)

@@ -1,0 +1,261 @@
+"""The scene on the device and its rays: first hit and visibility."""
+
+from functools import cache
+
+import warp as wp
+
+from varos_warp.kernels.conventions import FAR
+from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.medium import Medium
+from varos_warp.kernels.world.texture import MAPPED, Material, Surface, surface_at
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Instance:
+    """One of many copies of a mesh: x_world = scale R x + p."""
+
+    mesh: wp.uint64
+    first_face: int
+    """Where the mesh's faces start in the arrays per face."""
+    R: wp.mat33
+    p: wp.vec3
+    scale: float
+
+
+@wp.struct
+class SceneData:
+    """Everything that rays meet; in the local world, as handles that the host's DeviceScene owns.
+
+    What stands there once is one mesh, in world axes. Copies are instances: they share a mesh in its own axes, and a
+    BVH over their boxes finds those that a ray may hit.
+    """
+
+    mesh: wp.uint64
+    """0 where nothing stands there once."""
+    instance_bvh: wp.uint64
+    instances: wp.array(dtype=Instance)
+    parts: int
+    """How many parts the mesh has; instance k is part ``parts + k``."""
+    face_part: wp.array(dtype=wp.int32)
+    """Part that a face of the mesh belongs to, shape [F]."""
+    materials: wp.array(dtype=Material)
+    """Per part."""
+    shading_normals: wp.array(dtype=wp.vec3)
+    """Normals that A and B are lit with, per face corner in the mesh's axes; unused while ``has_shading_normals`` is 0.
+    """
+    has_shading_normals: int
+    smooth_normals: wp.array(dtype=wp.vec3)
+    """Normals of image C, per face corner in the mesh's axes."""
+    corner_values: wp.array(dtype=wp.vec3)
+    """Per face corner, texture coordinates or colours from mesh files (see texture.surface_at); empty without any."""
+    lobe_albedo: wp.array2d(dtype=float)
+    """Of a white metal, see surface.lobe_albedo; empty without metals."""
+    medium: Medium
+    lights: wp.array(dtype=Light)
+    ray_count: wp.array(dtype=wp.int64)
+    """Counts rays, shape [1]; empty but for benchmarks."""
+
+
+@wp.struct
+class Hit:
+    """First surface on a ray; ``t`` is FAR and ``face`` -1 where there is none."""
+
+    t: float
+    face: int
+    """In the arrays per face."""
+    part: int
+    instance: int
+    """-1 in the mesh of what stands there once."""
+    bary: wp.vec2
+    p: wp.vec3
+    """Point on the surface."""
+    start: wp.vec3
+    """Where rays leave the surface: a rounding error off it, on the side the ray came from."""
+    n: wp.vec3
+    """Geometric normal towards the side the ray came from."""
+
+
+@wp.func(inline=False)  # one copy of its long code for all callers, or a GPU waits for its instructions
+def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
+    """Whether a ray hits a mesh, in its axes, before ``t_max``."""
+    return wp.mesh_query_ray_anyhit(mesh, o, d, t_max)
+
+
+@wp.func
+def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
+    """How far a secondary ray starts from its surface, in the units of the mesh.
+
+    A few float32 spacings of the coordinates and of the triangle's size, with which the rounding of hits grows.
+    """
+    reach = wp.max(wp.abs(p))
+    for i in range(3):
+        reach = wp.max(reach, wp.max(wp.abs(wp.mesh_get_point(mesh, 3 * face + i) - p)))
+    return 1.0e-6 + 4.0e-6 * reach
+
+
+@wp.func
+def count_ray(scene: SceneData):
+    """Count a ray where a benchmark asks for it."""
+    if scene.ray_count.shape[0] > 0:
+        wp.atomic_add(scene.ray_count, 0, wp.int64(1))
+
+
+@wp.func
+def to_instance(instance: Instance, q: wp.vec3):
+    """A vector of the world in an instance's axes and units; of a point, its offset from ``instance.p``."""
+    return (wp.transpose(instance.R) * q) / instance.scale
+
+
+@wp.func
+def nearest_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, before: Hit):
+    """The nearest of a hit and what the ray hits of instances, in the axes of its mesh."""
+    hit = before
+    query = wp.bvh_query_ray(scene.instance_bvh, o, d)
+    k = int(0)
+    while wp.bvh_query_next(query, k, hit.t):
+        copy = scene.instances[k]
+        # the direction keeps its length in the world, so that t does too
+        found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
+        if found.result:
+            hit.t = found.t
+            hit.face = found.face
+            hit.bary = wp.vec2(found.u, found.v)
+            hit.n = found.normal
+            hit.instance = k
+    return hit
+
+
+@wp.func
+def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
+    """Whether the ray hits an instance before ``t_max``."""
+    query = wp.bvh_query_ray(scene.instance_bvh, o, d)
+    k = int(0)
+    while wp.bvh_query_next(query, k, t_max):
+        copy = scene.instances[k]
+        if any_hit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
+            return True
+    return False
+
+
+@wp.func
+def locate(scene: SceneData, d: wp.vec3, found: Hit):
+    """A hit with its place in the world, where rays from it start, and its part."""
+    hit = found
+    # from the triangle, not from o + t d: the rounding does not grow with the ray
+    if hit.instance < 0:
+        hit.p = wp.mesh_eval_position(scene.mesh, hit.face, hit.bary[0], hit.bary[1])
+        offset = offset_distance(scene.mesh, hit.face, hit.p)
+        hit.part = scene.face_part[hit.face]
+    else:
+        copy = scene.instances[hit.instance]
+        p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
+        hit.p = copy.scale * (copy.R * p) + copy.p
+        offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
+        hit.n = copy.R * hit.n
+        hit.part = scene.parts + hit.instance
+        hit.face += copy.first_face
+    hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
+    hit.start = hit.p + offset * hit.n
+    return hit
+
+
+@cache
+def make_rays(instances: bool):
+    """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, for scenes with or without instances.
+
+    The stack of the query over instances would cost scenes that have none a tenth of their speed.
+    """
+
+    @wp.func
+    def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
+        """Nearest surface along the ray."""
+        hit = Hit()
+        hit.t = FAR
+        hit.face = -1
+        hit.instance = -1
+        count_ray(scene)
+        if scene.mesh != wp.uint64(0):
+            query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
+            if query.result:
+                hit.t = query.t
+                hit.face = query.face
+                hit.bary = wp.vec2(query.u, query.v)
+                hit.n = query.normal
+        if wp.static(instances):
+            hit = nearest_instance(scene, o, d, hit)
+        if hit.face >= 0:
+            hit = locate(scene, d, hit)
+        return hit
+
+    @wp.func
+    def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
+        """Whether nothing stands between two points."""
+        offset = q - p
+        distance = wp.length(offset)
+        if distance == 0.0:
+            return True
+        count_ray(scene)
+        d = offset / distance
+        if scene.mesh != wp.uint64(0):
+            if any_hit(scene.mesh, p, d, distance):
+                return False
+        if wp.static(instances):
+            return not any_instance(scene, p, d, distance)
+        return True
+
+    return first_hit, visible
+
+
+@wp.func
+def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
+    """Interpolated corner normal in the world, turned to the side of ``hit.n``."""
+    corner = 3 * hit.face
+    w = 1.0 - hit.bary[0] - hit.bary[1]
+    n = wp.normalize(hit.bary[0] * normals[corner] + hit.bary[1] * normals[corner + 1] + w * normals[corner + 2])
+    if hit.instance >= 0:
+        n = scene.instances[hit.instance].R * n
+    return wp.where(wp.dot(n, hit.n) < 0.0, -n, n)
+
+
+@wp.func
+def shading_normal(scene: SceneData, hit: Hit):
+    """Normal for the reflected light at a hit."""
+    if scene.has_shading_normals == 0:
+        return hit.n
+    return corner_normal(scene, scene.shading_normals, hit)
+
+
+@wp.func
+def file_value(scene: SceneData, hit: Hit):
+    """What the file of the mesh gives for a hit: ``corner_values`` between the corners."""
+    if scene.corner_values.shape[0] == 0:
+        return wp.vec3(0.0)
+    corner = 3 * hit.face
+    w = 1.0 - hit.bary[0] - hit.bary[1]
+    value = hit.bary[0] * scene.corner_values[corner] + hit.bary[1] * scene.corner_values[corner + 1]
+    return value + w * scene.corner_values[corner + 2]
+
+
+@cache
+def make_hit_surface(textures: bool):
+    """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
+
+    What it would cost a scene without them on a GPU: half as many registers again, spilled to memory.
+    """
+
+    @wp.func
+    def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
+        """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
+        if wp.static(textures):
+            m = scene.materials[hit.part]
+            at = file_value(scene, hit)
+            if hit.instance >= 0 and m.kind == MAPPED:
+                at[2] = at[2] / scene.instances[hit.instance].scale
+            return surface_at(m, hit.p, n, at, footprint)
+        surface = Surface()
+        surface.reflectance = scene.materials[hit.part].base
+        return surface
+
+    return hit_surface

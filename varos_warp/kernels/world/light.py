@@ -1,0 +1,108 @@
+"""Spot and point lights: radiant intensity, and the part of a ray that a cone lights."""
+
+import warp as wp
+
+from varos_warp.kernels.conventions import FAR, NEAR
+from varos_warp.kernels.transport.sampling import equiangular_angle
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Light:
+    """A point with a cone: ``intensity`` [W/sr] inside, falling to 0 over the soft edge ``blend`` (Blender's spot)."""
+
+    position: wp.vec3
+    axis: wp.vec3
+    cos_half: float
+    """Cosine of the half angle of the cone; -1 shines everywhere."""
+    blend: float
+    intensity: wp.vec3
+
+
+@wp.func
+def falloff(light: Light, cos_angle: float):
+    """Share of the intensity at an angle to the axis: smoothstep in the cosine (measured on Cycles to 1e-4)."""
+    if light.cos_half <= -1.0:
+        return 1.0
+    x = cos_angle - light.cos_half
+    if x < 0.0:
+        return 0.0
+    width = light.blend * (1.0 - light.cos_half)
+    if x >= width:
+        return 1.0
+    s = x / width
+    return s * s * (3.0 - 2.0 * s)
+
+
+@wp.struct
+class LitInterval:
+    """The part [ya, yb] of a ray that a light's cone holds, measured from the foot of the light on the ray.
+
+    ``h`` is the light's distance from the ray's line, ``foot`` where the foot lies on the ray, ``angle`` the integral
+    of 1/d^2 to the light over the interval; 0 where nothing is lit.
+    """
+
+    foot: float
+    h: float
+    ya: float
+    yb: float
+    angle: float
+
+
+@wp.func
+def clip_to_cone(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
+    """Interval of points v + y d (from the light's position, v perpendicular to d) inside a cone narrower than 180 deg.
+
+    The squared cone equation is A y^2 + 2 B y + C >= 0; a convex nappe is left in one interval.
+    """
+    c2 = light.cos_half * light.cos_half
+    da = wp.dot(d, light.axis)
+    va = wp.dot(v, light.axis)
+    h2 = wp.dot(v, v)
+    A = (da - light.cos_half) * (da + light.cos_half)
+    if wp.abs(A) < 1.0e-12:
+        A = 1.0e-12
+    B = da * va
+    C = va * va - c2 * h2
+    root2 = c2 * (A * h2 + va * va)
+    if root2 < 0.0:
+        return wp.vec2(0.0, 0.0)
+    q = -(B + wp.where(B < 0.0, -1.0, 1.0) * wp.sqrt(root2))
+    y1 = q / A
+    y2 = wp.where(q == 0.0, 0.0, C / q)
+    low = wp.min(y1, y2)
+    high = wp.max(y1, y2)
+    if A > 0.0:
+        if da > 0.0:
+            return wp.vec2(wp.max(ya, high), yb)
+        return wp.vec2(ya, wp.min(yb, low))
+    if va + 0.5 * (low + high) * da < 0.0:
+        return wp.vec2(0.0, 0.0)
+    return wp.vec2(wp.max(ya, low), wp.min(yb, high))
+
+
+@wp.func
+def lit_interval(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """The part of the ray from ``o`` along ``d`` to ``t_max`` that the light's cone holds."""
+    part = LitInterval()
+    to_light = light.position - o
+    part.foot = wp.dot(to_light, d)
+    v = part.foot * d - to_light
+    part.h = wp.max(wp.length(v), NEAR)
+    part.ya = -part.foot
+    part.yb = wp.min(t_max, FAR) - part.foot
+    # next to 180 deg the quadratic has no digits; the falloff alone tells, as for wider cones
+    if light.cos_half > 1.0e-4:
+        clipped = clip_to_cone(light, v, d, part.ya, part.yb)
+        part.ya = clipped[0]
+        part.yb = clipped[1]
+    if part.yb > part.ya:
+        part.angle = equiangular_angle(part.h, part.ya, part.yb)
+    return part
+
+
+@wp.func
+def brightest(c: wp.vec3):
+    """Largest channel."""
+    return wp.max(c[0], wp.max(c[1], c[2]))

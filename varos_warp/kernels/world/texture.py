@@ -1,0 +1,210 @@
+"""What a surface reflects at a point: constants, tiled sand and rock, texture maps, rust, dirt, metal.
+
+Everything is averaged over a ``footprint``: the width [m] on the surface of what a ray stands for. That is what keeps
+distant textures from aliasing, and what makes them cheap: patterns finer than it are not computed.
+"""
+
+import warp as wp
+
+from varos_warp.kernels.world.noise import band, fbm
+from varos_warp.kernels.world.tiling import Image, level_of, sample, tiled
+
+wp.set_module_options({"enable_backward": False})
+
+DIFFUSE = wp.constant(0)
+GROUND = wp.constant(1)
+MAPPED = wp.constant(2)
+COLOURED = wp.constant(3)
+METAL = wp.constant(4)
+RUST = wp.constant(5)
+DIRT = wp.constant(6)
+
+NOISE_DEVIATION = wp.constant(0.215)
+"""Standard deviation of the noise that rust and dirt are cut from: fbm of four octaves."""
+
+WALK_ANGLE = wp.constant(0.2)
+"""Width of the cone that a ray of a walk stands for [rad]: such rays carry no sharp image."""
+
+
+@wp.struct
+class Layer:
+    """A tile on a surface."""
+
+    image: Image
+    offset: wp.vec3
+    """As the material's, less whole multiples of ``tiling.PERIOD`` tiles."""
+    size: float
+    """Width of the tile [m]."""
+    ripple: float
+    """Length of ripples [m]; 0 is none."""
+
+
+@wp.struct
+class Material:
+    """What ``surface_at`` needs; the host's materials.py fills it."""
+
+    kind: int
+    offset: wp.vec3
+    """Where noise is laid from: added to local world coordinates, so that patterns move with their object alone."""
+    seed: wp.uint32
+    base: wp.vec3
+    """Reflectance of a diffuse surface, of what is under rust or dirt, or F0 of a metal."""
+    metallic: int
+    """Whether what is under rust is bare metal with a lobe."""
+    roughness: float
+    """Of the metal's lobe."""
+    layer_dark: wp.vec3
+    """Reflectance of rust or dirt at its edges, and where it is thick."""
+    layer_pale: wp.vec3
+    threshold: float
+    """Noise above it is rust or dirt."""
+    cycles: float
+    """Patches of rust or dirt per metre."""
+    layers: wp.array(dtype=Layer)
+    """What lies where the surface looks up, then what is steep; or one for all of it, or the texture map."""
+
+
+@wp.struct
+class Surface:
+    """What a point of a surface does with light: a Lambertian part and a metal's lobe."""
+
+    reflectance: wp.vec3
+    """Of the diffuse part."""
+    specular: wp.vec3
+    """F0 of the lobe, times ``metal``."""
+    metal: float
+    """Share of bare metal; 0: no lobe."""
+    roughness: float
+
+
+@wp.func
+def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
+    """Width on the surface [m] of what a ray along ``d`` stands for: a cone of ``angle`` [rad], ``t`` [m] away.
+
+    The side of the square that has the area of the cone's section with the surface: between its two widths.
+    """
+    return angle * t / wp.sqrt(wp.max(wp.abs(wp.dot(d, n)), 0.02))
+
+
+@wp.func
+def unit_clamp(c: wp.vec3):
+    """Each channel within 0..1."""
+    return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
+
+
+# -------------------------------------------------------------------------------------------------------------- ground
+
+
+@wp.func
+def ripples(seed: wp.uint32, x: wp.vec3, broad: float, footprint: float):
+    """Shade of ripples around 1: pale crests and dark troughs that bend, fork and die out; in lengths of a ripple."""
+    share = band(footprint)
+    if share == 0.0:
+        return 1.0
+    bend = 2.6 * fbm(seed, 0.11 * x, 3, 0.0)
+    phase = 2.0 * wp.pi * (0.92 * x[0] + 0.39 * x[1] + bend)
+    # sharper crests than troughs, as waves leave them
+    profile = wp.sin(phase) + 0.22 * wp.cos(2.0 * phase)
+    return 1.0 + share * wp.clamp(0.09 + 0.12 * broad, 0.0, 0.16) * profile
+
+
+@wp.func
+def slope_mask(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
+    """1 where the surface looks up, 0 where it is steep, with a ragged edge (paper 3.1.1)."""
+    up = wp.abs(n[2])
+    if up > 0.55 and up < 0.99:
+        up += 0.18 * fbm(m.seed + wp.uint32(3), 2.5 * q, 5, 2.5 * footprint)
+    return wp.smoothstep(0.79, 0.85, up)
+
+
+@wp.func
+def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
+    """Tiles: one, or sand where the surface faces up and rock elsewhere."""
+    q = p + m.offset
+    flat = float(1.0)
+    if m.layers.shape[0] > 1:
+        flat = slope_mask(m, q, n, footprint)
+    # over metres, no two places of a sea floor have quite the same shade
+    broad = 1.5 * fbm(m.seed + wp.uint32(101), 0.35 * q, 2, 0.35 * footprint)
+    c = wp.vec3(0.0)
+    for k in range(m.layers.shape[0]):
+        share = wp.where(k == 0, flat, 1.0 - flat)
+        if share > 0.0:
+            size = m.layers[k].size
+            x = (p + m.layers[k].offset) / size
+            if m.layers[k].ripple > 0.0:
+                length = m.layers[k].ripple
+                share *= ripples(m.seed + wp.uint32(103), q / length, broad, footprint / length)
+            c += share * tiled(m.layers[k].image, m.seed + wp.uint32(7 * k), x, n, footprint / size)
+    return (1.0 + 0.13 * broad) * c
+
+
+# ------------------------------------------------------------------------------------------------------------- objects
+
+
+@wp.func
+def covered(m: Material, noise: float, bias: float, footprint: float):
+    """Share of a layer: all where ``noise + bias`` is above the threshold; its mean far away."""
+    # the broadest octave is still whole where the threshold gives way to its mean
+    share = band(2.0 * m.cycles * footprint)
+    # the noise is about normal; 1.702 makes a logistic function one
+    mean = 1.0 / (1.0 + wp.exp(-1.702 * (bias - m.threshold) / NOISE_DEVIATION))
+    return wp.lerp(mean, wp.smoothstep(-0.06, 0.06, noise + bias - m.threshold), share)
+
+
+@wp.func
+def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
+    """Metal, paint or anything else under patches of rust, or of silt, most of it where the surface looks up."""
+    noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
+    bias = wp.where(m.kind == DIRT, 0.5 * n[2], 0.0)
+    s = covered(m, noise, bias, footprint)
+    surface = Surface()
+    if m.metallic == 1:
+        surface.metal = 1.0 - s
+        surface.specular = surface.metal * m.base
+        surface.roughness = m.roughness
+    else:
+        surface.reflectance = (1.0 - s) * m.base
+    if s > 0.0:
+        grain = 1.0 + 0.6 * fbm(m.seed + wp.uint32(9), 12.0 * m.cycles * q, 2, 12.0 * m.cycles * footprint)
+        shade = wp.clamp(0.5 + 0.8 * noise, 0.0, 1.0)
+        surface.reflectance += s * grain * wp.lerp(m.layer_dark, m.layer_pale, shade)
+    surface.reflectance = unit_clamp(surface.reflectance)
+    return surface
+
+
+@wp.func
+def mapped(image: Image, at: wp.vec3, footprint: float):
+    """Texture map at coordinates u, v (v up), with at[2] of their units per metre; repeats outside of 0..1."""
+    x = at[0] * float(image.width)
+    y = (1.0 - at[1]) * float(image.height)
+    texels = footprint * at[2] * wp.sqrt(float(image.width) * float(image.height))
+    return sample(image, x, y, level_of(image, texels))
+
+
+# ---------------------------------------------------------------------------------------------------------------- all
+
+
+@wp.func
+def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: float):
+    """Surface at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
+
+    ``at`` is what the file of a mesh gives for the point: for texture maps u, v and their units per metre, else its
+    vertices' colour; unused by other kinds.
+    """
+    surface = Surface()
+    if m.kind == DIFFUSE:
+        surface.reflectance = m.base
+    elif m.kind == GROUND:
+        surface.reflectance = unit_clamp(ground(m, p, n, footprint))
+    elif m.kind == MAPPED:
+        surface.reflectance = mapped(m.layers[0].image, at, footprint)
+    elif m.kind == COLOURED:
+        surface.reflectance = at
+    elif m.kind == METAL:
+        surface.metal = 1.0
+        surface.specular = m.base
+        surface.roughness = m.roughness
+    else:
+        surface = layered(m, p + m.offset, n, footprint)
+    return surface
