@@ -13,7 +13,7 @@ import time
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.transport.sampling import sample_cosine, uniforms
+from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 from varos_warp.render.frame import FrameRenderer

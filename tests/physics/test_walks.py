@@ -22,7 +22,7 @@ from exact_transport import (
 
 from varos_warp.kernels.conventions import ALL, FAR
 from varos_warp.kernels.residual import lamp_share_at
-from varos_warp.kernels.transport.sampling import sample_cosine, uniforms
+from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.transport.subpath import (
     Walk,
     advance,
@@ -85,7 +85,7 @@ def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, 
             cos_out[i] = dz
         walk = moved
         if walk.alive == 1:
-            up = hg_eval(1.0 + walk.vertex.d[2], scene.medium.g)
+            up = hg_eval(1.0 + walk.vertex.d[2], scene.medium.phase.g)
             L += up * wp.cw_mul(walk.throughput, transmittance(scene.medium, walk.vertex.p[2]))
             walk = turn(scene, walk, lamp_share, uniforms(key, i, 1, dimension), uniforms(key, i, 2, dimension))
         dimension += 1
@@ -192,7 +192,7 @@ def scene_of(sigma_s, sigma_t, g, lamp=(0.0, 0.0, 0.0)) -> SceneData:
     light.position, light.axis, light.cos_half = wp.vec3(*lamp), wp.vec3(0.0, 0.0, 1.0), -1.0
     light.intensity = wp.vec3(1.0)
     scene = SceneData()
-    scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
+    scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.phase.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
     scene.lights = wp.array([light], dtype=Light, device="cpu")
     return scene
 

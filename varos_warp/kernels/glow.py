@@ -18,7 +18,7 @@ from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import brightest
 from varos_warp.kernels.world.medium import sample_truncated_exponential, transmittance, truncated_exponential_pdf
-from varos_warp.kernels.world.phase import hg_sample
+from varos_warp.kernels.world.phase import phase_sample
 from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -104,7 +104,7 @@ def make_start_glow_kernel(instances: bool, textures: bool) -> wp.Kernel:
                     pdf += truncated_exponential_pdf(scene.medium.sigma_t[channel], hit.t, t) / 3.0
                 throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
                 o = o + t * d
-                d = hg_sample(d, scene.medium.g, v[0], v[1])
+                d = phase_sample(scene.medium.phase, d, v[0], v[1])
                 angle = WALK_ANGLE
             leg += 1
         starts[i] = start

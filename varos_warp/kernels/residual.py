@@ -19,8 +19,8 @@ import warp as wp
 
 from varos_warp.kernels.conventions import ALL, FAR, LONG_KERNEL
 from varos_warp.kernels.field.open_water import Tables, scattered_irradiance
+from varos_warp.kernels.sampling import Pick, reservoir, uniforms
 from varos_warp.kernels.transport.next_event import gather_in_scattered, gather_reflected
-from varos_warp.kernels.transport.sampling import Pick, reservoir, uniforms
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import (
     Vertex,

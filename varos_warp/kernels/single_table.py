@@ -1,8 +1,8 @@
 """Light scattered once along a camera's rays: from a table wherever that is right, else by quadrature.
 
 Lamps and camera stay with the vehicle, so what open water scatters into a ray once, up to any distance, is known
-beforehand, as the veil is (kernels/field/open_water.py). But it is less smooth: cones have edges, and lamps may be in view.
-So cells of the table whose nodes bend too much are not used.
+beforehand, as the veil is (kernels/field/open_water.py). But it is less smooth: cones have edges, and lamps may be
+in view. So cells of the table whose nodes bend too much are not used.
 """
 
 import warp as wp

@@ -180,7 +180,7 @@ def medium_record(water: OpticalProperties) -> Medium:
     medium = Medium()
     medium.sigma_s = wp.vec3(*water.sigma_s)
     medium.sigma_t = wp.vec3(*water.sigma_t)
-    medium.g = water.g
+    medium.phase.g = water.g
     return medium
 
 

@@ -76,7 +76,7 @@ def test_single_scattering_is_right_to_a_thousandth(position, axis, cone_deg, bl
     """Of the paper's red, green and blue; soft edges too (the quadrature of the notes has the same bound)."""
     sigma_s, sigma_t, g = np.array([0.00175, 0.01825, 0.043125]), np.array([0.125, 0.057989, 0.043125]), 0.8
     scene = SceneData()
-    scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
+    scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.phase.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
     lights = wp.array([lamp(position, axis or (0, 0, 1), cone_deg, blend)], dtype=Light, device="cpu")
     scene.lights = lights
     L = wp.zeros(1, dtype=wp.vec3, device="cpu")

@@ -10,11 +10,11 @@ goes around that from the plane of the axis and has the same field on both sides
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
+from varos_warp.kernels.sampling import equiangular_angle, equiangular_point
 from varos_warp.kernels.transport.in_scatter import one_minus_cos_at
-from varos_warp.kernels.transport.sampling import equiangular_angle, equiangular_point
 from varos_warp.kernels.world.light import Light, LitInterval, brightest, falloff, lit_interval
 from varos_warp.kernels.world.medium import Medium, transmittance
-from varos_warp.kernels.world.phase import hg_eval
+from varos_warp.kernels.world.phase import phase_eval
 
 wp.set_module_options({"enable_backward": False})
 
@@ -290,7 +290,7 @@ def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit:
         y = equiangular_point(lit.h, ya, yb, angle, node[0])
         distance = wp.sqrt(lit.h * lit.h + y * y)
         t = wp.max(lit.foot + y, 0.0)
-        weight = node[1] * hg_eval(one_minus_cos_at(y, lit.h, distance), medium.g)
+        weight = node[1] * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
         weight *= falloff(light, wp.dot(o + t * d - light.position, light.axis) / distance)
         L += weight * transmittance(medium, t + distance)
         k += 1

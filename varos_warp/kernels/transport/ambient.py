@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
-from varos_warp.kernels.transport.sampling import uniforms
+from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal

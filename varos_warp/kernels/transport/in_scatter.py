@@ -3,11 +3,11 @@
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.transport.sampling import sample_equiangular
+from varos_warp.kernels.sampling import sample_equiangular
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light, LitInterval, falloff
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.phase import hg_eval
+from varos_warp.kernels.world.phase import phase_eval
 
 wp.set_module_options({"enable_backward": False})
 
@@ -52,7 +52,7 @@ def in_scattered(scene: SceneData, light: Light, lit: LitInterval, o: wp.vec3, d
     t = wp.max(lit.foot + y, 0.0)
     scattered.p = o + t * d
     distance = wp.sqrt(lit.h * lit.h + y * y)
-    weight = lit.angle * hg_eval(one_minus_cos_at(y, lit.h, distance), scene.medium.g)
+    weight = lit.angle * phase_eval(scene.medium.phase, one_minus_cos_at(y, lit.h, distance))
     weight *= falloff(light, wp.dot(scattered.p - light.position, light.axis) / distance)
     T = transmittance(scene.medium, t + distance)
     scattered.L = weight * wp.cw_mul(wp.cw_mul(scene.medium.sigma_s, light.intensity), T)

@@ -2,8 +2,8 @@
 
 import warp as wp
 
+from varos_warp.kernels.sampling import Pick, reservoir
 from varos_warp.kernels.transport.in_scatter import LampLight, in_scattered, lamp_beam
-from varos_warp.kernels.transport.sampling import Pick, reservoir
 from varos_warp.kernels.transport.subpath import Vertex, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import LitInterval, brightest, lit_interval

@@ -14,8 +14,8 @@ import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.next_event import gather_in_scattered, gather_reflected
-from varos_warp.kernels.transport.sampling import uniforms
 from varos_warp.kernels.transport.subpath import (
     Vertex,
     Walk,

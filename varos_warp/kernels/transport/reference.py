@@ -10,14 +10,14 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.in_scatter import lamp_beam
-from varos_warp.kernels.transport.sampling import uniforms
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import brightest
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.phase import hg_eval, hg_sample
+from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.texture import WALK_ANGLE, Surface, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -66,7 +66,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         for i in range(scene.lights.shape[0]):
             position = scene.lights[i].position
             l = wp.normalize(position - p)
-            arriving = hg_eval(1.0 - wp.dot(d, l), scene.medium.g) * lamp_beam(scene, scene.lights[i], p)
+            arriving = phase_eval(scene.medium.phase, 1.0 - wp.dot(d, l)) * lamp_beam(scene, scene.lights[i], p)
             if brightest(arriving) > 0.0:
                 if visible(scene, p, position):
                     L += arriving
@@ -136,7 +136,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                         throughput = balance(throughput, f, wp.cw_mul(scene.medium.sigma_t, T))
                         o += t * d
                         L = wp.cw_mul(throughput, scattered(scene, o, d))
-                        d = hg_sample(d, scene.medium.g, v[0], v[1])
+                        d = phase_sample(scene.medium.phase, d, v[0], v[1])
                 else:
                     alive = hit.face >= 0 and bounces < max_bounces
                     bounces += 1

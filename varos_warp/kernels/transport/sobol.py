@@ -9,7 +9,7 @@ point in the lowest bit: that is how the hash wants it, and the index of a Sobol
 
 import warp as wp
 
-from varos_warp.kernels.transport.sampling import pcg4d, to_unit
+from varos_warp.kernels.sampling import pcg4d, to_unit
 
 wp.set_module_options({"enable_backward": False})
 

@@ -1,13 +1,14 @@
 """Walks: paths of light behind the camera's own segment, from vertex to vertex in the water and on surfaces.
 
 A walk turns at a vertex (`turn`), looks along the new segment, and moves to the next vertex (`advance`; `drift` where
-the water has no end). What light it gathers on its segments is the matter of kernels/transport/next_event.py and of the integrators.
+the water has no end). What light it gathers on its segments is the matter of
+kernels/transport/next_event.py and of the integrators.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
-from varos_warp.kernels.transport.sampling import Pick, joint_pdf, reservoir, sample_joint
+from varos_warp.kernels.sampling import Pick, joint_pdf, reservoir, sample_joint
 from varos_warp.kernels.world.bsdf import sample_surface, surface_albedo, surface_eval, surface_pdf
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import brightest
@@ -19,7 +20,7 @@ from varos_warp.kernels.world.medium import (
     transmittance,
     truncated_exponential_pdf,
 )
-from varos_warp.kernels.world.phase import hg_eval, hg_sample
+from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.texture import Surface
 
 wp.set_module_options({"enable_backward": False})
@@ -80,7 +81,7 @@ def lamp_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
         weight = lamp_weight(scene, i, p)
         chord = wp.length(wp.normalize(scene.lights[i].position - p) - d)
         # chord^2 / 2 = 1 - cos without cancellation
-        lobe = 0.5 * hg_eval(0.5 * chord * chord, scene.medium.g) + 0.5 * joint_pdf(chord)
+        lobe = 0.5 * phase_eval(scene.medium.phase, 0.5 * chord * chord) + 0.5 * joint_pdf(chord)
         total += weight * lobe
         weights += weight
     return total / weights
@@ -99,7 +100,7 @@ def sample_lamp_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
         pick = reservoir(pick, i, weight, total)
     to_light = wp.normalize(scene.lights[pick.index].position - p)
     if u[1] < 0.5:
-        return hg_sample(to_light, scene.medium.g, u[2], u[3])
+        return phase_sample(scene.medium.phase, to_light, u[2], u[3])
     return sample_joint(to_light, u[2], u[3])
 
 
@@ -108,7 +109,7 @@ def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float, w: flo
     """Direction from the phase function or from what the surface does with light."""
     if vertex.on_surface == 1:
         return sample_surface(vertex.surface, vertex.n, -vertex.d, u, v, w)
-    return hg_sample(vertex.d, scene.medium.g, u, v)
+    return phase_sample(scene.medium.phase, vertex.d, u, v)
 
 
 @wp.func
@@ -117,7 +118,7 @@ def own_lobe_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
     if vertex.on_surface == 1:
         return surface_pdf(vertex.surface, vertex.n, -vertex.d, d)
     apart = vertex.d - d
-    return hg_eval(0.5 * wp.dot(apart, apart), scene.medium.g)
+    return phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart))
 
 
 @wp.func

@@ -10,8 +10,8 @@ from functools import cache
 
 import warp as wp
 
+from varos_warp.kernels.sampling import Pick, from_polar, reservoir
 from varos_warp.kernels.transport.in_scatter import lamp_beam
-from varos_warp.kernels.transport.sampling import Pick, from_polar, reservoir
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal

@@ -7,7 +7,7 @@ reflect more than once is given back by the factor of Turquin (2019), so that a 
 
 import warp as wp
 
-from varos_warp.kernels.transport.sampling import sample_cosine
+from varos_warp.kernels.sampling import sample_cosine
 from varos_warp.kernels.world.light import brightest
 from varos_warp.kernels.world.texture import Surface
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.transport.sampling import sample_disk
+from varos_warp.kernels.sampling import sample_disk
 
 wp.set_module_options({"enable_backward": False})
 

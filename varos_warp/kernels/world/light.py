@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
-from varos_warp.kernels.transport.sampling import equiangular_angle
+from varos_warp.kernels.sampling import equiangular_angle
 
 wp.set_module_options({"enable_backward": False})
 

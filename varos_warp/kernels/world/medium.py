@@ -2,16 +2,18 @@
 
 import warp as wp
 
+from varos_warp.kernels.world.phase import Phase
+
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
 class Medium:
-    """Scattering and extinction coefficients [1/m] per channel and the mean cosine of the phase function."""
+    """Scattering and extinction coefficients [1/m] per channel, and the phase function."""
 
     sigma_s: wp.vec3
     sigma_t: wp.vec3
-    g: float
+    phase: Phase
 
 
 @wp.func

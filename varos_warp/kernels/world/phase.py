@@ -1,10 +1,30 @@
-"""The phase function of Henyey and Greenstein (1941), normalised to 1 over the sphere."""
+"""Phase functions, normalised to 1 over the sphere: that of Henyey and Greenstein (1941), and any other from a table.
+
+The table holds the logarithm of the density at nodes even in log s, with s = (1 - cos theta)/2 = sin^2(theta/2), the
+measure in which solid angle is even (4 pi ds). Between nodes the density is a power of s, so its integral and the
+inverse of that are closed forms: samples have exactly the density that `phase_eval` gives.
+"""
 
 import warp as wp
 
-from varos_warp.kernels.transport.sampling import from_polar
+from varos_warp.kernels.sampling import from_polar
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Phase:
+    """A phase function; the host's scene/water makes it."""
+
+    g: float
+    """Mean cosine; all that the function of Henyey and Greenstein takes."""
+    log_p: wp.array(dtype=float)
+    """Logarithm of the density [1/sr] at the nodes, the last one at s = 1; empty for Henyey and Greenstein."""
+    cdf: wp.array(dtype=float)
+    """Share of light scattered by at most the nodes' angles, from 0 (nothing is lost to rounding ahead) to 1."""
+    log_first: float
+    """log s of the first node; the density is constant below."""
+    log_step: float
 
 
 @wp.func
@@ -22,7 +42,47 @@ def hg_sample_one_minus_cos(g: float, u: float):
 
 
 @wp.func
-def hg_sample(d: wp.vec3, g: float, u: float, v: float):
+def table_eval(phase: Phase, s: float):
+    """Density [1/sr] at s = (1 - cos theta)/2: a power of s between two nodes."""
+    at = wp.clamp((wp.log(wp.max(s, 1.0e-30)) - phase.log_first) / phase.log_step, 0.0,
+                  float(phase.log_p.shape[0] - 1))
+    i = wp.min(int(at), phase.log_p.shape[0] - 2)
+    return wp.exp(wp.lerp(phase.log_p[i], phase.log_p[i + 1], at - float(i)))
+
+
+@wp.func
+def table_sample(phase: Phase, u: float):
+    """The s = (1 - cos theta)/2 that a share ``u`` of the light stays below."""
+    if u <= phase.cdf[0]:
+        return wp.exp(phase.log_first) * u / phase.cdf[0]
+    i = wp.clamp(wp.lower_bound(phase.cdf, u) - 1, 0, phase.cdf.shape[0] - 2)
+    share = wp.clamp((u - phase.cdf[i]) / wp.max(phase.cdf[i + 1] - phase.cdf[i], 1.0e-30), 0.0, 1.0)
+    # d(share)/d(log s) is in proportion to s p, so to exp(m x) with x the steps from the node
+    m = phase.log_p[i + 1] - phase.log_p[i] + phase.log_step
+    x = share
+    if wp.abs(m) > 1.0e-3:
+        x = wp.log(1.0 + share * (wp.exp(m) - 1.0)) / m
+    return wp.exp(phase.log_first + (float(i) + x) * phase.log_step)
+
+
+@wp.func
+def phase_eval(phase: Phase, one_minus_cos: float):
+    """Density [1/sr] = pdf of phase_sample; takes 1 - cos(theta), which cancels no digits ahead."""
+    if phase.log_p.shape[0] == 0:
+        return hg_eval(one_minus_cos, phase.g)
+    return table_eval(phase, 0.5 * one_minus_cos)
+
+
+@wp.func
+def phase_sample_one_minus_cos(phase: Phase, u: float):
+    """1 - cos(theta) by inversion of the distribution."""
+    if phase.log_p.shape[0] == 0:
+        return hg_sample_one_minus_cos(phase.g, u)
+    return 2.0 * table_sample(phase, u)
+
+
+@wp.func
+def phase_sample(phase: Phase, d: wp.vec3, u: float, v: float):
     """Direction after scattering of a ray that travels along ``d``."""
-    x = wp.clamp(hg_sample_one_minus_cos(g, u), 0.0, 2.0)
+    x = wp.clamp(phase_sample_one_minus_cos(phase, u), 0.0, 2.0)
     return from_polar(d, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
