@@ -11,10 +11,10 @@ from varos_warp.kernels.single_table import TOLERANCE, SingleTable, scattered_by
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.render import tables
+from varos_warp.render.field import open_water as tables
+from varos_warp.render.field.open_water import OpenWater
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.launch import Launcher
-from varos_warp.render.tables import OpenWater
 
 sys.path.append(str(Path(__file__).parents[1] / "physics"))
 from rig import VAROS_WATER, floor, one_ray_scene, point, spot, water

@@ -22,7 +22,7 @@ TOLERANCE = wp.constant(1.0e-3)
 
 @wp.struct
 class SingleTable:
-    """Radiance along the rays of one camera, as of a pinhole; owned by the host's render/tables.py."""
+    """Radiance along the rays of one camera, as of a pinhole; owned by the host's render/field/open_water.py."""
 
     radiance: wp.array3d(dtype=wp.vec3)
     """Up to each distance [distance, row, column]; empty where there is no table."""

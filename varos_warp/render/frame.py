@@ -30,11 +30,11 @@ from varos_warp.render.adapt import (
     worst_channel,
 )
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
+from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.films import Films, tile_pixels
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.residual import Residual, empty_veil_grid
-from varos_warp.render.tables import OpenWater, unavailable
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device

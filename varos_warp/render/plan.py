@@ -19,10 +19,10 @@ from varos_warp.render.cost import sequence_cost, timed
 from varos_warp.render.decisions import Decision, Plan, mesh_decisions, models_in_words
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.frame import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
-from varos_warp.render.tables import unavailable
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera

@@ -19,15 +19,19 @@ MOMENTS = [-0.95, -0.5, -0.1, 0.1, 0.5, 0.8, 0.924, 0.99]
 @wp.kernel(enable_backward=False)
 def evaluate(g: float, one_minus_cos: wp.array(dtype=float), pdf: wp.array(dtype=float)):
     i = wp.tid()
-    pdf[i] = phase.hg_eval(one_minus_cos[i], g)
+    hg = phase.Phase()
+    hg.g = g
+    pdf[i] = phase.phase_eval(hg, one_minus_cos[i])
 
 
 @wp.kernel(enable_backward=False)
 def sample(g: float, d: wp.vec3, u: wp.array(dtype=wp.vec2), one_minus_cos: wp.array(dtype=float),
            direction: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    one_minus_cos[i] = phase.hg_sample_one_minus_cos(g, u[i][0])
-    direction[i] = phase.hg_sample(d, g, u[i][0], u[i][1])
+    hg = phase.Phase()
+    hg.g = g
+    one_minus_cos[i] = phase.phase_sample_one_minus_cos(hg, u[i][0])
+    direction[i] = phase.phase_sample(hg, d, u[i][0], u[i][1])
 
 
 def density(one_minus_cos, g):

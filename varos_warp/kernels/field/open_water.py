@@ -54,7 +54,7 @@ class LampTable:
 
 @wp.struct
 class Tables:
-    """Everything that is known of the light in open water; owned by the host's render/tables.py."""
+    """Everything that is known of the light in open water; owned by the host's render/field/open_water.py."""
 
     lamp: wp.array(dtype=LampTable)
     """Per lamp."""

@@ -2,7 +2,7 @@
 
 Light that arrives at a node is kept in directions (gamma, phi): gamma is the angle to the direction to the lamp, phi
 goes around it from the plane of the lamp's axis, and -phi is as phi. What scattering makes of them is a matrix, the
-same for all nodes, and a matter of the host (render/orders.py); here light goes from one scattering to the next.
+same for all nodes, and a matter of the host (render/field/solver.py); here light goes from one scattering to the next.
 """
 
 import warp as wp

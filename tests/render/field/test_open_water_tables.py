@@ -10,17 +10,18 @@ import warp as wp
 
 from varos_warp.kernels.field.open_water import LampTable, scattered_again, scattered_irradiance
 from varos_warp.kernels.world.light import Light
-from varos_warp.render import orders, tables
-from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field import open_water as tables
+from varos_warp.render.field import solver as orders
+from varos_warp.render.field.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.launch import Launcher
-from varos_warp.render.tables import OpenWater, unavailable
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.device import light_record
 from varos_warp.scene.geometry import Part
 
-sys.path.append(str(Path(__file__).parents[1] / "physics"))
+sys.path.append(str(Path(__file__).parents[2] / "physics"))
 from rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}

@@ -1,8 +1,9 @@
 """Light around one kind of lamp in water without end, of all orders of scattering, without random numbers.
 
 Light scattered once is a quadrature. What is scattered n + 1 times follows from what is scattered n times: at every
-node a matrix turns the light that arrives into what leaves (render/directions.py), and integrals along straight lines
-take that to the nodes again (kernels/field/tabulate.py). The sum over the orders solves a linear equation, X = B + K X.
+node a matrix turns the light that arrives into what leaves (render/field/directions.py), and integrals along straight
+lines take that to the nodes again (kernels/field/tabulate.py). The sum over the orders solves a linear equation,
+X = B + K X.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from varos_warp.kernels.field.open_water import LampTable, NodeGrid
 from varos_warp.kernels.field.tabulate import light_scattered_again, light_scattered_once
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.render.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field.directions import Directions, irradiance_matrix, scattering_matrix
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.device import light_record, medium_record

@@ -16,10 +16,10 @@ from varos_warp.kernels.single_table import SingleTable, fill_single, find_smoot
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.render import directions, orders
 from varos_warp.render.cache import cached
+from varos_warp.render.field import directions, solver
+from varos_warp.render.field.solver import LampField, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
-from varos_warp.render.orders import LampField, farthest_m, shines_everywhere
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.device import camera_record, light_record, medium_record
@@ -146,16 +146,16 @@ class OpenWater:
 
     def _depends_on(self, **what) -> dict:
         """What the numbers of any table depend on, and what else."""
-        grids = (orders.ONCE, orders.AGAIN, orders.LEAVING, orders.NORMALS)
+        grids = (solver.ONCE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
         return what | {
             "version": TABLES_VERSION,
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
             "g": self.water.g,
-            "nodes": [orders.FINE, orders.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
-            "reach": [orders.NEAREST_M, orders.FARTHEST_M, orders.FARTHEST_DEPTH],
-            "tolerance": [orders.TOLERANCE, orders.GROWTH, directions.SMALLEST, directions.MOST],
+            "nodes": [solver.FINE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
+            "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
+            "tolerance": [solver.TOLERANCE, solver.GROWTH, directions.SMALLEST, directions.MOST],
         }
 
     def _fill_veil(self, view: Camera) -> np.ndarray:
