@@ -68,6 +68,13 @@ def sample_disk(u: float, v: float):
 
 
 @wp.func
+def asinh(x: float):
+    """Area hyperbolic sine, odd and without cancellation for negative x."""
+    a = wp.abs(x)
+    return wp.sign(x) * wp.log(a + wp.sqrt(1.0 + a * a))
+
+
+@wp.func
 def equiangular_angle(h: float, ya: float, yb: float):
     """Angle [rad] over h [m] under which a point at distance ``h`` from a line sees the line from ya to yb.
 
@@ -100,6 +107,14 @@ def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
         # 1 - ya s, without cancellation where it matters: y = (ya + h^2 s) / (1 - ya s)
         y = (ya + h * h * s) / (1.0 - ya * s)
     return wp.clamp(y, ya, yb)
+
+
+@wp.func
+def one_minus_cos_at(y: float, h: float, distance: float):
+    """1 - cos(theta) = 1 + y/distance for scattering at y from a light's foot, without cancellation before the foot."""
+    if y < 0.0:
+        return h * h / (distance * (distance - y))
+    return 1.0 + y / distance
 
 
 @wp.func

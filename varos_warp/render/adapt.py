@@ -22,9 +22,9 @@ FEWEST_FIRST, FEWEST_FIRST_SHARED = 8, 2
 """but never fewer than so many; the second where samples are shared out."""
 GOLDEN = 0.6180339887
 """Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
-MOST_SHARED, MOST_SHARED_RESIDUAL = 64, 16
-"""No tile gets more than so many times the samples that an even share would give it. Glints on a bolt's thread want the
-first; the second is for residuals, whose rare bright samples make any tile look noisy."""
+MOST_SHARED = 64
+"""No tile gets more than so many times the samples that an even share would give it: glints on a bolt's thread want
+that many."""
 
 
 def first_samples(spp: float, fewest: int = FEWEST_FIRST) -> int:
@@ -71,34 +71,28 @@ def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> n
     return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
 
 
-def share_out(noise: np.ndarray, taken: int, spp: float, cost: np.ndarray | float = 1.0,
-              most_shared: int = MOST_SHARED) -> np.ndarray:
+def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
     """Further samples per pixel of each side and tile, int32 [2, rows, columns]: ``spp`` in all on average, or fewer.
 
-    In proportion to the deviation of one sample over the root of what it costs; the numbers of each side are found by
-    itself.
+    In proportion to the deviation of one sample; the numbers of each side are found by itself.
 
     Args:
         noise: Relative variance of one sample, of `other_noise`.
         taken: Samples that every pixel has.
         spp: Samples per pixel, mean over the image.
-        cost: How many one of a tile's stands for, as `noise`.
-        most_shared: See `MOST_SHARED`.
     """
-    cost = np.broadcast_to(cost, noise.shape)
-    sides = zip(noise, cost, strict=True)
-    return np.stack([_share_out(np.sqrt(side / each), taken, spp, each, most_shared) for side, each in sides])
+    return np.stack([_share_out(np.sqrt(side), taken, spp) for side in noise])
 
 
-def _share_out(deviation: np.ndarray, taken: int, spp: float, cost: np.ndarray, most_shared: int) -> np.ndarray:
+def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
     if not deviation.any():
         return np.zeros(deviation.shape, np.int32)
-    most = max(most_shared * spp, taken)
+    most = max(MOST_SHARED * spp, taken)
     # scales of the deviation at which none gets more, and at which all have the most that they may
     low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
     for _ in range(20):
         middle = np.sqrt(low * high)
-        mean = (cost * np.minimum(np.maximum(middle * deviation, taken), most)).mean()
+        mean = np.minimum(np.maximum(middle * deviation, taken), most).mean()
         low, high = (middle, high) if mean <= spp else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn
     turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)

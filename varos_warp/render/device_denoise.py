@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.film import denoise as kernels
 from varos_warp.kernels.film.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
-from varos_warp.render.denoise import FAR, NEAR, QUALITY, RESIDUAL_QUALITY
+from varos_warp.render.denoise import CORRECTION_QUALITY, FAR, NEAR, QUALITY
 
 
 class DeviceDenoiser:
@@ -30,13 +30,13 @@ class DeviceDenoiser:
         # before the arrays that the filters point to, and before the interpreter takes the library down
         self._release = weakref.finalize(self, _release, self._networks, self._oidn)
 
-    def denoise(self, radiance, residual=None, metal_variance=None, albedo=None, normal=None) -> wp.array:
+    def denoise(self, radiance, correction=None, metal_variance=None, albedo=None, normal=None) -> wp.array:
         """Linear radiance with less noise, not negative; all arrays are of vec3 [H, W] on this device.
 
         Args:
             radiance: The image.
-            residual: Its noisy part, where only that is to be denoised; may be negative.
-            metal_variance: Of the residual, to mix the two by; negative where it is not known.
+            correction: Its noisy part, where only that is to be denoised; may be negative.
+            metal_variance: Of the correction, to mix the two by; negative where it is not known.
             albedo: Guide for what is denoised, in [0, 1].
             normal: Guide for it; given with ``albedo`` or not at all.
 
@@ -46,12 +46,12 @@ class DeviceDenoiser:
         with wp.ScopedDevice(self.device):
             result = wp.zeros_like(radiance)
             guides = {} if albedo is None or normal is None else {"albedo": albedo, "normal": normal}
-            if residual is None:
+            if correction is None:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
-                wp.launch(subtract, dim=radiance.shape, inputs=[radiance, residual], outputs=[result])
+                wp.launch(subtract, dim=radiance.shape, inputs=[radiance, correction], outputs=[result])
                 for sign in (1.0, -1.0):
-                    self._add_denoised(result, residual, sign, RESIDUAL_QUALITY, guides)
+                    self._add_denoised(result, correction, sign, CORRECTION_QUALITY, guides)
                 if metal_variance is not None:
                     inputs = [result, radiance, metal_variance, NEAR, FAR]
                     result = wp.empty_like(result)

@@ -39,31 +39,28 @@ class Films:
         self.launcher, self.device = launcher, launcher.device
         self._unused: dict[tuple, list[Film]] = defaultdict(list)
 
-    def black(self, resolution, adapts: bool = False, residual: bool = False) -> Film:
+    def black(self, resolution, adapts: bool = False, metal: bool = False) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
 
         Args:
             resolution: Width and height.
             adapts: Whether tiles have two sides, see render/adapt.py.
-            residual: Whether it has a residual, see kernels/film/film.py.
+            metal: Whether it notes where metal is seen.
         """
-        kind = (adapts, residual, *resolution[::-1])
+        kind = (adapts, metal, *resolution[::-1])
         film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
-        for buffer in (film.sums, film.count, film.residual, film.residual_squares, film.residual_count, film.metal,
-                       film.lost):
+        for buffer in (film.sums, film.count, film.metal, film.lost):
             buffer.zero_()
         return film
 
     def keep(self, film: Film):
         """Take a film back for another image."""
-        self._unused[len(film.count) == 2, len(film.residual) > 0, *film.sums.shape[1:]].append(film)
+        self._unused[len(film.count) == 2, len(film.metal) > 0, *film.sums.shape[1:]].append(film)
 
-    def _new(self, adapts: bool, residual: bool, height: int, width: int) -> Film:
+    def _new(self, adapts: bool, metal: bool, height: int, width: int) -> Film:
         film = Film()
         film.sums = self.buffer(SUMS, height, width)
-        pixels = (height, width) if residual else (0, 0)
-        film.residual, film.residual_squares = (self.buffer(*pixels) for _ in "rs")
-        film.residual_count, film.metal = (wp.empty(pixels, dtype=int, device=self.device) for _ in "cm")
+        film.metal = wp.empty((height, width) if metal else (0, 0), dtype=int, device=self.device)
         tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
         film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
         film.lost = wp.empty(1, dtype=int, device=self.device)
@@ -108,17 +105,18 @@ class Films:
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
 
-    def tile_statistics(self, film: Film) -> Steps[list[np.ndarray]]:
-        """Mean and variance of one sample, [side, tile row, tile column, 3]."""
-        pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
-        self.launcher.run(pixel_statistics, pixels[0].shape, [film], pixels)
-        return (yield from self.tile_means(film, *pixels))
+    def tile_statistics(self, film: Film, denoised: float = 1.0) -> Steps[list[np.ndarray]]:
+        """Mean and variance of one sample, [side, tile row, tile column, 3].
 
-    def tile_means(self, film: Film, *images: wp.array) -> Steps[list[np.ndarray]]:
-        """Means over the pixels of each side of each tile, [side, tile row, tile column, 3] of each image."""
-        tiles = [self.buffer(*film.count.shape) for _ in images]
-        for pixels, means in zip(images, tiles, strict=True):
-            self.launcher.run(average_tiles, means.shape, [pixels], [means])
+        Args:
+            film: The film.
+            denoised: All but one part in so many of the correction's variance is taken away later.
+        """
+        pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
+        self.launcher.run(pixel_statistics, pixels[0].shape, [film, denoised], pixels)
+        tiles = [self.buffer(*film.count.shape) for _ in pixels]
+        for image, means in zip(pixels, tiles, strict=True):
+            self.launcher.run(average_tiles, means.shape, [image], [means])
         return (yield from self.launcher.fetch(*tiles))
 
 

@@ -12,44 +12,34 @@ import warp as wp
 from varos_warp.errors import InputError
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Tables
-from varos_warp.kernels.film.adapt import metal_pixels, residual_mean_squares
-from varos_warp.kernels.film.film import Film, develop
-from varos_warp.kernels.single_table import SingleTable
-from varos_warp.kernels.tables import make_tables_kernel
+from varos_warp.kernels.film.film import Film, develop, sample_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel
-from varos_warp.kernels.transport.path import PathSpec, make_path_kernel
+from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
-from varos_warp.render.adapt import (
-    FEWEST_FIRST_SHARED,
-    MOST_SHARED_RESIDUAL,
-    first_samples,
-    more_samples,
-    other_noise,
-    share_out,
-    worst_channel,
-)
+from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
+from varos_warp.render.adapt import FEWEST_FIRST_SHARED, first_samples, more_samples, other_noise, share_out
 from varos_warp.render.denoise import METHODS, check_finite, denoise_image
-from varos_warp.render.field.open_water import OpenWater, unavailable
+from varos_warp.render.field.open_water import OpenWater, along_camera, unavailable
 from varos_warp.render.films import Films, tile_pixels
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.launch import Launcher, Steps, finish
-from varos_warp.render.residual import Residual, empty_veil_grid
-from varos_warp.scene.description import Scene
+from varos_warp.scene.description import Scene, field_by_old_name
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
-INTEGRATORS = ("auto", "tables", "path", "reference")
-PIXEL_SAMPLES, PIXEL_SAMPLES_DENOISED = 2, 4
-"""With tables: samples of a pixel, beyond the first two, for one more of its residual, and where the residual is
-denoised afterwards (measured)."""
-METAL_SAMPLES = 8
-"""Samples of the residual that pixels with metal take for one of others, where it is denoised: what metals mirror is
-too sharp for a denoiser to tell from noise, and it takes about so many times more of the others' variance (measured).
-Fewer where there is much metal: the samples of an image stay as many."""
+INTEGRATORS = ("auto", "field", "path", "reference")
+CORRECTION_SHARE = 0.5
+"""With the field: share of a pixel's samples that take a subpath."""
+DENOISED = 8.0
+"""With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
+the correction's variance."""
+VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
+"""Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
+the rest does."""
 
 
 class Asked(NamedTuple):
@@ -61,22 +51,22 @@ class Asked(NamedTuple):
 
 
 def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None) -> str:
-    """The integrator that ``name`` stands for: ``auto`` is tables where they serve, else path.
+    """The integrator that ``name`` stands for: ``auto`` is paths with the field where it serves, else without.
 
     Raises:
-        InputError: If tables are asked for and cannot be had.
+        InputError: If the field is asked for and cannot be had.
     """
-    if name not in ("auto", "tables"):
+    if name not in ("auto", "field"):
         return name
     why = unavailable(scene, view)
     if max_scatterings is not None:
-        why = f"they hold all orders of scattering, and max_scatterings is {max_scatterings}"
-    if name == "tables":
+        why = f"it holds all orders of scattering, and max_scatterings is {max_scatterings}"
+    if name == "field":
         if why:
             remedy = "Use integrator path, or auto."
-            raise InputError(f"tables cannot be used: {why}", key="render.integrator", value=name, remedy=remedy)
+            raise InputError(f"the field cannot be used: {why}", key="render.integrator", value=name, remedy=remedy)
         return name
-    return "path" if why else "tables"
+    return "path" if why else "field"
 
 
 def _check_request(outputs, layers, integrator, denoise, **numbers):
@@ -162,12 +152,12 @@ class FrameRenderer:
             spp: samples per pixel of A; absent: the scene's, or 64.
             tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
                 image, is below it, between a quarter of ``spp`` (8 at least) and four times that
-                (render/adapt.py); absent: all take ``spp``. With tables more than two are always shared out by noise.
+                (render/adapt.py); absent: all take ``spp``. With the field more than two are always shared out by noise.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.
             layers: which of direct, single, multiple to render.
-            integrator: of A: auto, tables, path or reference; absent: the scene's.
+            integrator: of A: auto, field, path or reference; absent: the scene's.
             denoise: oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not.
             denoise_b: the same for B.
             denoised_only: of what is denoised on a GPU copy ``denoised`` alone to the host: all the rest takes longer
@@ -184,7 +174,7 @@ class FrameRenderer:
               seed=None, frame=0) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces}
-        integrator = integrator or self.scene.render.integrator
+        integrator = field_by_old_name(integrator or self.scene.render.integrator)
         _check_request(outputs, layers, integrator, (denoise, denoise_b), spp=spp, spp_b=spp_b, **bounds)
         view = self._camera(camera)
         seed = self.scene.seed if seed is None else seed
@@ -230,79 +220,61 @@ class FrameRenderer:
             image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in asked.layers})
             return (yield from self._denoised(image, {}, asked.denoise))
         max_scatterings = max_scatterings if medium else 0
-        wanted = tuple(layer in asked.layers for layer in LAYERS)
-        surfaces = (self.world.has_instances, self.world.has_textures)
-        scene = self.world.lit(T_w_v)
-        if integrator == "tables":
-            return (yield from self._render_with_tables(scene, view, T_w_v, spp, max_bounces, asked, guides, key))
-        adapts = tolerance is not None and not _is_one_pixel(view)
-        film = self.films.black(view.resolution, adapts=adapts)
+        how = (spp, tolerance, max_scatterings, max_bounces, asked, guides, key)
         if integrator == "reference":
-            kernel = make_reference_kernel(*wanted, *surfaces)
-        else:
-            kernel = make_path_kernel(PathSpec(medium, *wanted, *surfaces))
-        before = [scene, self.world.camera(view, T_w_v)]
-        how = [max_scatterings, max_bounces, wp.uint32(key), film]
-        first = first_samples(spp) if adapts else spp
-        self.films.take(film, kernel, before, how, first, paths=True)
-        if adapts:
-            noise = other_noise(*(yield from self.films.tile_statistics(film)))
-            self.films.take(film, kernel, before, how, more_samples(noise, first, tolerance, spp), paths=True)
+            return (yield from self._render_reference(view, T_w_v, *how))
+        return (yield from self._render_paths(view, T_w_v, *how, integrator == "field"))
+
+    def _render_reference(self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, asked, guides, key
+                          ) -> Steps[RadianceImage]:
+        film = self.films.black(view.resolution)
+        kernel = make_reference_kernel(*self._wanted(asked), self.world.has_instances, self.world.has_textures)
+        before = [self.world.lit(T_w_v), self.world.camera(view, T_w_v)]
+        self.films.take(film, kernel, before, [max_scatterings, max_bounces, wp.uint32(key), film], spp, paths=True)
         return (yield from self._develop(film, asked))
 
-    def _render_with_tables(
-        self, scene, view, T_w_v, spp, max_bounces, asked, guides, key
-    ) -> Steps[RadianceImage]:
-        """The pixels, after the grid of the veil, and the residual of the glow if there is anything to make them."""
-        wanted = tuple(layer in asked.layers for layer in LAYERS)
-        surfaces = (self.world.has_instances, self.world.has_textures)
+    def _render_paths(self, view, T_w_v, spp, tolerance, max_scatterings, max_bounces, asked, guides, key,
+                      with_field: bool) -> Steps[RadianceImage]:
         keys = [int(k) for k in np.random.SeedSequence(key).generate_state(2)]
-        camera = self.world.camera(view, T_w_v)
-        tables = self.open_water.tables(view) if wanted[2] else Tables()
-        once = self.open_water.single_table(view) if wanted[1] else SingleTable()
-        grid = empty_veil_grid(self.launcher, view)
-        lit = wanted[2] and self.world.has_surfaces
-        reflects = lit and max_bounces > 0
-        first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED))
-        shares = first < spp and not _is_one_pixel(view)
-        film = self.films.black(view.resolution, adapts=shares, residual=reflects)
-        if lit:
-            filtered = (asked.denoise or self.scene.render.denoise) != "none"
-            each = PIXEL_SAMPLES_DENOISED if filtered else PIXEL_SAMPLES
-            spp_residual = 1.0 + max(0, spp - FEWEST_FIRST_SHARED) / each
-            residual = Residual(self.launcher, scene, surfaces, tables, max_bounces, keys[0], film.lost, filtered)
-            residual.fill_veil(grid, view, self.world.camera(view, T_w_v, pinhole=True), spp_residual)
-        kernel = make_tables_kernel(*wanted, *surfaces)
-        before, how = [scene, camera], [tables, once, grid, max_bounces, wp.uint32(keys[1]), film]
-        self.films.take(film, kernel, before, how, first if shares else spp)
-        mean = None
-        if shares:
-            mean, variance = yield from self.films.tile_statistics(film)
-            self.films.take(film, kernel, before, how, share_out(other_noise(mean, variance), first, spp))
-        if reflects:
-            most_on_metal = METAL_SAMPLES if filtered else 1
-            yield from self._add_residual(film, residual, view, camera, spp_residual, mean, most_on_metal)
+        scene = self.world.lit(T_w_v)
+        filtered = (asked.denoise or self.scene.render.denoise) != "none"
+        kernel = make_path_kernel(self._path_spec(view, asked, max_scatterings, with_field))
+        field = self.open_water.tables(view) if with_field else Tables()
+        bounds = PathBounds()
+        bounds.scatterings, bounds.bounces = max_scatterings, max_bounces
+        bounds.correction = CORRECTION_SHARE if with_field else 1.0
+        shares = (with_field or tolerance is not None) and not _is_one_pixel(view)
+        first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED)) if with_field else first_samples(spp)
+        film = self.films.black(view.resolution, adapts=shares, metal=with_field and self.world.has_textures)
+        before = [scene, self.world.camera(view, T_w_v)]
+        after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
+        self.films.take(film, kernel, before, after, first if shares else spp, paths=True)
+        if shares and (first < spp or not with_field):
+            noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if filtered else 1.0)))
+            more = share_out(noise, first, spp) if with_field else more_samples(noise, first, tolerance, spp)
+            self.films.take(film, kernel, before, after, more, paths=True)
         # plain reflectances need no guides (render/denoise.py)
-        guided = lit and self.world.has_textures and asked.denoise != "none"
-        return (yield from self._develop(film, asked, guides() if guided else {}, tables=True))
+        guided = with_field and self.world.has_textures and asked.denoise != "none"
+        return (yield from self._develop(film, asked, guides() if guided else {}, corrected=with_field))
 
-    def _add_residual(self, film: Film, residual: Residual, view, camera, spp: float, mean: np.ndarray | None,
-                      most_on_metal: int) -> Steps[None]:
-        """So many samples of the residual per pixel, the latter of them where it is noisy, by the ``mean`` of tiles."""
-        if mean is None:
-            yield from residual.add_glow(film, view, camera, round(spp), 1, 0.0)
-            return
-        pixels, first = self.films.buffer(*film.residual.shape), first_samples(spp, 1)
-        self.launcher.run(metal_pixels, pixels.shape, [film], [pixels])
-        metal = (yield from self.films.tile_means(film, pixels))[0][..., 0]
-        # the first samples are to leave half of the others
-        on_metal = int(np.clip(1.0 + 0.5 * (spp / first - 1.0) / max(metal.mean(), 1e-6), 1, most_on_metal))
-        level = float(worst_channel(mean).mean())
-        yield from residual.add_glow(film, view, camera, first, on_metal, level)
-        self.launcher.run(residual_mean_squares, pixels.shape, [film, on_metal, float(most_on_metal)], [pixels])
-        noise = other_noise(mean, *(yield from self.films.tile_means(film, pixels)))
-        more = share_out(noise, first, spp, 1.0 + (on_metal - 1) * metal, MOST_SHARED_RESIDUAL)
-        yield from residual.add_glow(film, view, camera, more, on_metal, level)
+    def _wanted(self, asked: Asked) -> tuple[bool, ...]:
+        return tuple(layer in asked.layers for layer in LAYERS)
+
+    def _path_spec(self, view, asked: Asked, max_scatterings: int, with_field: bool) -> PathSpec:
+        world = self.world
+        return PathSpec(max_scatterings > 0, *self._wanted(asked), world.has_instances, world.has_textures,
+                        world.has_surfaces, with_field, with_field and along_camera(self.scene, view))
+
+    def _virtual_lights(self, scene, view, key: int) -> wp.array:
+        """Virtual point lights of a frame."""
+        if not self.world.has_surfaces:
+            return wp.empty(0, dtype=VirtualLight, device=self.device)
+        few, many = VIRTUAL_LIGHTS
+        count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), few, many))
+        lights = wp.empty(count, dtype=VirtualLight, device=self.device)
+        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures)
+        self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
+        return lights
 
     def _render_ambient(self, view, T_w_v, spp, asked, guides, key) -> Steps[RadianceImage]:
         if not self.world.has_surfaces:
@@ -336,15 +308,17 @@ class FrameRenderer:
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
-    def _develop(self, film: Film, asked: Asked, guides=None, tables: bool = False) -> Steps[RadianceImage]:
+    def _develop(self, film: Film, asked: Asked, guides=None, corrected: bool = False) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
         shape = film.sums.shape[1:]
-        names = (*LAYERS, "residual", "metal_variance", "radiance", "stderr")
+        names = (*LAYERS, "correction", "metal_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        self.launcher.run(develop, shape, [film], list(images.values()))
+        variance = self.films.buffer(*shape)
+        self.launcher.run(sample_variances, shape, [film], [variance])
+        self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device
-        of_tables = ("residual", "metal_variance") if tables else ()
-        work = {name: images[name] for name in ("radiance", *of_tables)} | (guides or {})
+        of_field = ("correction", "metal_variance") if corrected else ()
+        work = {name: images[name] for name in ("radiance", *of_field)} | (guides or {})
         if asked.denoised_only and self._denoises(asked.denoise):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:

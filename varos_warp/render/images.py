@@ -14,14 +14,14 @@ class RadianceImage:
     """Standard error of the mean; inf for one sample."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
-    residual: np.ndarray | None = None
-    """Of A made with tables: the only part with much noise, which may be negative. What surfaces add to the scattered
-    light that tables send to the surface that a pixel sees, and keep from it; contained in the layer multiple."""
+    correction: np.ndarray | None = None
+    """Of A made with the field of open water: what surfaces change of it, the only part with much noise. It may be
+    negative, and is contained in the layers single and multiple."""
     metal_variance: np.ndarray | None = None
-    """Of the residual where there is metal, for denoising: what it mirrors is sharp; negative elsewhere."""
+    """Of the mean where there is metal, for denoising: what it mirrors is sharp; negative elsewhere."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising B, or the residual of A, at the centres of the pixels: what the surface reflects, and its
+    """Guides for denoising B, or the correction of A, at the centres of the pixels: what the surface reflects, and its
     normal in the world as in C; zeros where nothing is hit."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""

@@ -10,9 +10,8 @@ goes around that from the plane of the axis and has the same field on both sides
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.sampling import equiangular_angle, equiangular_point
-from varos_warp.kernels.transport.in_scatter import one_minus_cos_at
-from varos_warp.kernels.world.light import Light, LitInterval, brightest, falloff, lit_interval
+from varos_warp.kernels.sampling import equiangular_angle, equiangular_point, one_minus_cos_at
+from varos_warp.kernels.world.light import Light, LitInterval, brightest, falloff, light_beam
 from varos_warp.kernels.world.medium import Medium, transmittance
 from varos_warp.kernels.world.phase import phase_eval
 
@@ -312,14 +311,14 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
     which is a kink.
     """
     L = wp.vec3(0.0)
-    lit = lit_interval(light, o, d, t_max)
+    lit = light_beam(light, o, d, t_max)
     if lit.angle <= 0.0:
         return L
     inner = LitInterval()
     if light.blend > 0.0 and light.cos_half > -1.0:
         core = light
         core.cos_half = light.cos_half + light.blend * (1.0 - light.cos_half)
-        inner = lit_interval(core, o, d, t_max)
+        inner = light_beam(core, o, d, t_max)
     y = lit.ya
     while y < lit.yb:
         end = next_break(y, 0.0, lit.yb)

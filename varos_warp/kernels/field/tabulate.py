@@ -18,7 +18,7 @@ from varos_warp.kernels.field.open_water import (
     scattered_again,
     single_scattering,
 )
-from varos_warp.kernels.transport.subpath import asinh
+from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light

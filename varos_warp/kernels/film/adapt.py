@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import TILE, Film, of_tile, side_of, sums_of, variance_of_mean
+from varos_warp.kernels.film.film import TILE, Film, of_tile, side_of, squared_error, sums_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -10,47 +10,23 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel(enable_backward=False)
 def pixel_statistics(
     film: Film,
+    denoised: float,
     # out
     mean: wp.array2d(dtype=wp.vec3d),
     variance: wp.array2d(dtype=wp.vec3d),  # of one sample
 ):
-    """Mean and variance of a pixel's samples; without the residual."""
+    """Mean of a pixel's samples, and an estimate of the variance of one.
+
+    Of the correction's variance a denoiser takes away all but one part in ``denoised``.
+    """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
-    light = sums.direct + sums.single + sums.glow + sums.veil
-    spread = wp.vec3d(wp.float64(0.0))
-    for c in range(3):
-        spread[c] = variance_of_mean(sums.squares[c], light[c], count) * wp.float64(count)
-    mean[row, col] = light / wp.float64(count)
-    variance[row, col] = spread
-
-
-@wp.kernel(enable_backward=False)
-def metal_pixels(film: Film, metal: wp.array2d(dtype=wp.vec3d)):
-    """1 for pixels with metal, else 0, in every channel."""
-    row, col = wp.tid()
-    metal[row, col] = wp.vec3d(wp.float64(film.metal[row, col]))
-
-
-@wp.kernel(enable_backward=False)
-def residual_mean_squares(
-    film: Film,
-    metal_samples: int,
-    denoised: float,
-    # out
-    squares: wp.array2d(dtype=wp.vec3d),
-):
-    """Mean square of what a pixel takes for one sample of its tile: about its variance, for it is mostly noise.
-
-    A denoiser takes away all but one part in ``denoised`` of it where there is no metal.
-    """
-    row, col = wp.tid()
-    square = film.residual_squares[row, col] / wp.float64(film.residual_count[row, col])
-    if film.metal[row, col] == 1:
-        squares[row, col] = square / wp.float64(metal_samples)
-    else:
-        squares[row, col] = square / wp.float64(denoised)
+    total = sums.direct + sums.single + sums.multiple
+    known = squared_error(total - sums.correction, sums.odd - sums.odd_correction, count)
+    correction = squared_error(sums.correction, sums.odd_correction, count)
+    mean[row, col] = total / wp.float64(count)
+    variance[row, col] = known + correction / wp.float64(denoised)
 
 
 @wp.kernel(enable_backward=False)

@@ -11,24 +11,28 @@ TILE = wp.constant(8)
 """Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
 TELLING_SAMPLES = wp.constant(4)
 """So many samples tell a variance well enough."""
+AROUND = wp.constant(7)
+"""Side [pixels] of the squares over which errors are averaged."""
 
 
-SUMS = 5
+SUMS = 6
 """Sums of a pixel: those of `Sums`, but for ``lost``."""
 
 
 @wp.struct
 class Sums:
-    """Sums over samples of one pixel."""
+    """Sums over samples of one pixel: radiance [W/sr/m^2]."""
 
     direct: wp.vec3d
     single: wp.vec3d
-    glow: wp.vec3d
-    veil: wp.vec3d
-    """Radiance of each layer [W/sr/m^2]. The rest is ``glow``, off the surface at the end of the camera's ray, and
-    ``veil``, scattered on its way from there or before; both are the public layer ``multiple``."""
-    squares: wp.vec3d
-    """Squares of the total radiance."""
+    multiple: wp.vec3d
+    """The layers."""
+    correction: wp.vec3d
+    """What of their sum is not known from the precomputed field: all that has much noise, beside edges."""
+    odd: wp.vec3d
+    odd_correction: wp.vec3d
+    """The same total, and correction, of every second sample. These have random numbers of their own, so the two halves
+    are independent images, and what is between them tells the error, however evenly samples are spread in each."""
     lost: int
     """How many samples were infinite or not a number."""
 
@@ -61,13 +65,8 @@ class Film:
     """What threads take, and their sums [SUMS, parts]."""
     sums: wp.array3d(dtype=wp.vec3d)
     """Those of all samples [SUMS, height, width]."""
-    residual: wp.array2d(dtype=wp.vec3d)
-    residual_squares: wp.array2d(dtype=wp.vec3d)
-    residual_count: wp.array2d(dtype=int)
-    """What is added to ``glow`` with samples of its own (see kernels/glow.py), its squares, and the number of those
-    samples, [height, width]; empty without them."""
     metal: wp.array2d(dtype=int)
-    """1 where a sample of the pixel met metal, else 0, [height, width]; empty without the residual."""
+    """1 where a sample of the pixel met metal, else 0, [height, width]; empty without a field."""
     lost: wp.array(dtype=int)
     """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
 
@@ -79,22 +78,20 @@ def is_finite(L: wp.vec3):
 
 
 @wp.func
-def add_sample(sums: Sums, direct: wp.vec3, single: wp.vec3, glow: wp.vec3, veil: wp.vec3):
-    """Sums with the radiance of one more sample, layer by layer."""
+def add_sample(sums: Sums, sample: int, direct: wp.vec3, single: wp.vec3, multiple: wp.vec3, correction: wp.vec3):
+    """Sums with the radiance of one more sample, layer by layer; ``correction`` is contained in the layers."""
     after = sums
-    if not is_finite(direct + single + glow + veil):
+    total = direct + single + multiple
+    if not is_finite(total):
         after.lost += 1
         return after
-    d = wp.vec3d(direct)
-    s = wp.vec3d(single)
-    g = wp.vec3d(glow)
-    v = wp.vec3d(veil)
-    total = d + s + g + v
-    after.direct += d
-    after.single += s
-    after.glow += g
-    after.veil += v
-    after.squares += wp.cw_mul(total, total)
+    after.direct += wp.vec3d(direct)
+    after.single += wp.vec3d(single)
+    after.multiple += wp.vec3d(multiple)
+    after.correction += wp.vec3d(correction)
+    if sample % 2 == 1:
+        after.odd += wp.vec3d(total)
+        after.odd_correction += wp.vec3d(correction)
     return after
 
 
@@ -117,18 +114,12 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 
 @wp.func
-def weight_of(film: Film, metal_samples: int, row: int, col: int):
-    """Samples of the residual that a pixel takes for one of its tile."""
-    return wp.where(film.metal[row, col] == 1, metal_samples, 1)
-
-
-@wp.func
-def variance_of_mean(squares: wp.float64, total: wp.float64, count: int):
-    """Variance of the mean of ``count`` samples with a given sum and sum of squares; infinite for one."""
-    if count < 2:
-        return wp.float64(wp.inf)
-    n = wp.float64(count)
-    return wp.max((squares - total * total / n) / (n - wp.float64(1.0)), wp.float64(0.0)) / n
+def squared_error(total: wp.vec3d, odd: wp.vec3d, count: int):
+    """Estimate of the variance of one sample, from the means of every second of ``count`` samples and of the others."""
+    evens = wp.float64((count + 1) / 2)
+    odds = wp.float64(count / 2)
+    apart = (total - odd) / evens - odd / odds
+    return wp.cw_mul(apart, apart) * (evens * odds / (evens + odds))
 
 
 @wp.func
@@ -190,9 +181,10 @@ def store(film: Film, part: int, sums: Sums):
     """Keep the sums of a part."""
     film.part_sums[0, part] = sums.direct
     film.part_sums[1, part] = sums.single
-    film.part_sums[2, part] = sums.glow
-    film.part_sums[3, part] = sums.veil
-    film.part_sums[4, part] = sums.squares
+    film.part_sums[2, part] = sums.multiple
+    film.part_sums[3, part] = sums.correction
+    film.part_sums[4, part] = sums.odd
+    film.part_sums[5, part] = sums.odd_correction
     if sums.lost > 0:
         wp.atomic_add(film.lost, 0, sums.lost)
 
@@ -203,9 +195,10 @@ def sums_of(film: Film, row: int, col: int):
     sums = Sums()
     sums.direct = film.sums[0, row, col]
     sums.single = film.sums[1, row, col]
-    sums.glow = film.sums[2, row, col]
-    sums.veil = film.sums[3, row, col]
-    sums.squares = film.sums[4, row, col]
+    sums.multiple = film.sums[2, row, col]
+    sums.correction = film.sums[3, row, col]
+    sums.odd = film.sums[4, row, col]
+    sums.odd_correction = film.sums[5, row, col]
     return sums
 
 
@@ -238,52 +231,68 @@ def note_samples(film: Film):
 
 
 @wp.kernel(enable_backward=False)
+def sample_variances(
+    film: Film,
+    # out
+    variance: wp.array2d(dtype=wp.vec3d),
+):
+    """Estimates of the variance of one sample of each pixel; they tell something as means over many."""
+    row, col = wp.tid()
+    sums = sums_of(film, row, col)
+    total = sums.direct + sums.single + sums.multiple
+    count = of_tile(film.count, row, col)
+    variance[row, col] = wp.vec3d(wp.float64(0.0))
+    if count > 1:
+        variance[row, col] = squared_error(total, sums.odd, count)
+
+
+@wp.func
+def mean_around(image: wp.array2d(dtype=wp.vec3d), row: int, col: int):
+    """Mean over the square of AROUND pixels that is centred on a pixel, or pushed inside by the image's edge."""
+    total = wp.vec3d(wp.float64(0.0))
+    height, width = image.shape[0], image.shape[1]
+    top = wp.clamp(row - AROUND / 2, 0, wp.max(height - AROUND, 0))
+    left = wp.clamp(col - AROUND / 2, 0, wp.max(width - AROUND, 0))
+    bottom = wp.min(top + AROUND, height)
+    right = wp.min(left + AROUND, width)
+    for i in range(top, bottom):
+        for j in range(left, right):
+            total += image[i, j]
+    return total / wp.float64((bottom - top) * (right - left))
+
+
+@wp.kernel(enable_backward=False)
 def develop(
     film: Film,
+    variance: wp.array2d(dtype=wp.vec3d),  # of sample_variances
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
     multiple: wp.array2d(dtype=wp.vec3),
-    residual: wp.array2d(dtype=wp.vec3),
+    correction: wp.array2d(dtype=wp.vec3),
     metal_variance: wp.array2d(dtype=wp.vec3),
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer (``residual`` is part of multiple), their sum and its standard error, all [height, width].
+    """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
-    ``metal_variance`` is that of the residual where there is metal and enough samples to tell, and else negative.
+    The standard error is that of the pixels around: a pixel's own samples that missed what is rare and bright would
+    claim too little. ``metal_variance`` is that of the mean where there is metal, and else negative.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
     n = wp.float64(wp.max(count, 1))
-    added = wp.vec3d(wp.float64(0.0))
-    added_squares = wp.vec3d(wp.float64(0.0))
-    extra = int(0)
-    if film.residual.shape[0] > 0:
-        added = film.residual[row, col]
-        added_squares = film.residual_squares[row, col]
-        extra = film.residual_count[row, col]
-    m = wp.float64(wp.max(extra, 1))
     direct[row, col] = wp.vec3(sums.direct / n)
     single[row, col] = wp.vec3(sums.single / n)
-    multiple[row, col] = wp.vec3((sums.glow + sums.veil) / n + added / m)
-    residual[row, col] = wp.vec3(added / m)
+    multiple[row, col] = wp.vec3(sums.multiple / n)
+    correction[row, col] = wp.vec3(sums.correction / n)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    total = sums.direct + sums.single + sums.glow + sums.veil
-    sharp = wp.vec3(-1.0)
-    if extra >= TELLING_SAMPLES:
+    mean_variance = mean_around(variance, row, col) / n
+    metal_variance[row, col] = wp.vec3(-1.0)
+    if film.metal.shape[0] > 0 and count >= TELLING_SAMPLES:
         if film.metal[row, col] == 1:
-            for c in range(3):
-                sharp[c] = float(variance_of_mean(added_squares[c], added[c], extra))
-    metal_variance[row, col] = sharp
-    error = wp.vec3(0.0)
+            metal_variance[row, col] = wp.vec3(mean_variance)
     for c in range(3):
-        variance = variance_of_mean(sums.squares[c], total[c], count)
-        if extra == 1:  # its second moment is all that is known, and no less than the variance
-            variance += added_squares[c]
-        elif extra > 1:
-            variance += variance_of_mean(added_squares[c], added[c], extra)
-        error[c] = float(wp.sqrt(variance))
-    stderr[row, col] = error
+        stderr[row, col][c] = wp.where(count > 1, float(wp.sqrt(mean_variance[c])), wp.inf)

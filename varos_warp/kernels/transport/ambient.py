@@ -81,7 +81,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
             L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
-            sums = add_sample(sums, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
+            sums = add_sample(sums, sample, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
         store(film, i, sums)
 
     return trace_ambient

@@ -1,10 +1,25 @@
-"""Image A: radiance of underwater pixels lit by lamps, by orders of scattering.
+"""Image A: radiance of underwater pixels lit by lights, by one path tracer, with or without the field of open water.
 
-Every segment of a path gathers the light that lamps send into it with one more event: reflected off the surface at
+Every segment of a path gathers the light that lights send into it with one more event: reflected off the surface at
 its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
-of more events is carried by a walk. It starts with a scattering on the camera's segment or with a reflection at its
-end, and moves from vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or
+of more events is carried by a subpath. It starts with a scattering on the camera's segment or with a reflection at its
+end, and goes on from vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or
 dropped.
+
+With the field (kernels/field) only what surfaces change is left to paths. Let F be the radiance of scattered light in
+open water, L that of the scene, and D = L - F. Both obey the equation of transfer; their difference is that along a
+segment of length t, from p along d to the surface at q,
+
+    light scattered once counts V - 1: nothing where it is visible, minus itself where it is blocked;
+    at q are added direct light and reflectance E_F / pi, and F(q, d), which would come from behind, is taken away;
+    D itself is carried on, scattered in the water or reflected off the surface.
+
+So in open water D is exactly 0. The camera's own segment adds F up to its end. Metals mirror F, of which the field
+knows no reflection: a segment that leaves one carries L, not D.
+
+Second moments are finite: light scattered from a light at a distance h from a segment goes as 1/h, and some directions
+are drawn around the lights at every vertex with a density in proportion to that (`subpath.light_share`); F(q, d) and
+virtual point lights are estimated with bounded weights; weights of subpaths are bounded on average (subpath.py).
 """
 
 from dataclasses import dataclass
@@ -12,23 +27,30 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.conventions import FAR, LONG_KERNEL
+from varos_warp.kernels.field.lookup import reflected_field, sample_field
+from varos_warp.kernels.field.open_water import Tables, single_scattering, veil_radiance
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
 from varos_warp.kernels.sampling import uniforms
-from varos_warp.kernels.transport.next_event import gather_in_scattered, gather_reflected
+from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
+from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import (
+    Subpath,
     Vertex,
-    Walk,
     advance,
     first_scattering_pdf,
-    lamp_distance,
+    light_distance,
+    light_share,
+    lobe_reaches_lights,
+    own_lobe_pdf,
+    sample_direction,
     sample_first_scattering,
+    subpath_from_surface,
+    subpath_from_water,
     surface_vertex,
-    turn,
-    walk_from_surface,
-    walk_from_water,
     water_vertex,
 )
+from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
 from varos_warp.kernels.world.bsdf import surface_albedo
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
@@ -37,6 +59,15 @@ from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
+
+LOW_DIMENSIONS = wp.constant(14)
+"""So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
+HALF = wp.constant(wp.uint32(0x9E3779B9))
+"""Added to the key of every second sample, so that the two halves are independent."""
+MOST_AROUND, MOST_AROUND_WITH_FIELD = wp.constant(0.5), wp.constant(0.05)
+"""Largest share of directions around the lights. With the field only what is blocked there is left."""
+NEAR_SHARE = wp.constant(0.5)
+"""Share of first scatterings that are drawn near the lights; none with the field, which knows their light."""
 
 
 @dataclass(frozen=True)
@@ -53,144 +84,284 @@ class PathSpec:
     """Something stands in many places."""
     textures: bool = True
     """Some material is more than one constant reflectance."""
+    surfaces: bool = True
+    """Anything is there but water."""
+    field: bool = False
+    """The field of open water is known."""
+    camera_field: bool = False
+    """It is also known along this camera's rays."""
+
+
+@wp.struct
+class PathBounds:
+    """How far paths go."""
+
+    scatterings: int
+    bounces: int
+    """The most of each."""
+    correction: float
+    """Share of the samples of a pixel that take a subpath and look what is blocked."""
+
+
+@wp.func(inline=False)
+def draw(key: wp.uint32, pixel: int, sample: int, group: int):
+    """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent ones far down a path.
+
+    Even and odd samples have sequences of their own.
+    """
+    half = key + HALF * wp.uint32(sample & 1)
+    if group < LOW_DIMENSIONS:
+        return sobol4(half, pixel, sample >> 1, 2 * group)
+    return uniforms(half, pixel, sample >> 1, group)
+
+
+@wp.func(inline=False)
+def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
+    """Radiance that all lights add to a ray up to ``t`` by scattering once, without obstacles, by quadrature."""
+    L = wp.vec3(0.0)
+    for i in range(scene.lights.shape[0]):
+        L += single_scattering(scene.medium, scene.lights[i], o, d, t)
+    return L
 
 
 @wp.func
 def camera_segment(ray: Ray):
     """The camera's own segment as the first of a path."""
-    walk = Walk()
-    walk.alive = 1
-    walk.vertex = water_vertex(ray.o, ray.d)
-    walk.throughput = wp.vec3(1.0)
-    return walk
+    path = Subpath()
+    path.alive = 1
+    path.vertex = water_vertex(ray.o, ray.d)
+    path.throughput = wp.vec3(1.0)
+    return path
 
 
-@wp.func
-def start_walk(
-    scene: SceneData,
-    o: wp.vec3,
-    d: wp.vec3,
-    hit: Hit,
-    end: Vertex,
-    max_scatterings: int,
-    max_bounces: int,
-    u: wp.vec4,
-):
-    """Walk that turns first in the water on the camera's segment, or on the surface at its ``end``.
+@cache
+def make_start_subpath(near_share: float):
+    """The function ``start_subpath``; ``near_share`` of first scatterings are drawn near the lights."""
 
-    Where both can be, either is taken half of the time.
-    """
-    walk = Walk()
-    from_water = max_scatterings > 0
-    from_surface = hit.face >= 0 and max_bounces > 0 and brightest(surface_albedo(end.surface)) > 0.0
-    both = from_water and from_surface
-    if from_water and (u[2] < 0.5 or not both):
-        near = lamp_distance(scene, o)
-        t = sample_first_scattering(scene.medium, near, hit.t, u[0], u[1])
-        walk = walk_from_water(scene, o, d, t, first_scattering_pdf(scene.medium, near, hit.t, t))
-    elif from_surface:
-        walk = walk_from_surface(scene, end, hit.t)
-    walk.dimension = 4
-    if both:
-        walk.throughput *= 2.0
-        walk.expected_at_start *= 2.0
-    return walk
+    @wp.func
+    def start_subpath(scene: SceneData, ray: Vertex, hit: Hit, end: Vertex, bounds: PathBounds, u: wp.vec4):
+        """Subpath that turns first in the water on the camera's segment, or on the surface at its ``end``.
+
+        Where both can be, either is taken half of the time.
+        """
+        path = Subpath()
+        from_water = bounds.scatterings > 0
+        from_surface = hit.face >= 0 and bounds.bounces > 0 and brightest(surface_albedo(end.surface)) > 0.0
+        both = from_water and from_surface
+        if from_water and (u[2] < 0.5 or not both):
+            near = float(1.0)
+            if wp.static(near_share > 0.0):
+                near = light_distance(scene, ray.p)
+            t = sample_first_scattering(scene.medium, near, near_share, hit.t, u[0], u[1])
+            pdf = first_scattering_pdf(scene.medium, near, near_share, hit.t, t)
+            path = subpath_from_water(scene, ray.p, ray.d, t, pdf)
+        elif from_surface:
+            path = subpath_from_surface(scene, end, hit.t)
+        if both:
+            path.throughput *= 2.0
+            path.expected_at_start *= 2.0
+        return path
+
+    return start_subpath
 
 
 @cache
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """Path tracing of a film's parts from ``first`` on, specialised to ``spec``.
 
-    One loop serves camera segments and walks, segment by segment, so that threads of a GPU's warp trace rays together
-    whatever their paths are doing (path regeneration, Novak et al. 2010).
+    One loop serves camera segments and subpaths, segment by segment, so that threads of a GPU's warp trace rays
+    together whatever their paths are doing (path regeneration, Novak et al. 2010).
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
+    start_subpath = make_start_subpath(0.0 if spec.field else NEAR_SHARE)
+    most_around = MOST_AROUND_WITH_FIELD if spec.field else MOST_AROUND
+
+    @wp.func
+    def carries_all(path: Subpath):
+        """Whether what leaves the subpath's vertex carries all light, and not its difference from open water."""
+        if wp.static(spec.field):
+            return path.vertex.on_surface == 1 and path.vertex.surface.metal > 0.0
+        return True
+
+    @wp.func
+    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: float, v: float):
+        """Light scattered once into a segment; or if that of open water is known, minus what of it is blocked."""
+        L = wp.vec3(0.0)
+        scattered = sample_in_scattered(scene, o, d, t, u, v)
+        if brightest(scattered.L) > 0.0:
+            if visible(scene, scattered.p, scattered.q):
+                L = scattered.L
+            if not whole:
+                L -= scattered.L
+        return L
+
+    @wp.func
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
+        """Light of the lights that the surface at the end of a segment reflects."""
+        reflected = sample_reflected(scene, hit, end, u, v)
+        if brightest(reflected.L) > 0.0:
+            if not visible(scene, reflected.p, reflected.q):
+                reflected.L = wp.vec3(0.0)
+        return reflected
+
+    @wp.func
+    def field_behind(scene: SceneData, field: Tables, hit: Hit, d: wp.vec3, u: wp.vec4):
+        """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
+        once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
+        return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+
+    @wp.func
+    def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, u: float, v: float):
+        """Light of virtual point lights at a subpath's vertex."""
+        found = gather_virtual_light(scene, lights, path.vertex, u, v)
+        if brightest(found.L) > 0.0:
+            if visible(scene, path.vertex.p, found.p):
+                return wp.cw_mul(path.throughput, found.L)
+        return wp.vec3(0.0)
+
+    @wp.func
+    def share_around_lights(scene: SceneData, path: Subpath, whole: bool):
+        """Share of directions around the lights at a subpath's vertex."""
+        share = light_share(path, most_around)
+        if wp.static(spec.field and spec.textures):
+            if whole:
+                share = 0.5 * lobe_reaches_lights(scene, path.vertex)
+        return share
 
     @wp.kernel(**LONG_KERNEL)
     def trace_paths(
         scene: SceneData,
         camera: Camera,
         first: int,
-        max_scatterings: int,
-        max_bounces: int,
+        field: Tables,
+        virtual_lights: wp.array(dtype=VirtualLight),
+        bounds: PathBounds,
         key: wp.uint32,
         # out
         film: Film,
     ):
         i = first + wp.tid()
         part = film.parts[i]
-        row, col = part.row, part.col
-        pixel = row * film.sums.shape[2] + col
+        height, width = film.sums.shape[1], film.sums.shape[2]
+        pixel = part.row * width + part.col
         sample = part.begin
         sums = Sums()
-        L_direct = wp.vec3(0.0)
-        L_single = wp.vec3(0.0)
-        L_multiple = wp.vec3(0.0)
+        black = wp.vec3(0.0)
+        L_direct = black
+        L_single = black
+        L_field = black
+        L_paths = black
+        correction = black
         on_camera = bool(True)
-        from_surface = bool(False)
-        walk = Walk()
+        whole = bool(True)
+        group = int(0)
+        place = wp.vec2(0.0)
+        path = Subpath()
+        before = Vertex()
         while sample < part.end:
-            # a ray: through the pixel, or on from the vertex where a walk turns
+            # a ray: through the pixel, or on from the vertex where a subpath turns
             if on_camera:
-                u = uniforms(key, pixel, sample, 0)
-                ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-                walk = camera_segment(ray)
+                u = draw(key, pixel, sample, 0)
+                place = wp.vec2(float(part.col) + u[0], float(part.row) + u[1])
+                path = camera_segment(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
+                group = 1
             else:
-                lamp_share = float(0.0)
+                u = draw(key, pixel, sample, group)
+                v = draw(key, pixel, sample, group + 1)
+                group += 2
+                whole = carries_all(path)
+                before = path.vertex
+                metal = before.on_surface == 1 and before.surface.metal > 0.0
+                if wp.static(spec.surfaces):
+                    if path.bounces < bounds.bounces and not metal:
+                        L_paths += virtual_light(scene, virtual_lights, path, v[2], v[3])
+                share = float(0.0)
                 if wp.static(spec.medium):
-                    lamp_share = wp.where(walk.scatterings < max_scatterings, 0.5, 0.0)
-                u = uniforms(key, pixel, sample, walk.dimension)
-                v = uniforms(key, pixel, sample, walk.dimension + 1)
-                walk = turn(scene, walk, lamp_share, u, v)
+                    if path.scatterings < bounds.scatterings:
+                        share = share_around_lights(scene, path, whole)
+                path = sample_direction(scene, path, share, u, v)
 
-            if walk.alive == 1:
-                o = walk.vertex.p
-                d = walk.vertex.d
+            if path.alive == 1:
+                o = path.vertex.p
+                d = path.vertex.d
                 hit = first_hit(scene, o, d)
-                u = uniforms(key, pixel, sample, walk.dimension + 2)
-                v = uniforms(key, pixel, sample, walk.dimension + 3)
-                walk.dimension += 4
+                T = transmittance(scene.medium, hit.t)
+                u = draw(key, pixel, sample, group)
+                v = draw(key, pixel, sample, group + 1)
+                w = draw(key, pixel, sample, group + 2)
+                group += 3
+                corrects = not on_camera or w[3] < bounds.correction
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end
                 L_water = wp.vec3(0.0)
                 if wp.static(spec.medium and (spec.single or spec.multiple)):
-                    if walk.scatterings < max_scatterings and (wp.static(spec.single) or not on_camera):
-                        scattered = gather_in_scattered(scene, o, d, hit.t, u[0], u[1])
-                        if brightest(scattered.L) > 0.0:
-                            if visible(scene, scattered.p, scene.lights[scattered.lamp].position):
-                                L_water = scattered.L
+                    if path.scatterings < bounds.scatterings and corrects and (wp.static(spec.single) or not on_camera):
+                        all_of_it = wp.static(not spec.field) or (whole and not on_camera)
+                        L_water = scattered_once(scene, o, d, hit.t, all_of_it, u[0], u[1])
                 L_surface = wp.vec3(0.0)
-                end_vertex = Vertex()
+                end = Vertex()
                 if hit.face >= 0:
                     n = shading_normal(scene, hit)
                     angle = wp.where(on_camera, camera.pixel_angle, WALK_ANGLE)
-                    surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
-                    end_vertex = surface_vertex(hit, d, n, surface)
-                    if walk.bounces < max_bounces and (wp.static(spec.direct) or not on_camera):
-                        reflected = gather_reflected(scene, hit, end_vertex, u[2])
-                        if brightest(reflected.L) > 0.0:
-                            if visible(scene, reflected.p, scene.lights[reflected.lamp].position):
-                                L_surface = wp.cw_mul(transmittance(scene.medium, hit.t), reflected.L)
+                    end = surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
+                    if path.bounces < bounds.bounces and (wp.static(spec.direct) or not on_camera):
+                        reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
+                        L_surface = wp.cw_mul(T, reflected.L)
+                        if not on_camera and brightest(L_surface) > 0.0:
+                            metal = before.on_surface == 1 and before.surface.metal > 0.0
+                            if not metal and not may_have_lobe(scene, hit):
+                                pdf = own_lobe_pdf(scene, before, d)
+                                L_surface *= found_weight(scene, pdf, d, hit.t, reflected.light, hit.p, hit.n)
+                    if wp.static(spec.field and spec.multiple):
+                        if path.bounces < bounds.bounces:
+                            L_reflected = wp.cw_mul(T, reflected_field(scene, field, end))
+                            if on_camera:
+                                L_field += L_reflected
+                            else:
+                                L_surface += L_reflected
+                        if not on_camera and not whole:
+                            L_surface -= wp.cw_mul(T, field_behind(scene, field, hit, d, w))
 
                 # where the path goes on
                 if on_camera:
-                    L_single = L_water
+                    weight = 1.0 / bounds.correction
                     L_direct = L_surface
+                    L_single = L_water
+                    if wp.static(spec.field and spec.textures):
+                        if end.surface.metal > 0.0 and film.metal.shape[0] > 0:
+                            film.metal[part.row, part.col] = 1
+                    if wp.static(spec.field):
+                        correction = weight * L_water
+                        L_single = correction
+                        if wp.static(spec.single):
+                            L_single += scattered_by_lights(scene, o, d, hit.t)
+                        if wp.static(spec.multiple and spec.camera_field):
+                            L_field += veil_radiance(field, place[0] / float(width), place[1] / float(height), hit.t)
+                        if wp.static(spec.multiple and not spec.camera_field):
+                            if corrects:
+                                L_paths += weight * sample_field(scene, field, o, d, hit.t, w[1], w[2])
                     on_camera = False
-                    walk.alive = 0
-                    if wp.static(spec.multiple):
-                        walk = start_walk(scene, o, d, hit, end_vertex, max_scatterings, max_bounces, v)
-                        from_surface = walk.bounces == 1
+                    path.alive = 0
+                    if wp.static(spec.multiple and (spec.surfaces or not spec.field)):
+                        if corrects:
+                            path = start_subpath(scene, path.vertex, hit, end, bounds, v)
+                            path.throughput *= weight
+                            path.expected_at_start *= weight
                 else:
-                    L_multiple += wp.cw_mul(walk.throughput, L_water + L_surface)
-                    walk = advance(scene, walk, hit, end_vertex, max_scatterings, max_bounces, v)
+                    if wp.static(spec.field and spec.medium):
+                        if whole:
+                            L_water += sample_field(scene, field, o, d, hit.t, w[0], w[1])
+                    L_paths += wp.cw_mul(path.throughput, L_water + L_surface)
+                    path = advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, v)
 
-            if walk.alive == 0:
-                black = wp.vec3(0.0)
-                glow = wp.where(from_surface, L_multiple, black)
-                sums = add_sample(sums, L_direct, L_single, glow, wp.where(from_surface, black, L_multiple))
-                L_multiple = wp.vec3(0.0)
+            if path.alive == 0:
+                if wp.static(spec.field):
+                    correction += L_paths
+                sums = add_sample(sums, sample, L_direct, L_single, L_field + L_paths, correction)
+                L_field = black
+                L_paths = black
+                correction = black
                 on_camera = True
                 sample += 1
         store(film, i, sums)

@@ -11,11 +11,11 @@ import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
 from varos_warp.kernels.sampling import uniforms
-from varos_warp.kernels.transport.in_scatter import lamp_beam
+from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.light import brightest, light_sample
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.texture import WALK_ANGLE, Surface, footprint_width
@@ -60,30 +60,29 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     hit_surface = make_hit_surface(textures)
 
     @wp.func
-    def scattered(scene: SceneData, p: wp.vec3, d: wp.vec3):
+    def scattered(scene: SceneData, p: wp.vec3, d: wp.vec3, v: wp.vec2):
         """Light of every lamp that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
         L = wp.vec3(0.0)
         for i in range(scene.lights.shape[0]):
-            position = scene.lights[i].position
-            l = wp.normalize(position - p)
-            arriving = phase_eval(scene.medium.phase, 1.0 - wp.dot(d, l)) * lamp_beam(scene, scene.lights[i], p)
+            sample = light_sample(scene.lights[i], p, v)
+            apart = d - sample.d
+            arriving = phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart)) * irradiance(scene.medium, sample)
             if brightest(arriving) > 0.0:
-                if visible(scene, p, position):
+                if visible(scene, p, sample.p):
                     L += arriving
         return L
 
     @wp.func
-    def reflected(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3):
+    def reflected(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, v: wp.vec2):
         """Light of every lamp that the surface at ``hit`` reflects against a ray along ``d``."""
         L = wp.vec3(0.0)
         for i in range(scene.lights.shape[0]):
-            position = scene.lights[i].position
-            l = wp.normalize(position - hit.p)
-            if wp.dot(l, hit.n) > 0.0:
-                f = surface_eval(scene.lobe_albedo, surface, n, -d, l)
-                arriving = wp.cw_mul(f, lamp_beam(scene, scene.lights[i], hit.p))
+            sample = light_sample(scene.lights[i], hit.p, v)
+            if wp.dot(sample.d, hit.n) > 0.0:
+                f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
+                arriving = wp.cw_mul(f, irradiance(scene.medium, sample))
                 if brightest(arriving) > 0.0:
-                    if visible(scene, hit.start, position):
+                    if visible(scene, hit.start, sample.p):
                         L += arriving
         return L
 
@@ -106,9 +105,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         for sample in range(part.begin, part.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
-            L_glow = wp.vec3(0.0)
-            L_veil = wp.vec3(0.0)
-            from_surface = bool(False)
+            L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
             ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
             o = ray.o
@@ -135,7 +132,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                         f = wp.cw_mul(scene.medium.sigma_s, T)
                         throughput = balance(throughput, f, wp.cw_mul(scene.medium.sigma_t, T))
                         o += t * d
-                        L = wp.cw_mul(throughput, scattered(scene, o, d))
+                        L = wp.cw_mul(throughput, scattered(scene, o, d, wp.vec2(u[2], u[3])))
                         d = phase_sample(scene.medium.phase, d, v[0], v[1])
                 else:
                     alive = hit.face >= 0 and bounces < max_bounces
@@ -146,7 +143,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                         n = shading_normal(scene, hit)
                         angle = wp.where(events == 0, camera.pixel_angle, WALK_ANGLE)
                         surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
-                        L = wp.cw_mul(throughput, reflected(scene, hit, n, surface, d))
+                        L = wp.cw_mul(throughput, reflected(scene, hit, n, surface, d, wp.vec2(u[2], u[3])))
                         viewer = -d
                         d = sample_surface(surface, n, viewer, v[0], v[1], v[2])
                         throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, viewer, d))
@@ -154,16 +151,12 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                         o = hit.start
 
                 # the layer that it belongs to
-                if events == 0:
-                    from_surface = not in_water
-                    if from_surface:
-                        L_direct = L
-                    else:
-                        L_single = L
-                elif from_surface:
-                    L_glow += L
+                if events > 0:
+                    L_multiple += L
+                elif in_water:
+                    L_single = L
                 else:
-                    L_veil += L
+                    L_direct = L
                 if not wp.static(multiple):
                     alive = False
 
@@ -175,7 +168,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 L_direct = wp.vec3(0.0)
             if not wp.static(single):
                 L_single = wp.vec3(0.0)
-            sums = add_sample(sums, L_direct, L_single, L_glow, L_veil)
+            sums = add_sample(sums, sample, L_direct, L_single, L_multiple, wp.vec3(0.0))
         store(film, i, sums)
 
     return trace_reference

@@ -1,40 +1,41 @@
-"""Lit points: places on surfaces that rays from the lamps meet first, spread over a frame before its pixels are drawn.
+"""Virtual point lights: places on surfaces that rays from the lights meet first, spread over the scene before a frame.
 
-Light that goes lamp, surface, vertex can be found from the vertex (a ray in a direction of its lobe, that happens to
-meet a lit place) or from the lamp (a lit point, that happens to be seen). Each fails where the other is good: small
-bright places far away, and places close by. Both are taken, weighted by the balance heuristic (Veach and Guibas 1995).
-Of several lit points one is chosen by what it would send without obstacles (resampling, Talbot et al. 2005).
+Light that goes light, surface, vertex can be found from the vertex (a ray in a direction of its lobe, that happens to
+meet a lit place) or from the light (a virtual point light, that happens to be seen). Each fails where the other is
+good: small bright places far away, and places close by. Both are taken, weighted by the balance heuristic (Veach and
+Guibas 1995), which bounds both. Of several virtual point lights one is chosen by what it would send without obstacles
+(resampling, Talbot et al. 2005).
 """
 
 from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.sampling import Pick, from_polar, reservoir
-from varos_warp.kernels.transport.in_scatter import lamp_beam
+from varos_warp.kernels.sampling import Pick, reservoir
+from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import Light, brightest
+from varos_warp.kernels.world.light import brightest, light_emit, light_flux, light_sample, light_solid_angle
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import METAL, WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
 CANDIDATES = wp.constant(4)
-"""Lit points that one is chosen from."""
+"""Virtual point lights that one is chosen from."""
 
 
 @wp.struct
-class LitPoint:
-    """A place that one lamp lights."""
+class VirtualLight:
+    """A place that one light lights."""
 
     p: wp.vec3
     """Where rays from it start."""
     n: wp.vec3
     """Geometric normal on the lit side."""
     L: wp.vec3
-    """Radiance of the lamp's light off the surface; 0 where the ray met nothing, or a material that may be metal."""
+    """Radiance of the light's light off the surface; 0 where the ray met nothing, or a material that may be metal."""
     density: float
     """Of such points per area [1/m^2]."""
 
@@ -47,88 +48,75 @@ def may_have_lobe(scene: SceneData, hit: Hit):
 
 
 @wp.func
-def cone_solid_angle(light: Light):
-    """Of a lamp's cone [sr]."""
-    return wp.tau * (1.0 - light.cos_half)
-
-
-@wp.func
-def lamp_flux(light: Light):
-    """Brightest channel of what a lamp sends [W], its soft edge counted in full."""
-    return brightest(light.intensity) * cone_solid_angle(light)
-
-
-@wp.func
-def lit_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
-    """Density per area of lit points of lamp ``i`` at a place with geometric normal ``n`` that it lights."""
+def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
+    """Density per area of virtual point lights of light ``i`` at a place with geometric normal ``n`` that it lights."""
     total = float(0.0)
     for k in range(scene.lights.shape[0]):
-        total += lamp_flux(scene.lights[k])
-    offset = scene.lights[i].position - p
-    d2 = wp.dot(offset, offset)
-    facing = wp.abs(wp.dot(n, offset)) / (d2 * wp.sqrt(d2))
-    return lamp_flux(scene.lights[i]) / total * facing / cone_solid_angle(scene.lights[i])
+        total += light_flux(scene.lights[k])
+    sample = light_sample(scene.lights[i], p, wp.vec2(0.5))
+    facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
+    return light_flux(scene.lights[i]) / total * facing / light_solid_angle(scene.lights[i])
 
 
 @cache
-def make_lit_points_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Rays from the lamps to their first surfaces."""
+def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Rays from the lights to their first surfaces."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def find_lit_points(
+    def find_virtual_lights(
         scene: SceneData,
+        first: int,
         key: wp.uint32,
         # out
-        points: wp.array(dtype=LitPoint),
+        points: wp.array(dtype=VirtualLight),
     ):
-        k = wp.tid()
+        k = first + wp.tid()
         u = sobol4(key, -1, k, 0)
         total = float(0.0)
         pick = Pick()
         pick.u = u[2]
         for i in range(scene.lights.shape[0]):
-            weight = lamp_flux(scene.lights[i])
+            weight = light_flux(scene.lights[i])
             total += weight
             pick = reservoir(pick, i, weight, total)
         light = scene.lights[pick.index]
-        x = u[0] * (1.0 - light.cos_half)
-        d = from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * u[1])
+        d = light_emit(light, u[0], u[1])
         hit = first_hit(scene, light.position, d)
-        point = LitPoint()
+        point = VirtualLight()
         if hit.face >= 0:
             n = shading_normal(scene, hit)
             surface = hit_surface(scene, hit, n, footprint_width(WALK_ANGLE, hit.t, d, hit.n))
             point.p = hit.start
             point.n = hit.n
             if not may_have_lobe(scene, hit):
-                E = wp.max(-wp.dot(n, d), 0.0) * lamp_beam(scene, light, hit.p)
+                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p, wp.vec2(0.5)))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
-                point.density = lit_density(scene, pick.index, hit.p, hit.n)
+                point.density = virtual_density(scene, pick.index, hit.p, hit.n)
         points[k] = point
 
-    return find_lit_points
+    return find_virtual_lights
 
 
 @wp.struct
-class PointLight:
-    """Light of one lit point at a vertex, as if nothing stood between the two."""
+class VirtualConnection:
+    """Light of one virtual point light at a vertex, as if nothing stood between the two."""
 
     p: wp.vec3
     L: wp.vec3
 
 
 @wp.func
-def gather_lit_point(scene: SceneData, points: wp.array(dtype=LitPoint), vertex: Vertex, u: float, v: float):
-    """Light of all lit points on a vertex, towards where its ray came from, estimated by one of them.
+def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: float, v: float):
+    """Light of all virtual point lights on a vertex, towards where its ray came from, estimated by one of them.
 
     Each of the CANDIDATES is drawn from its own part of the points.
     """
     total = float(0.0)
     pick = Pick()
     pick.u = v
-    best = PointLight()
+    best = VirtualConnection()
     candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is what GPUs like
     for k in range(candidates):
         at = int((float(k) + u) / float(CANDIDATES) * float(points.shape[0]))
@@ -153,7 +141,7 @@ def gather_lit_point(scene: SceneData, points: wp.array(dtype=LitPoint), vertex:
 
 
 @wp.func
-def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, lamp: int, p: wp.vec3, n: wp.vec3):
-    """Weight of a lamp's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_lit_point."""
+def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, light: int, p: wp.vec3, n: wp.vec3):
+    """Weight of a light's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_virtual_light."""
     found = lobe_pdf * wp.abs(wp.dot(d, n))
-    return found / wp.max(found + t * t * lit_density(scene, lamp, p, n), 1.0e-30)
+    return found / wp.max(found + t * t * virtual_density(scene, light, p, n), 1.0e-30)

@@ -1,9 +1,13 @@
-"""Spot and point lights: radiant intensity, and the part of a ray that a cone lights."""
+"""Lights: spots and points. What other files know of a light they know by the functions at the end of this one.
+
+`light_sample` finds a place on a light and what it sends to a point, `light_beam` the part of a ray that it lights,
+`light_importance` what it is worth near a point, `light_emit` a ray that leaves it.
+"""
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
-from varos_warp.kernels.sampling import equiangular_angle
+from varos_warp.kernels.sampling import equiangular_angle, from_polar
 
 wp.set_module_options({"enable_backward": False})
 
@@ -83,7 +87,7 @@ def clip_to_cone(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
 
 
 @wp.func
-def lit_interval(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     """The part of the ray from ``o`` along ``d`` to ``t_max`` that the light's cone holds."""
     part = LitInterval()
     to_light = light.position - o
@@ -106,3 +110,57 @@ def lit_interval(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 def brightest(c: wp.vec3):
     """Largest channel."""
     return wp.max(c[0], wp.max(c[1], c[2]))
+
+
+@wp.struct
+class LightSample:
+    """A place on a light, seen from a point."""
+
+    p: wp.vec3
+    """The place."""
+    d: wp.vec3
+    """Unit direction to it, and how far it is [m], not under NEAR."""
+    distance: float
+    intensity: wp.vec3
+    """Radiant intensity towards the point [W/sr]."""
+    pdf: float
+    """Density of the place; 1 of a light that is a point."""
+
+
+@wp.func
+def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
+    """A place on the light as seen from ``p``; lights that are points need no ``u``."""
+    sample = LightSample()
+    sample.p = light.position
+    offset = light.position - p
+    sample.distance = wp.max(wp.length(offset), NEAR)
+    sample.d = offset / sample.distance
+    sample.intensity = falloff(light, -wp.dot(sample.d, light.axis)) * light.intensity
+    sample.pdf = 1.0
+    return sample
+
+
+@wp.func
+def light_importance(light: Light, p: wp.vec3):
+    """How much a light matters near ``p``, wherever its cone points: intensity over squared distance."""
+    offset = light.position - p
+    return (brightest(light.intensity) + 1.0e-30) / wp.max(wp.dot(offset, offset), NEAR)
+
+
+@wp.func
+def light_solid_angle(light: Light):
+    """Of a light's cone [sr]."""
+    return wp.tau * (1.0 - light.cos_half)
+
+
+@wp.func
+def light_flux(light: Light):
+    """Brightest channel of what a light sends [W], its soft edge counted in full."""
+    return brightest(light.intensity) * light_solid_angle(light)
+
+
+@wp.func
+def light_emit(light: Light, u: float, v: float):
+    """A direction that the light shines in, even over its cone; its density is 1 / light_solid_angle."""
+    x = u * (1.0 - light.cos_half)
+    return from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)

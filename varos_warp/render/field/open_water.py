@@ -9,10 +9,8 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
-from varos_warp.kernels.conventions import NEAR
 from varos_warp.kernels.field.open_water import LampTable, Tables
 from varos_warp.kernels.field.tabulate import fill_veil
-from varos_warp.kernels.single_table import SingleTable, fill_single, find_smooth
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
@@ -23,6 +21,7 @@ from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.device import camera_record, light_record, medium_record
+from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
 TABLES_VERSION = 5
@@ -33,16 +32,6 @@ VEIL_RESOLUTION = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
-SINGLE = (129, 73, 129)
-"""Nodes of the table of light scattered once: distance, rows, columns of the image."""
-SINGLE_PIXELS = SINGLE[1] * SINGLE[2]
-"""Images with fewer do without it: making it would take longer than they do."""
-SINGLE_KEPT = 16
-"""Cameras whose table is kept; each takes 16 MB."""
-SINGLE_SCALE = 5.0
-"""Half of its distances are within so many times the mean distance of the lamps."""
-SINGLE_APERTURE = 0.02
-"""Nor for lenses with a larger radius, as a share of the distance of the nearest lamp: it is that of a pinhole."""
 SHARPEST_G = 0.88
 """Sharper phase functions have more harmonics than the grids of directions can tell apart: at 0.88 what is scattered
 twice or more is right to 1 %, at 0.9 it is 3 % too bright, at 0.924 22 %, at 0.93 40 % (sigma_t = 0.3, albedo 0.8)."""
@@ -54,6 +43,8 @@ SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
+IN_VIEW = 0.75
+"""Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
 CONES_DEG = (10.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe."""
 
@@ -74,12 +65,23 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return f"g = {water.g:g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
-    if view.mount == "world":
-        return f"camera {view.id} stands in the world, and the lamps move before it"
     narrow, wide = CONES_DEG
     if any(not shines_everywhere(light) and not narrow <= light.cone_deg <= wide for light in lights):
         return f"a lamp's cone is not between {narrow:g} and {wide:g} degrees"
     return None
+
+
+def along_camera(scene: Scene, view: Camera) -> bool:
+    """Whether the field is tabulated along a camera's rays: it moves with the lights, and sees none of them."""
+    if view.mount == "world":
+        return False
+    T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
+    for light in scene.vehicle.lights:
+        p = T_c_v[:3, :3] @ lamp_position(light, np.eye(4)) + T_c_v[:3, 3]
+        col, row = (K @ p)[:2] / max(p[2], 1e-9) / view.resolution
+        if p[2] > 0.0 and abs(col - 0.5) < IN_VIEW and abs(row - 0.5) < IN_VIEW:
+            return False
+    return True
 
 
 class OpenWater:
@@ -94,10 +96,13 @@ class OpenWater:
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.water = optical_properties(scene)
         self._cameras: dict[str, wp.array] = {}
-        self._single: dict[str, SingleTable] = {}
 
     def tables(self, view: Camera) -> Tables:
-        """Tables for a camera."""
+        """The field for a camera; without the part along its rays where `along_camera` says that there is none."""
+        tables = Tables()
+        tables.lamp = self._lamps
+        if not along_camera(self.scene, view):
+            return tables
         view, camera = _as_pinhole(view)
         key = repr(camera)
         if key not in self._cameras:
@@ -105,25 +110,9 @@ class OpenWater:
             depends_on = self._depends_on(camera=camera, lights=lights, veil=[VEIL, VEIL_NEAREST_M, VEIL_FARTHEST_M])
             arrays = cached("veil", depends_on, lambda: {"veil": self._fill_veil(view)})
             self._cameras[key] = self._array(arrays["veil"])
-        tables = Tables()
-        tables.lamp, tables.veil = self._lamps, self._cameras[key]
+        tables.veil = self._cameras[key]
         tables.veil_nearest, tables.veil_log_step = VEIL_NEAREST_M, _log_step()
         return tables
-
-    def single_table(self, view: Camera) -> SingleTable:
-        """Light scattered once along the rays of a camera; empty where it is not worth it, or not right."""
-        offsets = [np.linalg.norm(np.subtract(light.position, view.position)) for light in self.scene.vehicle.lights]
-        lens = camera_record(view, np.eye(4), np.zeros(3))
-        if np.prod(view.resolution) < SINGLE_PIXELS or lens.aperture > SINGLE_APERTURE * min(offsets):
-            return SingleTable()
-        view, camera = _as_pinhole(view)
-        key = repr(camera)
-        if key not in self._single:
-            self._single[key] = self._make_single(view, SINGLE_SCALE * max(float(np.mean(offsets)), NEAR))
-        table = self._single[key] = self._single.pop(key)  # the last one used is the last one to go
-        if len(self._single) > SINGLE_KEPT:
-            self._single.pop(next(iter(self._single)))
-        return table
 
     @cached_property
     def _lamps(self) -> wp.array:
@@ -165,16 +154,6 @@ class OpenWater:
         before = [scene, self._lamps, camera, size, VEIL_NEAREST_M, _log_step()]
         self.launcher.rows(fill_veil, VEIL[1:], before, [veil], tile_rows=1)
         return veil.numpy()
-
-    def _make_single(self, view: Camera, scale: float) -> SingleTable:
-        table = SingleTable()
-        table.scale = scale
-        table.radiance = wp.empty(SINGLE, dtype=wp.vec3, device=self.device)
-        table.smooth = wp.empty(tuple(nodes - 1 for nodes in SINGLE), dtype=wp.uint8, device=self.device)
-        at_rest = self._at_rest(view)
-        self.launcher.rows(fill_single, SINGLE[1:], [*at_rest], [table], tile_rows=1)
-        self.launcher.rows(find_smooth, table.smooth.shape[1:], [*at_rest], [table], tile_rows=1)
-        return table
 
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
         """Water and lamps, a camera and the size of its image, of a vehicle at rest."""

@@ -7,7 +7,7 @@ x right, y forward, z up, so the identity attitude looks along +y. Unknown keys 
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from varos_warp.scene.description.block import Block, Coordinate, NonNegative, Positive
 from varos_warp.scene.description.vehicle import Current, Trajectory, Vehicle
@@ -31,6 +31,11 @@ class LevelOfDetail(Block):
     such limit, nor where D is not among the outputs."""
 
 
+def field_by_old_name(name):
+    """``field`` for what older scene files call ``tables``."""
+    return "field" if name == "tables" else name
+
+
 class Render(Block):
     """What is rendered and how well."""
 
@@ -45,8 +50,9 @@ class Render(Block):
     max_scatterings: Annotated[int, Field(ge=0)] | None = None
     max_bounces: Annotated[int, Field(ge=0)] | None = None
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
-    integrator: Literal["auto", "tables", "path", "reference"] = "auto"
-    """How the light of A is computed; ``reference``: a plain, slow path tracer, the judge of the others."""
+    integrator: Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)] = "auto"
+    """How the light of A is computed: path tracing with the precomputed field of open water, or without; ``reference``:
+    a plain, slow path tracer, the judge of the others. Older files call the field ``tables``."""
     denoise: Literal["oidn", "nlm", "none"] = "oidn"
     denoise_b: Literal["oidn", "nlm", "none"] = "nlm"
     exposure: Exposure = Exposure()
