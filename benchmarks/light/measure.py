@@ -9,7 +9,7 @@ A row of the table is an integrator in a scene:
     noise       of a raw pixel, R G B: RMS standard deviation over seeds, in % of the image's mean
     RMSE        of denoised images from the reference, worst channel
     worst, 99%  block of 8 x 8 pixels of a denoised image; halved: share of the images with one that is off by half
-    var z       of (pixel - mean) / stderr, and of its central 98 %: 1 where stderr holds
+    var z       of (pixel - mean) / stderr, and of its central 98 %: 1 where stderr holds; >4: share of z beyond 4
     spread      of the images' means over the claimed one, worst channel
     bias z      largest block difference from the reference, in standard errors (raw images): beyond 5 is a bias, or
                 tails too heavy for so few images
@@ -35,7 +35,8 @@ from varos_warp.scene.device import resolve_device
 
 FOLDER = Path(__file__).with_name("references")
 HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise R/G/B %':<17}{'RMSE':>6}{'worst':>8}"
-        f"{'99%':>7}{'halved':>7}  {'var z (98%)':<14}{'spread':>7}{'bias z':>8}  {'mean off %':<15}{'ref':>5}")
+        f"{'99%':>7}{'halved':>7}  {'var z (98%)':<16}{'>4':>6}{'spread':>7}{'bias z':>8}  {'mean off %':<15}"
+        f"{'ref':>5}")
 
 
 def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str) -> dict:
@@ -68,13 +69,13 @@ def line(row: dict) -> str:
     if "refused" in row:
         return f"{start}   {row['refused']}"
     noise = " ".join(f"{100 * value:.3g}" for value in row["noise"])
-    z = f"{row['z_variance']:.3g} ({row['z_trimmed']:.2f})"
+    z = f"{row['z_variance']:.3g} ({row['z_trimmed']:.3g})"
     off, error = np.array(row["mean_off_percent"]), np.array(row["mean_off_stderr"])
     tells = int(np.argmax(np.abs(off / error)))
     mean = f"{off[tells]:+.2f} +- {error[tells]:.2f}"
     return (f"{start}{row['cpu_s']:7.2f}{row['wall_s']:7.2f}  {noise:<17}{100 * max(row['rmse']):5.1f}%"
-            f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<14}"
-            f"{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<15}"
+            f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<16}"
+            f"{100 * row['beyond_4']:5.1f}%{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<15}"
             f"{100 * row['reference_block_rms']:4.1f}%")
 
 

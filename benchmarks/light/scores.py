@@ -96,21 +96,27 @@ def block_row(images: np.ndarray, reference: Estimate) -> dict:
 
 
 def calibration(images: np.ndarray, stderr: np.ndarray) -> dict:
-    """Variance of (pixel - mean over seeds) / stderr, 1 where the error bars hold, and of its central 98 %.
+    """Whether pixels stray as ``stderr`` says, over pixels, channels and seeds.
 
-    The trimmed variance is relative to that of a normal distribution cut alike. Pixels that claim no error or an
-    infinite one are left out: ``claims_nothing`` is the share of those that claim 0 and are off all the same.
+    Returns:
+        ``z_variance``, of (pixel - mean over seeds) / stderr; ``z_trimmed``, of its central 98 % relative to a normal
+        distribution cut alike; ``z_pooled``, the mean of squared deviations over that of stderr^2, which a few bright
+        pixels rule: all are 1 where the error bars hold. ``beyond_4``: share of z beyond 4 (a normal one: 6e-5), with
+        those that claim no error and are off all the same, ``claims_nothing``; the others' z leave these out.
     """
     images, stderr = np.asarray(images, float), np.asarray(stderr, float)
-    off = (images - images.mean(axis=0)) * np.sqrt(len(images) / (len(images) - 1))
-    told = (stderr > 0.0) & np.isfinite(stderr)
-    z = off[told] / stderr[told]
+    known = np.isfinite(stderr)
+    off = ((images - images.mean(axis=0)) * np.sqrt(len(images) / (len(images) - 1)))[known]
+    claimed = stderr[known]
+    z = off[claimed > 0.0] / claimed[claimed > 0.0]
     if not len(z):
-        return {"z_variance": np.nan, "z_trimmed": np.nan, "claims_nothing": float((off[stderr == 0.0] != 0.0).mean())}
+        return dict.fromkeys(("z_variance", "z_trimmed", "z_pooled", "beyond_4", "claims_nothing"), np.nan)
     low, high = np.quantile(z, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2])
-    inner = z[(z >= low) & (z <= high)]
+    inner, silent = z[(z >= low) & (z <= high)], np.count_nonzero((claimed == 0.0) & (off != 0.0))
     return {"z_variance": float(np.mean(z**2)), "z_trimmed": float(np.mean(inner**2) / _trimmed_normal()),
-            "claims_nothing": float(((stderr == 0.0) & (off != 0.0)).mean())}
+            "z_pooled": float(np.sum(off**2) / np.sum(claimed**2)),
+            "beyond_4": float((np.count_nonzero(np.abs(z) > 4.0) + silent) / len(off)),
+            "claims_nothing": float(silent / len(off))}
 
 
 def _trimmed_normal() -> float:
