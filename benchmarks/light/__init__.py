@@ -1,0 +1,1 @@
+"""Unlike scenes, and how right, how noisy and how honest an integrator is in them."""

@@ -1,0 +1,165 @@
+"""What images of one scene with different random numbers tell: noise, errors, and whether ``stderr`` holds.
+
+Images are float [n, H, W, 3] with independent seeds first; rows of three numbers are per channel.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import norm, t
+
+BLOCK = 8
+"""Pixels along a side."""
+DARKEST = 0.1
+"""Errors of blocks are relative to their own mean, or to this share of the image's if that is more."""
+CENTRAL = 0.98
+"""Share of the deviations that the trimmed variance is of."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Independent images [n, H, W, 3] of the same truth, of ``spp`` samples each, and what their mean knows."""
+
+    images: np.ndarray
+    spp: np.ndarray | float = 1.0
+
+    def of(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean of ``values`` [n, ...], weighted by samples, and its standard error by their spread."""
+        weight = np.broadcast_to(np.asarray(self.spp, float), len(values)).reshape(-1, *[1] * (values.ndim - 1))
+        mean = (weight * values).sum(axis=0) / weight.sum()
+        spread = (weight * (values - mean) ** 2).sum(axis=0) / max(len(values) - 1, 1)
+        return mean, np.sqrt(spread / weight.sum()) if len(values) > 1 else np.full_like(mean, np.nan)
+
+    @cached_property
+    def pixels(self):
+        """Mean and standard error [H, W, 3]."""
+        return self.of(np.asarray(self.images, float))
+
+    @cached_property
+    def blocks(self):
+        """Mean and standard error [h, w, 3] of blocks; neighbours may share their noise."""
+        return self.of(block_means(self.images))
+
+    @cached_property
+    def whole(self):
+        """Mean and standard error [3] of the image."""
+        return self.of(np.asarray(self.images, float).mean(axis=(1, 2)))
+
+
+def block_means(images: np.ndarray) -> np.ndarray:
+    """Means [..., h, w, 3] of whole blocks of [..., H, W, 3]; what is left over at the edges is not looked at."""
+    images = np.asarray(images, float)
+    h, w = (max(side // BLOCK, 1) for side in images.shape[-3:-1])
+    tall, wide = min(BLOCK, images.shape[-3]), min(BLOCK, images.shape[-2])
+    cut = images[..., : h * tall, : w * wide, :]
+    return cut.reshape(*images.shape[:-3], h, tall, w, wide, 3).mean(axis=(-4, -2))
+
+
+def block_errors(images: np.ndarray, reference: Estimate) -> np.ndarray:
+    """Signed relative errors [n, h, w, 3] of blocks."""
+    truth, _ = reference.blocks
+    return (block_means(images) - truth) / np.maximum(truth, DARKEST * reference.whole[0])
+
+
+def worst_channel(errors: np.ndarray) -> np.ndarray:
+    """Of signed numbers [..., 3] the one farthest from 0."""
+    index = np.argmax(np.abs(errors), axis=-1)[..., None]
+    return np.take_along_axis(errors, index, axis=-1)[..., 0]
+
+
+def noise(images: np.ndarray, reference: Estimate) -> np.ndarray:
+    """RMS over pixels of the standard deviation over seeds, relative to the image's mean, [3]."""
+    variance = np.asarray(images, float).var(axis=0, ddof=1)
+    return np.sqrt(variance.mean(axis=(0, 1))) / reference.whole[0]
+
+
+def relative_rmse(images: np.ndarray, reference: Estimate) -> np.ndarray:
+    """Error over the image's mean [3], less what the reference's own noise adds."""
+    mean, stderr = reference.pixels
+    squares = ((np.asarray(images, float) - mean) ** 2).mean(axis=(0, 1, 2))
+    excess = squares - np.nan_to_num(stderr**2).mean(axis=(0, 1))
+    return np.sqrt(np.maximum(excess, 0.0)) / reference.whole[0]
+
+
+def block_row(images: np.ndarray, reference: Estimate) -> dict:
+    """How far blocks are off: the worst, 99 % of all, and the share of images with one off by half."""
+    errors = np.abs(worst_channel(block_errors(images, reference)))
+    unsure = reference.blocks[1] / np.maximum(reference.blocks[0], DARKEST * reference.whole[0])
+    return {"block_worst": float(errors.max()), "block_99": float(np.quantile(errors, 0.99)),
+            "half_off": float((errors.max(axis=(1, 2)) >= 0.5).mean()),
+            "reference_block_rms": float(np.sqrt((unsure**2).mean(axis=(0, 1)).max())),
+            "reference_block_worst": float(unsure.max())}
+
+
+# ---------------------------------------------------------------------------------------- do the error bars hold?
+
+
+def calibration(images: np.ndarray, stderr: np.ndarray) -> dict:
+    """Whether pixels stray as ``stderr`` says, over pixels, channels and seeds.
+
+    Returns:
+        ``z_variance``, of (pixel - mean over seeds) / stderr; ``z_trimmed``, of its central 98 % relative to a normal
+        distribution cut alike; ``z_pooled``, the mean of squared deviations over that of stderr^2, which a few bright
+        pixels rule: all are 1 where the error bars hold. ``beyond_4``: share of z beyond 4 (a normal one: 6e-5), with
+        those that claim no error and are off all the same, ``claims_nothing``; the others' z leave these out.
+    """
+    images, stderr = np.asarray(images, float), np.asarray(stderr, float)
+    known = np.isfinite(stderr)
+    off = ((images - images.mean(axis=0)) * np.sqrt(len(images) / (len(images) - 1)))[known]
+    claimed = stderr[known]
+    z = off[claimed > 0.0] / claimed[claimed > 0.0]
+    if not len(z):
+        return dict.fromkeys(("z_variance", "z_trimmed", "z_pooled", "beyond_4", "claims_nothing"), np.nan)
+    low, high = np.quantile(z, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2])
+    inner, silent = z[(z >= low) & (z <= high)], np.count_nonzero((claimed == 0.0) & (off != 0.0))
+    return {"z_variance": float(np.mean(z**2)), "z_trimmed": float(np.mean(inner**2) / _trimmed_normal()),
+            "z_pooled": float(np.sum(off**2) / np.sum(claimed**2)),
+            "beyond_4": float((np.count_nonzero(np.abs(z) > 4.0) + silent) / len(off)),
+            "claims_nothing": float(silent / len(off))}
+
+
+def _trimmed_normal() -> float:
+    """Variance of the central part of a standard normal."""
+    a = norm.ppf((1 + CENTRAL) / 2)
+    return 1.0 - 2.0 * a * norm.pdf(a) / CENTRAL
+
+
+def spread_over_claimed(images: np.ndarray, stderr: np.ndarray) -> np.ndarray:
+    """Standard deviation of the images' means over seeds, over the one that independent pixels claim, [3]."""
+    spread = np.asarray(images, float).mean(axis=(1, 2)).std(axis=0, ddof=1)
+    squares = (np.asarray(stderr, float) ** 2).sum(axis=(1, 2)) / np.prod(images.shape[1:3]) ** 2
+    return spread / np.sqrt(squares.mean(axis=0))
+
+
+# ------------------------------------------------------------------------------------------------------------ biases
+
+
+def as_normal(difference, a, b, n_a: int, n_b: int) -> np.ndarray:
+    """``difference`` in standard errors, as a normal number of the same chance (Welch's t for few images).
+
+    Args:
+        difference: Of two means.
+        a: Standard error of the one, of ``n_a`` images.
+        b: Of the other, of ``n_b``.
+        n_a: Number of images.
+        n_b: Number of images.
+    """
+    variance = a**2 + b**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = variance**2 / (a**4 / (n_a - 1) + b**4 / (n_b - 1))
+        score = np.abs(difference) / np.sqrt(variance)
+    z = norm.isf(np.maximum(t.sf(score, freedom), 1e-300))
+    return np.sign(difference) * np.where(variance > 0.0, z, 0.0)
+
+
+def bias(estimate: Estimate, reference: Estimate) -> dict:
+    """How unlikely the differences of blocks are by chance, and the difference of the images' means in %."""
+    counts = len(estimate.images), len(reference.images)
+    (mean, error), (truth, unsure) = estimate.blocks, reference.blocks
+    z = as_normal(mean - truth, error, unsure, *counts)
+    place = np.unravel_index(np.argmax(np.abs(np.nan_to_num(z))), z.shape)
+    (mean, error), (truth, unsure) = estimate.whole, reference.whole
+    return {"block_z": float(z[place]), "block_z_at": [int(i) for i in place],
+            "block_z_rms": float(np.sqrt(np.mean(z**2))), "mean_off_percent": (100 * (mean / truth - 1)).tolist(),
+            "mean_off_stderr": (100 * np.hypot(error, unsure) / truth).tolist()}

@@ -1,0 +1,141 @@
+"""Every scene can be built and seen, and the measures tell of synthetic images what is known of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.light import measure, references, scores
+from benchmarks.light.scenes import SCENES, build
+from benchmarks.light.scores import Estimate
+from varos_warp.errors import InputError
+from varos_warp.render.frame import FrameRenderer
+
+N, SHAPE = 20, (40, 48, 3)
+TRUTH = 1.0 + np.arange(48)[None, :, None] / 48 * np.ones(SHAPE)
+
+
+def noisy(sigma, count=N, seed=1):
+    """Independent images around the truth."""
+    return TRUTH + sigma * np.random.default_rng(seed).standard_normal((count, *SHAPE))
+
+
+EXACT = Estimate(np.stack([TRUTH, TRUTH]))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_build_and_are_lit(name):
+    built = build(name, (24, 14))
+    assert all(np.isfinite(part.vertices).all() for part in built.parts)
+    image = FrameRenderer(built.scene, "cpu", built.parts).render(built.T_w_v, outputs="A", spp=4, seed=3,
+                                                                  integrator="path").A
+    assert image.radiance.shape == (14, 24, 3)
+    assert image.radiance.mean() > 0.0
+
+
+def test_an_unknown_scene_is_refused():
+    with pytest.raises(InputError, match="no such scene"):
+        build("atlantis")
+
+
+def test_gaussian_noise_that_claims_itself_is_calibrated():
+    images = noisy(0.1)
+    told = scores.calibration(images, np.full_like(images, 0.1))
+    for name in ("z_variance", "z_trimmed", "z_pooled"):
+        assert told[name] == pytest.approx(1.0, abs=0.02)
+    assert told["beyond_4"] < 5e-4
+    assert told["claims_nothing"] == 0.0
+    np.testing.assert_allclose(scores.spread_over_claimed(images, np.full_like(images, 0.1)), 1.0, atol=0.5)
+
+
+def test_half_of_the_error_claimed_is_four_times_the_variance():
+    images = noisy(0.1)
+    told = scores.calibration(images, np.full_like(images, 0.05))
+    assert told["z_variance"] == pytest.approx(4.0, rel=0.02)
+    assert told["z_trimmed"] == pytest.approx(4.0, rel=0.02)
+
+
+def test_a_heavy_tail_is_in_the_variance_but_not_in_the_trimmed_one():
+    images = noisy(0.1)
+    images[:, :2, :4] += 100.0 * np.sign(np.random.default_rng(2).standard_normal((N, 2, 4, 3)))
+    told = scores.calibration(images, np.full_like(images, 0.1))
+    assert told["z_variance"] > 1000.0
+    assert told["z_trimmed"] == pytest.approx(1.0, abs=0.05)
+    assert told["beyond_4"] == pytest.approx(8 / (40 * 48), rel=0.05)
+
+
+def test_a_pixel_that_claims_no_error_is_counted():
+    images, stderr = noisy(0.1), np.full((N, *SHAPE), 0.1)
+    stderr[:, 0] = 0.0
+    told = scores.calibration(images, stderr)
+    assert told["claims_nothing"] == pytest.approx(1 / 40)
+    assert told["z_variance"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_noise_and_error_are_relative_to_the_mean_of_the_image():
+    images = noisy(0.15)
+    np.testing.assert_allclose(scores.noise(images, EXACT), 0.15 / TRUTH.mean(), rtol=0.02)
+    np.testing.assert_allclose(scores.relative_rmse(images, EXACT), 0.15 / TRUTH.mean(), rtol=0.02)
+
+
+def test_the_noise_of_the_reference_is_taken_off():
+    reference = Estimate(noisy(0.4, 16, seed=4))
+    np.testing.assert_allclose(scores.relative_rmse(noisy(0.15), reference), 0.15 / TRUTH.mean(), rtol=0.05)
+
+
+def test_one_dark_block_in_one_image_is_found():
+    images = np.repeat(TRUTH[None], N, axis=0)
+    images[3, 8:16, 16:24, 1] = -0.2
+    row = scores.block_row(images, EXACT)
+    truth = TRUTH[8:16, 16:24, 1].mean()
+    assert row["block_worst"] == pytest.approx((truth + 0.2) / truth)
+    assert row["half_off"] == pytest.approx(1 / N)
+    assert row["block_99"] == 0.0
+
+
+def test_a_dark_block_is_judged_by_the_image():
+    truth = TRUTH.copy()
+    truth[:8, :8] = 1e-6
+    image = truth.copy()
+    image[:8, :8] = 0.01
+    errors = scores.block_errors(image[None], Estimate(np.stack([truth, truth])))
+    assert errors[0, 0, 0, 0] == pytest.approx(0.01 / (0.1 * truth[..., 0].mean()), rel=1e-3)
+    assert np.all(errors.reshape(-1, 3)[1:] == 0.0)
+
+
+def test_a_bias_is_told_and_noise_is_not():
+    clean = scores.bias(Estimate(noisy(0.1)), Estimate(noisy(0.1, 12, seed=7)))
+    assert abs(clean["block_z"]) < 4.5
+    assert clean["block_z_rms"] == pytest.approx(1.0, abs=0.2)
+    off = noisy(0.1)
+    off[:, 8:16, 8:16, 2] += 0.05
+    told = scores.bias(Estimate(off), Estimate(noisy(0.1, 12, seed=7)))
+    assert told["block_z"] > 4.5
+    assert told["block_z_at"] == [1, 1, 2]
+
+
+def test_batches_weigh_by_their_samples():
+    """Two images of 1 sample and one of 8 know as much as ten of 1."""
+    values = np.random.default_rng(5).standard_normal((200_000, 3)) * [[1.0, 1.0, 8**-0.5]]
+    mean, stderr = Estimate(None, np.array([1.0, 1.0, 8.0])).of(values.T)
+    assert mean.std() == pytest.approx(10**-0.5, rel=0.02)
+    assert np.sqrt((stderr**2).mean()) == pytest.approx(10**-0.5, rel=0.02)
+
+
+def test_a_table_is_written_with_a_reference_that_grows(tmp_path, capsys):
+    common = ["--scenes", "sheets", "--resolution", "24x14", "--references", str(tmp_path), "--seconds", "30"]
+    for _ in range(2):
+        measure.main([*common, "--make-references", "--spp", "8", "--seeds", "2"])
+    built = build("sheets", (24, 14))
+    path = references.file_of(tmp_path, "sheets", (24, 14), "path")
+    kept = references.load(path, built)
+    assert len(kept.images) == 4
+    assert len({image.tobytes() for image in kept.images}) == 4
+    assert references.load(path, build("sheets_turbid", (24, 14))) is None
+    measure.main([*common, "--integrators", "path", "--spp", "2", "--seeds", "3", "--json", str(tmp_path / "out.json"),
+                  "--png", str(tmp_path / "png")])
+    result = json.loads((tmp_path / "out.json").read_text())
+    assert result["machine"]["warp"]
+    assert result["rows"][0]["reference_spp"] == 32
+    assert (tmp_path / "png" / "sheets_path_2.png").exists()
+    assert "sheets" in capsys.readouterr().out
