@@ -32,6 +32,8 @@ class LightConnection:
     L: wp.vec3
     light: int
     """Which light; -1 for none."""
+    blocked: int
+    """1 where something was found to stand between."""
 
 
 @wp.func

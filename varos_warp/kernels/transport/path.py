@@ -2,8 +2,8 @@
 
 Every segment of a path gathers the light that lights send into it with one more event: reflected off the surface at
 its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
-of more events is carried by a subpath. It starts with a scattering on the camera's segment or with a reflection at its
-end, and goes on from vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or
+of more events is carried by subpaths. One starts with a reflection at the end of the camera's segment, another with a
+scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends them. No sample is clamped or
 dropped.
 
 With the field (kernels/field) only what surfaces change is left to paths. Let F be the radiance of scattered light in
@@ -51,7 +51,6 @@ from varos_warp.kernels.transport.subpath import (
     water_vertex,
 )
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
-from varos_warp.kernels.world.bsdf import surface_albedo
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import brightest
@@ -60,12 +59,14 @@ from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
-LOW_DIMENSIONS = wp.constant(14)
-"""So many groups of four numbers are low-discrepancy points; what comes after has hardly any use for it."""
+LOW_DIMENSIONS, IN_WATER = wp.constant(14), wp.constant(64)
+"""The first groups of four numbers are low-discrepancy points, so many for each of the two subpaths of a sample; what
+comes after has hardly any use for it. The second number is the first group of the subpath that starts in the water."""
 HALF = wp.constant(wp.uint32(0x9E3779B9))
 """Added to the key of every second sample, so that the two halves are independent."""
-MOST_AROUND, MOST_AROUND_WITH_FIELD = wp.constant(0.5), wp.constant(0.05)
-"""Largest share of directions around the lights. With the field only what is blocked there is left."""
+MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
+"""Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left there,
+so it is the second number where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
 """Share of first scatterings that are drawn near the lights; none with the field, which knows their light."""
 
@@ -110,7 +111,7 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
     Even and odd samples have sequences of their own.
     """
     half = key + HALF * wp.uint32(sample & 1)
-    if group < LOW_DIMENSIONS:
+    if group % IN_WATER < LOW_DIMENSIONS:
         return sobol4(half, pixel, sample >> 1, 2 * group)
     return uniforms(half, pixel, sample >> 1, group)
 
@@ -134,35 +135,30 @@ def camera_segment(ray: Ray):
     return path
 
 
+@wp.func
+def weighted(path: Subpath, weight: float):
+    """A subpath at its start that stands for so many."""
+    heavier = path
+    heavier.throughput *= weight
+    heavier.expected_at_start *= weight
+    return heavier
+
+
 @cache
-def make_start_subpath(near_share: float):
-    """The function ``start_subpath``; ``near_share`` of first scatterings are drawn near the lights."""
+def make_start_in_water(near_share: float):
+    """The function ``start_in_water``; ``near_share`` of first scatterings are drawn near the lights."""
 
     @wp.func
-    def start_subpath(scene: SceneData, ray: Vertex, hit: Hit, end: Vertex, bounds: PathBounds, u: wp.vec4):
-        """Subpath that turns first in the water on the camera's segment, or on the surface at its ``end``.
+    def start_in_water(scene: SceneData, eye: Vertex, t_max: float, u: float, v: float):
+        """Subpath that turns first in the water, on the camera's segment of length ``t_max`` from ``eye``."""
+        near = float(1.0)
+        if wp.static(near_share > 0.0):
+            near = light_distance(scene, eye.p)
+        t = sample_first_scattering(scene.medium, near, near_share, t_max, u, v)
+        pdf = first_scattering_pdf(scene.medium, near, near_share, t_max, t)
+        return subpath_from_water(scene, eye.p, eye.d, t, pdf)
 
-        Where both can be, either is taken half of the time.
-        """
-        path = Subpath()
-        from_water = bounds.scatterings > 0
-        from_surface = hit.face >= 0 and bounds.bounces > 0 and brightest(surface_albedo(end.surface)) > 0.0
-        both = from_water and from_surface
-        if from_water and (u[2] < 0.5 or not both):
-            near = float(1.0)
-            if wp.static(near_share > 0.0):
-                near = light_distance(scene, ray.p)
-            t = sample_first_scattering(scene.medium, near, near_share, hit.t, u[0], u[1])
-            pdf = first_scattering_pdf(scene.medium, near, near_share, hit.t, t)
-            path = subpath_from_water(scene, ray.p, ray.d, t, pdf)
-        elif from_surface:
-            path = subpath_from_surface(scene, end, hit.t)
-        if both:
-            path.throughput *= 2.0
-            path.expected_at_start *= 2.0
-        return path
-
-    return start_subpath
+    return start_in_water
 
 
 @cache
@@ -174,8 +170,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
-    start_subpath = make_start_subpath(0.0 if spec.field else NEAR_SHARE)
-    most_around = MOST_AROUND_WITH_FIELD if spec.field else MOST_AROUND
+    start_in_water = make_start_in_water(0.0 if spec.field else NEAR_SHARE)
 
     @wp.func
     def carries_all(path: Subpath):
@@ -203,6 +198,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         if brightest(reflected.L) > 0.0:
             if not visible(scene, reflected.p, reflected.q):
                 reflected.L = wp.vec3(0.0)
+                reflected.blocked = 1
         return reflected
 
     @wp.func
@@ -223,7 +219,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     @wp.func
     def share_around_lights(scene: SceneData, path: Subpath, whole: bool):
         """Share of directions around the lights at a subpath's vertex."""
-        share = light_share(path, most_around)
+        share = light_share(path, MOST_AROUND)
+        if wp.static(spec.field):
+            if path.vertex.shadowed == 0:
+                share = light_share(path, LEAST_AROUND)
         if wp.static(spec.field and spec.textures):
             if whole:
                 share = 0.5 * lobe_reaches_lights(scene, path.vertex)
@@ -259,6 +258,9 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         place = wp.vec2(0.0)
         path = Subpath()
         before = Vertex()
+        eye = Vertex()
+        eye_t = float(0.0)
+        waits = bool(False)
         while sample < part.end:
             # a ray: through the pixel, or on from the vertex where a subpath turns
             if on_camera:
@@ -307,6 +309,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     end = surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
                     if path.bounces < bounds.bounces and (wp.static(spec.direct) or not on_camera):
                         reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
+                        end.shadowed = reflected.blocked
                         L_surface = wp.cw_mul(T, reflected.L)
                         if not on_camera and brightest(L_surface) > 0.0:
                             metal = before.on_surface == 1 and before.surface.metal > 0.0
@@ -341,13 +344,15 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                         if wp.static(spec.multiple and not spec.camera_field):
                             if corrects:
                                 L_paths += weight * sample_field(scene, field, o, d, hit.t, w[1], w[2])
+                    # first from the surface, then from the water
                     on_camera = False
+                    eye = path.vertex
+                    eye_t = hit.t
                     path.alive = 0
                     if wp.static(spec.multiple and (spec.surfaces or not spec.field)):
-                        if corrects:
-                            path = start_subpath(scene, path.vertex, hit, end, bounds, v)
-                            path.throughput *= weight
-                            path.expected_at_start *= weight
+                        waits = corrects and bounds.scatterings > 0
+                        if corrects and hit.face >= 0 and bounds.bounces > 0:
+                            path = weighted(subpath_from_surface(scene, end, hit.t), weight)
                 else:
                     if wp.static(spec.field and spec.medium):
                         if whole:
@@ -355,6 +360,11 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     L_paths += wp.cw_mul(path.throughput, L_water + L_surface)
                     path = advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, v)
 
+            if path.alive == 0 and waits:
+                u = draw(key, pixel, sample, IN_WATER)
+                path = weighted(start_in_water(scene, eye, eye_t, u[0], u[1]), 1.0 / bounds.correction)
+                waits = False
+                group = IN_WATER + 1
             if path.alive == 0:
                 if wp.static(spec.field):
                     correction += L_paths

@@ -40,6 +40,8 @@ class Vertex:
     n_geometric: wp.vec3
     n: wp.vec3
     surface: Surface
+    shadowed: int
+    """1 where a light was found to be blocked."""
 
 
 @wp.func
@@ -335,6 +337,7 @@ def advance(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, max_scatteri
         moved.throughput = wp.cw_mul(path.throughput, flight.weight)
         if in_water:
             moved.vertex = water_vertex(path.vertex.p + flight.t * path.vertex.d, path.vertex.d)
+            moved.vertex.shadowed = end.shadowed
             moved.scatterings += 1
     else:
         moved.throughput = wp.cw_mul(path.throughput, transmittance(scene.medium, hit.t))
