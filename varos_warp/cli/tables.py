@@ -127,9 +127,10 @@ def _print_phase(phase: dict) -> None:
     print(f"phase function: {kinds}, backscatter fraction {phase['backscatter_fraction']:.4g}")
     for part in parts:
         if "integral" in part:
-            print(f"  {part.get('file') or part['kind']}: integral over the sphere {part['integral']:.5g}, normalised to "
-                  f"1; {100 * part['share_ahead_of_first_row']:.2g} % of the light ahead of its first row, "
-                  f"{100 * part['share_behind_last_row']:.2g} % behind its last")
+            ahead, behind = (100 * part[f"share_{where}_row"] for where in ("ahead_of_first", "behind_last"))
+            name = part["file"] or part["kind"]
+            print(f"  {name}: integral over the sphere {part['integral']:.5g}, normalised to 1; "
+                  f"{ahead:.2g} % of the light ahead of its first row, {behind:.2g} % behind its last")
 
 
 def print_preprocessed(out: Path, facts: dict) -> None:

@@ -76,7 +76,8 @@ def _mesh_info(parts):
 def water_info(scene: Scene) -> dict:
     """Absorption a, scattering b, extinction c [1/m], albedo b / c, mean free path 1 / c and 10 % range [m] by channel.
 
-    And what there is to know of the phase function, its mean cosine g first. At the 10 % range, ln(10) / c, a tenth of the light is left. Infinite lengths are None.
+    ``phase`` is what there is to know of the phase function. At the 10 % range, ln(10) / c, a tenth of the light is
+    left. Infinite lengths are None.
     """
     water = optical_properties(scene)
     c = water.sigma_t

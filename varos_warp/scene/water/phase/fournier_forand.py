@@ -77,7 +77,7 @@ class FournierForand(PhaseFunction):
         return np.where(near, series, closed) / (4.0 * np.pi)
 
     @cached_property
-    def _ahead(self) -> float:
+    def light_ahead(self) -> float:
         """Share of the light below S_CUT, from the closed form of the distribution; its second term is 1e-13 there."""
         power, delta = (self._per_s * S_CUT) ** self._nu, self._per_s * S_CUT
         return float(((1.0 - delta * power) - (1.0 - power) * S_CUT) / ((1.0 - delta) * power))

@@ -1,5 +1,7 @@
 """Several scatterers at once: the mean of their phase functions, weighted by their shares of the scattering."""
 
+from functools import cached_property
+
 import numpy as np
 
 from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
@@ -38,6 +40,11 @@ class Mixture(PhaseFunction):
     def describe(self) -> dict:
         """Its facts in plain JSON types, and those of its parts."""
         return {**super().describe(), "of": [{"weight": weight, **phase.describe()} for weight, phase in self.parts]}
+
+    @cached_property
+    def light_ahead(self) -> float:
+        """Share of the light below S_CUT."""
+        return sum(weight * phase.light_ahead / phase.integral for weight, phase in self.parts)
 
     def density(self, s) -> np.ndarray:
         """Density [1/sr]."""

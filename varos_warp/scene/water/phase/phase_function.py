@@ -91,7 +91,7 @@ class PhaseFunction(ABC):
         """Legendre moments chi_0 .. chi_n: means of P_l(cos theta), float64 [n + 1]; for n up to several hundred."""
         s, weights = self._quadrature
         weights = weights * self.density(s) / self.integral
-        cosine, ahead = 1.0 - 2.0 * s, self._ahead / self.integral
+        cosine, ahead = 1.0 - 2.0 * s, self.light_ahead / self.integral
         chi, before, P = np.empty(n + 1), np.zeros_like(s), np.ones_like(s)
         for order in range(n + 1):
             chi[order] = ahead + weights @ P
@@ -114,10 +114,10 @@ class PhaseFunction(ABC):
     def integral(self) -> float:
         """Of `density` over the sphere."""
         s, weights = self._quadrature
-        return float(self._ahead + weights @ self.density(s))
+        return float(self.light_ahead + weights @ self.density(s))
 
     @cached_property
-    def _ahead(self) -> float:
+    def light_ahead(self) -> float:
         """Integral of `density` below S_CUT, where all of them are powers of s."""
         nearer, p = self.density(np.array([S_CUT / np.e, S_CUT]))
         slope = np.log(p / nearer) if p > 0.0 else 0.0
@@ -130,7 +130,7 @@ class PhaseFunction(ABC):
         Gauss and Legendre's rule in panels of log tan(theta/2), in which peaks ahead and behind are wide; narrow enough
         for several hundred oscillations of a Legendre polynomial.
         """
-        nearest, farthest = 0.5 * np.log(S_CUT), 14.0
+        nearest, farthest = 0.5 * np.log(S_CUT), 18.0
         kinks = np.clip(self.kinks, S_CUT, 1.0 - 1e-12)
         even = np.concatenate([np.linspace(nearest, 0.0, 281), np.linspace(0.0, farthest, 281)])
         edges = np.unique(np.concatenate([even, 0.5 * np.log(kinks / (1.0 - kinks))]))
@@ -151,7 +151,8 @@ class PhaseFunction(ABC):
         """
         p = self.eval_s(np.exp(LOG_S))
         p = np.maximum(p, 1e-30 * p.max())
-        inner = self._ahead / self.integral / (4.0 * np.pi * S_CUT * p[1])  # light up to S_CUT over that of a constant
+        # light up to S_CUT over that of a constant density
+        inner = self.light_ahead / self.integral / (4.0 * np.pi * S_CUT * p[1])
 
         def too_much(rise):
             """With the first node e^rise times as high as the second."""

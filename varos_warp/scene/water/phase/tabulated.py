@@ -67,10 +67,10 @@ class Tabulated(PhaseFunction):
         return s[s > S_CUT]
 
     def describe(self) -> dict:
-        """Its facts in plain JSON types, with the table's own integral over the sphere and the light beyond its rows."""
-        first, last = np.sin(0.5 * np.exp(self._log_angle[[0, -1]])) ** 2
+        """Its facts in plain JSON types, the table's own integral over the sphere, and the light beyond its rows."""
+        ahead, up_to_last = self.cdf(np.sin(0.5 * np.exp(self._log_angle[[0, -1]])) ** 2)
         return {**super().describe(), "file": self.name, "integral": self.integral,
-                "share_ahead_of_first_row": float(self.cdf(first)), "share_behind_last_row": float(1 - self.cdf(last))}
+                "share_ahead_of_first_row": float(ahead), "share_behind_last_row": float(max(1.0 - up_to_last, 0.0))}
 
     def density(self, s) -> np.ndarray:
         """Density, in the scale of the table."""
