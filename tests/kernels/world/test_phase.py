@@ -225,7 +225,7 @@ def test_samples_at_the_ends():
     x, d = run(sample_table, [record, wp.vec3(0.0, 0.0, 1.0), u], [float, wp.vec3])
     assert np.isfinite(d).all()
     assert x[0] == 0.0
-    assert x[2] == pytest.approx(2.0, rel=1e-6)
+    assert x[2] == pytest.approx(2.0, rel=1e-5)
 
 
 def test_a_record_keeps_its_arrays_as_long_as_the_phase_function_lives():
