@@ -84,7 +84,7 @@ class FournierForand(PhaseFunction):
 
     @cached_property
     def backscatter_fraction(self) -> float:
-        """B = b_b/b (Mobley et al. 2002, eq. 12)."""
+        """B = b_b/b (Mobley et al. 2002)."""
         nu, delta = self._nu, 0.5 * self._per_s
         power = delta**nu
         return 1.0 - (1.0 - delta * power - 0.5 * (1.0 - power)) / ((1.0 - delta) * power)

@@ -6,7 +6,7 @@ from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
 
 
 class Rayleigh(PhaseFunction):
-    """p = 0.06225 (1 + 0.835 cos^2 theta) (Morel 1974; Mobley 1994, eq. 3.30), normalised."""
+    """p = 0.06225 (1 + 0.835 cos^2 theta) (Morel 1974; Mobley 1994), normalised."""
 
     kind = "rayleigh"
 
