@@ -1,7 +1,7 @@
-"""Walks of light (flights, turns, roulette: kernels/transport/subpath.py) in slabs, a half space and water without end.
+"""Subpaths (flights, directions, roulette: kernels/transport/subpath.py) in slabs, a half space and water without end.
 
-The renderer has no lamp that is a parallel beam and no meter of fluence, so kernels here start and end the walks; what
-happens in between are the project's own functions. Three channels, three waters, in each run: a wrong weight of one
+The renderer has no lamp that is a parallel beam and no meter of fluence, so kernels here start and end the subpaths;
+what happens in between are the project's own functions. Three channels, three waters, in each run: a wrong weight of one
 colour drawn for another shows, and so does one of a direction drawn around the lamp.
 """
 
@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 import pytest
 import warp as wp
+from chance import run
 from exact_transport import (
     collisions_between,
     diffusion_length,
@@ -21,16 +22,18 @@ from exact_transport import (
 )
 
 from varos_warp.kernels.conventions import ALL, FAR
-from varos_warp.kernels.residual import lamp_share_at
 from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.transport.subpath import (
-    Walk,
+    Subpath,
     advance,
-    drift,
     expected_light,
+    first_scattering_pdf,
+    light_distance,
+    light_share,
+    roulette,
+    sample_direction,
+    sample_first_scattering,
     sample_flight,
-    sample_open_flight,
-    turn,
     water_vertex,
 )
 from varos_warp.kernels.world.intersect import Hit, SceneData
@@ -50,12 +53,18 @@ BATCHES = 64
 @wp.func
 def set_out(scene: SceneData, p: wp.vec3, d: wp.vec3):
     """Walk of weight 1."""
-    walk = Walk()
+    walk = Subpath()
     walk.alive = 1
     walk.vertex = water_vertex(p, d)
     walk.throughput = wp.vec3(1.0)
     walk.expected_at_start = expected_light(scene, walk)
     return walk
+
+
+@wp.func
+def turned(scene: SceneData, walk: Subpath, lamp_share: float, key: wp.uint32, i: int, dimension: int):
+    """With its next direction."""
+    return sample_direction(scene, walk, lamp_share, uniforms(key, i, 1, dimension), uniforms(key, i, 2, dimension))
 
 
 @wp.kernel(enable_backward=False)
@@ -87,13 +96,13 @@ def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, 
         if walk.alive == 1:
             up = hg_eval(1.0 + walk.vertex.d[2], scene.medium.phase.g)
             L += up * wp.cw_mul(walk.throughput, transmittance(scene.medium, walk.vertex.p[2]))
-            walk = turn(scene, walk, lamp_share, uniforms(key, i, 1, dimension), uniforms(key, i, 2, dimension))
+            walk = turned(scene, walk, lamp_share, key, i, dimension)
         dimension += 1
     head_on[i] = L
 
 
 @wp.func
-def fly_on(scene: SceneData, walk: Walk, u: wp.vec4):
+def fly_on(scene: SceneData, walk: Subpath, u: wp.vec4):
     """To the next scattering by a free flight, with a roulette that follows the weight alone."""
     moved = walk
     flight = sample_flight(scene.medium, walk.throughput, FAR, u[0], u[1])
@@ -106,10 +115,10 @@ def fly_on(scene: SceneData, walk: Walk, u: wp.vec4):
 
 
 @wp.kernel(enable_backward=False)
-def wander(scene: SceneData, isotropic: int, drifts: int, lamp_share: float, key: wp.uint32,
+def wander(scene: SceneData, isotropic: int, lamp_share: float, key: wp.uint32,
            edges: wp.array(dtype=float), scattered: wp.array3d(dtype=wp.float64), sums: wp.array2d(dtype=wp.vec3)):
     """A walk in water without end, from the origin: weights scattered, by shell of distance and batch; per walk their
-    sum, and their sums times z and r^2. Flights are `drift`'s or free.
+    sum, and their sums times z and r^2.
     """
     i = wp.tid()
     u = uniforms(key, i, 0, 0)
@@ -122,10 +131,7 @@ def wander(scene: SceneData, isotropic: int, drifts: int, lamp_share: float, key
     dimension = int(1)
     while walk.alive == 1:
         u = uniforms(key, i, 0, dimension)
-        if drifts == 1:
-            walk = drift(scene, walk, lamp_share_at(dimension - 1), u)
-        else:
-            walk = fly_on(scene, walk, u)
+        walk = fly_on(scene, walk, u)
         if walk.alive == 1:
             p = walk.vertex.p
             sums[i, 0] = sums[i, 0] + walk.throughput
@@ -136,7 +142,7 @@ def wander(scene: SceneData, isotropic: int, drifts: int, lamp_share: float, key
                 shell = wp.lower_bound(edges, r) - 1
                 for c in range(3):
                     wp.atomic_add(scattered, i % scattered.shape[0], shell, c, wp.float64(walk.throughput[c]))
-            walk = turn(scene, walk, lamp_share, uniforms(key, i, 1, dimension), uniforms(key, i, 2, dimension))
+            walk = turned(scene, walk, lamp_share, key, i, dimension)
         dimension += 1
 
 
@@ -152,15 +158,15 @@ def hop(scene: SceneData, flights: int, lamp_share: float, key: wp.uint32, p: wp
         walk.throughput = wp.cw_mul(walk.throughput, flight.weight)
         walk.vertex = water_vertex(walk.vertex.p + flight.t * walk.vertex.d, walk.vertex.d)
         p[i] = walk.vertex.p
-        walk = turn(scene, walk, lamp_share, uniforms(key, i, 1, k), uniforms(key, i, 2, k))
+        walk = turned(scene, walk, lamp_share, key, i, k)
     d[i] = walk.vertex.d
     weight[i] = walk.throughput
 
 
 @wp.kernel(enable_backward=False)
-def fly(scene: SceneData, t_max: float, lamp_share: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
-        passed: wp.array(dtype=wp.vec3), near: wp.array(dtype=wp.vec3)):
-    """A flight up to t_max: its weight if it ends in the water, or at t_max; and of one in endless water, if before."""
+def fly(scene: SceneData, t_max: float, near_share: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
+        passed: wp.array(dtype=wp.vec3), first: wp.array(dtype=wp.vec3)):
+    """A flight up to t_max: its weight if it ends in the water, or at t_max; and the weight of a first scattering."""
     i = wp.tid()
     u = uniforms(key, i, 0, 0)
     flight = sample_flight(scene.medium, wp.vec3(1.0, 0.5, 0.7), t_max, u[0], u[1])
@@ -168,19 +174,33 @@ def fly(scene: SceneData, t_max: float, lamp_share: float, key: wp.uint32, scatt
         scattered[i] = flight.weight
     else:
         passed[i] = flight.weight
-    throughput = wp.vec3(1.0, 0.5, 0.7)
-    flight = sample_open_flight(scene, wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), throughput, lamp_share, u[2], u[3])
-    if flight.t < t_max:
-        near[i] = flight.weight
+    near = light_distance(scene, wp.vec3(0.0))
+    t = sample_first_scattering(scene.medium, near, near_share, t_max, u[2], u[3])
+    pdf = first_scattering_pdf(scene.medium, near, near_share, t_max, t)
+    first[i] = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
 
 
 @wp.kernel(enable_backward=False)
-def growth(weights: wp.array(dtype=float)):
-    """The most that a walk in the water may weigh after so many turns away from the lamps, without roulette."""
+def growth(most: float, weights: wp.array(dtype=float)):
+    """What a subpath weighs more after so many directions that none of its lights was near, without roulette."""
+    path = Subpath()
     weight = float(1.0)
-    for turns in range(weights.shape[0]):
-        weight /= (1.0 - lamp_share_at(turns)) ** 2.0
-        weights[turns] = weight
+    for n in range(weights.shape[0]):
+        path.scatterings = (n + 2) / 2
+        path.bounces = (n + 1) / 2
+        weight /= 1.0 - light_share(path, most)
+        weights[n] = weight
+
+
+@wp.kernel(enable_backward=False)
+def survive(scene: SceneData, vertices: int, brightness: float, u: wp.array(dtype=float), after: wp.array(dtype=float)):
+    """Throughput after roulette of a subpath of 1 whose expected light is ``brightness`` of that at the start."""
+    i = wp.tid()
+    path = set_out(scene, wp.vec3(1.0), wp.vec3(0.0, 0.0, 1.0))
+    path.scatterings = vertices
+    path.expected_at_start /= brightness
+    path = roulette(scene, path, u[i])
+    after[i] = wp.where(path.alive == 1, path.throughput[0], 0.0)
 
 
 # ------------------------------------------------------------------------------------------------------------- helpers
@@ -309,33 +329,28 @@ def test_light_leaves_a_half_space_with_the_angles_of_the_h_function(truth):
 # ----------------------------------------------------------------------------------------------------- infinite medium
 
 
-def wandered(sigma_s, sigma_t, g, *, isotropic, drifts=False, lamp_share=0.0, edges=(0.0, 1.0), n=1 << 17):
+def wandered(sigma_s, sigma_t, g, *, isotropic, lamp_share=0.0, edges=(0.0, 1.0), n=1 << 17):
     """Scattered weights [BATCHES, shells, 3] per walk of each batch, and sums [n, 3, 3] of `wander`."""
-    key = key_of(np.asarray(sigma_s).tolist(), sigma_t, g, isotropic, drifts, lamp_share)
+    key = key_of(np.asarray(sigma_s).tolist(), sigma_t, g, isotropic, lamp_share)
     edges = wp.array(np.asarray(edges, np.float32), dtype=float, device="cpu")
-    inputs = [scene_of(sigma_s, sigma_t, g), int(isotropic), int(drifts), lamp_share, key, edges]
+    inputs = [scene_of(sigma_s, sigma_t, g), int(isotropic), lamp_share, key, edges]
     shells, sums = launched(wander, n, inputs, (wp.float64, (BATCHES, len(edges) - 1, 3)), (wp.vec3, (n, 3)))
     return shells * BATCHES / n, sums
 
 
-@pytest.mark.parametrize(("drifts", "lamp_share"), [(False, 0.0), (False, 0.5), (True, 0.0), (True, 0.2)])
-def test_fluence_around_a_point_source_is_that_of_case_and_zweifel(truth, drifts, lamp_share):
-    """By shells: the weight scattered there is sigma_s times the fluence, integrated over the shell.
-
-    Walks of `drift` look for light beside the lamp: few go far, with weights that grow, and fewer come back.
-    """
-    albedo = (0.3, 0.5, 0.7 if drifts else 0.9)
-    edges = np.array([0.0, 0.05, 0.2, 0.5] + ([] if drifts else [1.0, 2.0, 4.0, 7.0]))
-    shells, _ = wandered(albedo, (1.0,) * 3, 0.0, isotropic=True, drifts=drifts, lamp_share=lamp_share, edges=edges,
-                         n=1 << (19 if drifts else 17))
-    drawn = (", directions drawn around a lamp too" if lamp_share > 0 else "") + (", by `drift`" if drifts else "")
+@pytest.mark.parametrize("lamp_share", [0.0, 0.5])
+def test_fluence_around_a_point_source_is_that_of_case_and_zweifel(truth, lamp_share):
+    """By shells: the weight scattered there is sigma_s times the fluence, integrated over the shell."""
+    albedo, edges = (0.3, 0.5, 0.9), np.array([0.0, 0.05, 0.2, 0.5, 1.0, 2.0, 4.0, 7.0])
+    shells, _ = wandered(albedo, (1.0,) * 3, 0.0, isotropic=True, lamp_share=lamp_share, edges=edges)
+    drawn = ", directions drawn around a lamp too" if lamp_share > 0 else ""
     for c in range(3):
         expected = albedo[c] * collisions_between(albedo[c], edges)
         # the last shell of the darkest water is too noisy to tell
-        for k in range(len(expected) - (c == 0 and not drifts)):
+        for k in range(len(expected) - (c == 0)):
             where = f"{edges[k]} to {edges[k + 1]} mean free paths from the source"
             truth(f"light scattered {where}, c = {albedo[c]}{drawn}", source=CASE_ZWEIFEL, expected=expected[k],
-                  **estimate(shells[:, k, c], 0.03 if drifts else 0.02))
+                  **estimate(shells[:, k, c]))
 
 
 def test_the_oracle_of_the_infinite_medium_has_its_published_numbers(truth):
@@ -404,21 +419,52 @@ def test_the_mean_cosine_after_n_scatterings_is_g_to_the_n(truth, g, lamp_share)
         assert weight.min() > 0.0
 
 
-def test_weights_of_walks_for_blocked_light_grow_little():
-    """With half of all turns towards the lamps the rest weighed 4^n after n turns: 10^12 after 20."""
-    weights, = launched(growth, 1, [], (float, 20))
-    assert weights[9] < 1e3
-    assert weights[-1] < 1e4
+@pytest.mark.parametrize("most", [0.5, 0.03])
+def test_weights_grow_no_faster_than_the_vertices_however_many(most):
+    """Directions around the lights: the product of 1/(1 - share) over n vertices is n + 1 at most.
+
+    With half of all directions towards the lamps the rest would weigh 2^n after n: 10^6 after 20.
+    """
+    n = np.arange(1, 2001)
+    weights, = launched(growth, 1, [most], (float, len(n)))
+    rounding = 1 + 2e-7 * n  # a division and a product of float32 each
+    assert np.all(weights <= (n + 1) * rounding)
+    assert np.all(np.diff(weights) > 0)
+    if most == 0.5:
+        np.testing.assert_allclose(weights / (n + 1), 1.0, atol=(rounding - 1).max())
 
 
-@pytest.mark.parametrize(("t_max", "lamp_share"), [(0.1, 0.5), (1.0, 0.5), (5.0, 0.5), (1.0, 0.1)])
+@pytest.mark.parametrize("vertices", [1, 2, 10, 100, 1000])
+@pytest.mark.parametrize("brightness", [1e-6, 0.3, 0.6, 1.0, 1e6])
+def test_roulette_keeps_the_mean_and_its_bounds(vertices, brightness):
+    """Survival is the light's share of that at the start, between 0.3 and the larger of 0.95 and 1 - 2/n."""
+    n = 1 << 16
+    u = (np.arange(n) + 0.5) / n
+    after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), vertices, brightness, u], [float]).astype(float)
+    most = max(0.95, 1 - 2 / vertices)
+    survival = min(max(brightness, 0.3), most)
+    assert (after > 0).mean() == pytest.approx(survival, abs=1 / n)
+    np.testing.assert_allclose(after[after > 0], 1 / survival, rtol=1e-6)
+    assert after.mean() == pytest.approx(1.0, abs=2 / n / survival)
+
+
+def test_weights_of_survivors_grow_as_a_power_of_the_vertices():
+    """The product of 1/(1 - 2/n) is about (n/40)^2 times 0.95^-40, where light stays as bright as at the start."""
+    n = np.arange(1, 1001)
+    u = np.zeros(1)
+    scene = scene_of((1.0,) * 3, (1.0,) * 3, 0.0)
+    weights = np.cumprod([float(run(survive, [scene, int(k), 1e6, u], [float])[0]) for k in n])
+    assert np.all(weights[40:] <= 0.95**-40 * (n[40:] / 39.0) ** 2 * (1 + 2e-7 * n[40:]))
+
+
+@pytest.mark.parametrize(("t_max", "near_share"), [(0.1, 0.5), (1.0, 0.5), (5.0, 0.5), (1.0, 0.1), (1.0, 0.0)])
 @pytest.mark.subject("single scattering")
-def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max, lamp_share):
-    """Weights of flights of one channel drawn for all three; and of flights drawn near a lamp, before t_max."""
+def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max, near_share):
+    """Weights of flights of one channel drawn for all three; and of first scatterings."""
     n, sigma_s, sigma_t = 1 << 17, np.array([0.3, 0.1, 1.0]), np.array([0.5, 0.9, 1.0])
     scene = scene_of(sigma_s, sigma_t, 0.0, (0.2, 0.0, 0.5))
-    inputs = [scene, t_max, lamp_share, key_of(t_max, lamp_share)]
-    scattered, passed, near = launched(fly, n, inputs, *[(wp.vec3, n)] * 3)
+    inputs = [scene, t_max, near_share, key_of(t_max, near_share)]
+    scattered, passed, first = launched(fly, n, inputs, *[(wp.vec3, n)] * 3)
     for c in range(3):
         T = np.exp(-sigma_t[c] * t_max)
         what = f"{t_max} m, sigma_s = {sigma_s[c]}, sigma_t = {sigma_t[c]}"
@@ -426,5 +472,5 @@ def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max
         truth(f"transmittance, {what}", source="exp(-sigma_t t)", expected=T, **estimate(passed[:, c]))
         truth(f"share scattered, {what}", source="c (1 - exp(-sigma_t t))", expected=share,
               **estimate(scattered[:, c]))
-        truth(f"share scattered, {what}, {lamp_share:.0%} of the flights near a lamp", source="c (1 - exp(-sigma_t t))",
-              expected=share, **estimate(near[:, c]))
+        truth(f"share scattered, {what}, {near_share:.0%} of first scatterings near a lamp",
+              source="c (1 - exp(-sigma_t t))", expected=share, **estimate(first[:, c]))

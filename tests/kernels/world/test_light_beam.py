@@ -21,7 +21,7 @@ def shade(lamp: light.Light, cos_angle: wp.array(dtype=float), share: wp.array(d
 def clip(lamps: wp.array(dtype=light.Light), o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3),
          t_max: wp.array(dtype=float), lit: wp.array(dtype=light.LitInterval)):
     i = wp.tid()
-    lit[i] = light.lit_interval(lamps[i], o[i], d[i], t_max[i])
+    lit[i] = light.light_beam(lamps[i], o[i], d[i], t_max[i])
 
 
 def lamp(cone_deg=65.0, blend=0.0, position=(0, 0, 0), axis=(0, 0, 1)):
