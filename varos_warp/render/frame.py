@@ -152,7 +152,7 @@ class FrameRenderer:
             spp: samples per pixel of A; absent: the scene's, or 64.
             tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
                 image, is below it, between a quarter of ``spp`` (8 at least) and four times that
-                (render/adapt.py); absent: all take ``spp``. With the field more than two are always shared out by noise.
+                (render/adapt.py); absent: all take ``spp``. With the field samples are always shared out by noise.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.

@@ -142,6 +142,6 @@ def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight),
 
 @wp.func
 def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, light: int, p: wp.vec3, n: wp.vec3):
-    """Weight of a light's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_virtual_light."""
+    """Weight of what a ray of density ``lobe_pdf`` found at ``p`` after ``t``, beside gather_virtual_light."""
     found = lobe_pdf * wp.abs(wp.dot(d, n))
     return found / wp.max(found + t * t * virtual_density(scene, light, p, n), 1.0e-30)
