@@ -32,7 +32,7 @@ from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "field", "path", "reference")
-CORRECTION_SHARE = 0.5
+CORRECTION_SHARE = 1.0
 """With the field: share of a pixel's samples that take a subpath."""
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
