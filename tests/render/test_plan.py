@@ -194,7 +194,7 @@ def test_turbid_water_beyond_the_measured_depths_has_no_bound():
     turbid = make_scene({"sigma_s": [0.8] * 3, "sigma_a": [0.01] * 3, "phase": {"g": 0.9}}, spp=4)
     plan = plan_render(turbid, make_renderer(turbid), [POSE])
     assert plan.max_scatterings is None
-    assert "might lose" in plan.reasons[1]
+    assert "more than 6 scatterings counts" in plan.reasons[1]
 
 
 # ---------------------------------------------------------------------------------------------------------- samples
