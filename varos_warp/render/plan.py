@@ -34,11 +34,11 @@ CHANNELS = ("red", "green", "blue")
 
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
-MARGIN, MARGIN_ADAPTING, MARGIN_FIELD = 1.05, 1.1, 1.2
+MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-samples that adapt, and vary with the few that they adapt to; the third for the field with a denoiser: it leaves so
-little noise that what it makes of it varies most from image to image. That is of images with `pilot.PIXELS`; of larger
-ones the mean square of all pixels varies less, with the root of their number."""
+samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a denoiser
+makes of little noise varies most from image to image. That is of images with `pilot.PIXELS`; of larger ones the mean
+square of all pixels varies less, with the root of their number."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 2.0, "path": 1.0}
@@ -365,8 +365,8 @@ class _Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        varies = available_method(self.render.denoise) != "none" and "field" in self.integrators
-        margin = max(MARGIN, 1.0 + (MARGIN_FIELD - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
+        varies = available_method(self.render.denoise) != "none"
+        margin = max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
         law = self.error_law(target / margin)
         spp = law.whole_samples(target / margin)
         adapting = None
@@ -401,7 +401,7 @@ class _Planner:
         asked = self.render.tolerance
         limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
         time = in_words(self.seconds(needed))
-        why = (f"{error:.1%} expected, {asked:.1%} asked; {asked:.1%} would take {time} a frame "
+        why = (f"{100 * error:.2g} % expected, {100 * asked:.2g} % asked; {100 * asked:.2g} % would take {time} a frame "
                f"(render.max_seconds_per_frame: {limit:g})")
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
