@@ -57,7 +57,7 @@ def along_rays(scene: Scene, lamp, origin: np.ndarray, rays: np.ndarray, nodes: 
     t = nearest[:, None] + h[:, None] * np.tan(theta)
     d = h[:, None] / np.cos(theta)
     integrand = (half[..., None] * w).reshape(theta.shape) / h[:, None]
-    integrand *= (1 - water.g**2) / (4 * np.pi * (1 + water.g**2 + 2 * water.g * np.sin(theta)) ** 1.5)  # cos = -sin
+    integrand *= water.phase.eval(-np.sin(theta))
     if axis is not None:
         integrand *= _edge((v @ axis + t * (rays @ axis)[:, None]) / d, lamp)
     path = np.maximum(t + d, 0.0)

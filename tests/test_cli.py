@@ -193,6 +193,21 @@ def test_info_shows_water_and_cameras_with_their_units(scene_file):
     assert "warnings" in facts
 
 
+def test_info_tells_by_how_much_a_measured_phase_function_was_normalised(scene_file):
+    table = scene_file.parent / "vsf.csv"
+    table.write_text("angle_deg,p\n0.1,3533\n1,143\n10,2.3\n90,0.0084\n170,0.006\n")
+    phase = f"water.coefficients.phase={{kind: tabulated, file: {table}}}"
+    text = call("info", scene_file, "--set", phase).output
+    assert "phase function: tabulated, backscatter fraction 0.02482" in text
+    assert "vsf.csv: integral over the sphere 1.8275, normalised to 1" in text
+    facts = json.loads(call("info", scene_file, "--set", phase, "--json").stdout)["water"]["phase"]
+    assert facts["integral"] == pytest.approx(1.8275, rel=1e-4)
+    assert facts["g"] == pytest.approx(0.917, abs=1e-3)
+    table.write_text("angle_deg,p\n0.1,5\n10,-1\n")
+    said = refused("info", scene_file, "--set", phase)
+    assert "vsf.csv:3: water.coefficients.phase.file = -1.0: p is negative" in said
+
+
 def test_schema_is_json_schema():
     content = json.loads(call("schema").stdout)
     assert content["additionalProperties"] is False

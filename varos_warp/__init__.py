@@ -8,6 +8,7 @@ _HOMES = {
     "InputError": "varos_warp.errors",
     "Scene": "varos_warp.scene.description",
     "load_scene": "varos_warp.scene.load",
+    "phase_function": "varos_warp.scene.water",
     "simulate": "varos_warp.sim.trajectory",
     "FrameRenderer": "varos_warp.render.frame",
     "plan_render": "varos_warp.render.plan",

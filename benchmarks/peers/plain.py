@@ -95,12 +95,12 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         max_events: most scatterings and reflections together; 1 is direct light and single scattering.
 
     Raises:
-        InputError: the peers cannot render a material of the scene, or count paths in that way.
+        InputError: the peers cannot render a material or the phase function of the scene, or count paths in that way.
     """
     T_w_c = camera_pose(camera, np.asarray(T_w_v, float))
     origin = np.round(T_w_c[:3, 3])
     T_w_c[:3, 3] -= origin
-    water = optical_properties(scene)
+    water = _plain_water(scene)
     events, scatters, reflects = _bound(max_scatterings, max_bounces, max_events)
     single = [part for group in parts for part in (group.parts() if isinstance(group, Instances) else [group])]
     K = intrinsics(camera)
@@ -118,6 +118,18 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         focus=camera.focus_m,
         max_events=events,
     )
+
+
+def _plain_water(scene):
+    """Water whose phase function the peers have."""
+    water = optical_properties(scene)
+    if not water.phase.is_henyey_greenstein:
+        raise InputError(
+            f"another renderer cannot be given the phase function {water.phase.kind}",
+            key="water",
+            remedy="Only Henyey and Greenstein's compares; give phase: {g: ...}.",
+        )
+    return water
 
 
 def _bound(scatterings, bounces, events):

@@ -262,6 +262,12 @@ def test_a_material_without_a_counterpart_is_refused_by_its_name():
         view(plate_scene(0.0), [metal])
 
 
+def test_phase_functions_that_peers_have_not_are_refused():
+    water = {"coefficients": {"sigma_s": [0.1] * 3, "sigma_a": [0.2] * 3, "phase": {"kind": "petzold"}}}
+    with pytest.raises(InputError, match=r"water.*phase function petzold.*Henyey"):
+        view(plate_scene(0.0, water), [plate()])
+
+
 @pytest.mark.parametrize("bounds", [
     {"max_scatterings": 2}, {"max_bounces": 2}, {"max_scatterings": 2, "max_bounces": 3},
     {"max_scatterings": 0, "max_bounces": 0}, {"max_events": 0}])

@@ -112,6 +112,22 @@ def test_dataset_json_gives_back_the_scene_it_was_made_from(written):
     assert scene_from_dict(meta["scene"]) == make_scene()
 
 
+def test_dataset_json_says_what_the_water_scatters_as(tmp_path):
+    (tmp_path / "vsf.csv").write_text("angle_deg,p\n0.1,5\n180,1\n")
+    of = [{"weight": 1, "kind": "petzold"}, {"weight": 1, "kind": "tabulated", "file": "vsf.csv"}]
+    for phase in ({"g": 0.8}, {"kind": "mixture", "of": of}):
+        data = make_scene().model_dump(mode="json")
+        data["water"] = {"coefficients": {"sigma_s": [0.1] * 3, "sigma_a": [0.1] * 3, "phase": phase}}
+        scene = scene_from_dict(data, tmp_path)
+        water = writers.describe_water(scene)
+        assert json.loads(json.dumps(water)) == water
+        if "g" in phase:
+            assert (water["phase"], water["g"], "phase_function" in water) == ("henyey_greenstein", 0.8, False)
+    assert water["phase"] == "mixture"
+    assert [part["kind"] for part in water["phase_function"]["of"]] == ["petzold", "tabulated"]
+    assert len(writers.sources(scene)["vsf.csv"]) == 64
+
+
 def test_dataset_json_states_water_depth_lights_and_versions(written):
     meta = json.loads((written / "dataset.json").read_text())
     assert meta["water"]["sigma_t"] == pytest.approx([0.11, 0.06, 0.04])

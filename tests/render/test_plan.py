@@ -177,6 +177,7 @@ NARROW = {"kind": "spot", "cone_deg": 30}
 
 @pytest.mark.parametrize(("changes", "reason"), [
     ({"water": VAROS_WATER | {"phase": {"g": 0.3}}}, "g from 0.5"),
+    ({"water": VAROS_WATER | {"phase": {"kind": "rayleigh"}}}, "not for rayleigh"),
     ({"lights": [{"kind": "point"}]}, "20 to 120 degrees"),
     ({"lights": [*LAMPS, NARROW]}, "lamps of one kind"),
     ({"lights": []}, "no lamps"),

@@ -5,12 +5,15 @@ import pytest
 
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.plan import plan_render, planned_renderer
-from varos_warp.render.reach import NEAREST_M, without_hidden
+from varos_warp.render.reach import NEAREST_M, _peak, without_hidden
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry import Part
 from varos_warp.scene.procedural import generate_terrain
+from varos_warp.scene.water.phase.fournier_forand import FournierForand
+from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
+from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
 VIEW = {"resolution": [64, 36], "sensor_mm": [4.416, 2.484], "focal_mm": 3.4}
 LAMP = {"kind": "spot", "position": [0.15, -0.1, 0.0], "cone_deg": 65}
@@ -115,3 +118,11 @@ def test_a_lamp_that_lights_what_is_seen_by_way_of_a_wall_is_kept():
     aside = {"kind": "spot", "position": [0, 0, 0], "direction": [-1, 0, 0.3], "cone_deg": 10}
     scene = make_scene([LAMP | {"intensity": [3.0] * 3}, aside], tolerance=0.2)
     assert plan_render(scene, FrameRenderer(scene, "cpu", parts=parts), [np.eye(4)]).lamps is None
+
+
+def test_the_peak_of_a_phase_function_over_its_mean():
+    """That of sea water's has no end: the first degree's mean stands for it."""
+    assert _peak(HenyeyGreenstein(0.8)) == pytest.approx(4.0 * np.pi * HenyeyGreenstein(0.8).eval(1.0))
+    assert _peak(HenyeyGreenstein(-0.8)) == pytest.approx(_peak(HenyeyGreenstein(0.8)))
+    assert _peak(Rayleigh()) == pytest.approx(4.0 * np.pi * Rayleigh().eval(1.0), rel=1e-3)
+    assert _peak(FournierForand(1.10, 3.5835)) == pytest.approx(0.254567 / np.sin(np.radians(0.5)) ** 2, rel=1e-5)

@@ -104,6 +104,7 @@ def print_info(facts: dict) -> None:
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
     print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
                  [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
+    _print_phase(water["phase"])
     print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
                  [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
                    f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
@@ -115,6 +116,21 @@ def print_info(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True))]
                   for m in facts["meshes"]])
+
+
+def _print_phase(phase: dict) -> None:
+    """What there is to know of a phase function that g does not say, and what was done to a table."""
+    if phase["kind"] == "henyey_greenstein":
+        return
+    parts = phase.get("of", [phase])
+    kinds = " + ".join(f"{part['weight']:g} {part['kind']}" for part in parts) if "of" in phase else phase["kind"]
+    print(f"phase function: {kinds}, backscatter fraction {phase['backscatter_fraction']:.4g}")
+    for part in parts:
+        if "integral" in part:
+            ahead, behind = (100 * part[f"share_{where}_row"] for where in ("ahead_of_first", "behind_last"))
+            name = part["file"] or part["kind"]
+            print(f"  {name}: integral over the sphere {part['integral']:.5g}, normalised to 1; "
+                  f"{ahead:.2g} % of the light ahead of its first row, {behind:.2g} % behind its last")
 
 
 def print_preprocessed(out: Path, facts: dict) -> None:

@@ -181,7 +181,8 @@ def describe_water(scene) -> dict:
     water = optical_properties(scene)
     return {"source": water.source, "sigma_a": water.sigma_a.tolist(), "sigma_s": water.sigma_s.tolist(),
             "sigma_t": water.sigma_t.tolist(), "albedo": water.albedo.tolist(), "unit": "1/m",
-            "phase": "henyey_greenstein", "g": water.g}
+            "phase": water.phase.kind, "g": water.g,
+            **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()})}
 
 
 def describe_depth(scene) -> dict:
@@ -206,14 +207,22 @@ def _version(package: str) -> str:
 
 
 def sources(scene) -> dict[str, str]:
-    """SHA-256 of every mesh and image file that the scene names; of images that mesh files name it knows nothing."""
+    """SHA-256 of every mesh, image and table that the scene names; of images that mesh files name it knows nothing."""
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
     objects = [*scene.objects, *(block.object for block in scene.scatter)]
     named += [o.file for o in objects if getattr(o, "file", None)]
     textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
     named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
+    named += _phase_files(scene)
     return {name: _digest(scene.resolve(name)) for name in dict.fromkeys(named)}
+
+
+def _phase_files(scene) -> list[str]:
+    """Tables of phase functions."""
+    water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
+    phase = getattr(water, "phase", None)
+    return [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
 
 
 def _digest(path: Path) -> str | None:

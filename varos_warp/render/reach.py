@@ -14,6 +14,7 @@ from varos_warp.scene.frames import lamp_position
 from varos_warp.scene.geometry import Instances, Part
 from varos_warp.scene.lod import Need, PlacedNeed
 from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 NEAREST_M = 25.0
 """Nearer triangles are always kept: they may cast shadows on what is seen."""
@@ -88,7 +89,7 @@ def lamp_light(scene: Scene, view, rays: tuple[np.ndarray, np.ndarray]) -> np.nd
     water = optical_properties(scene)
     origin, d = rays
     hit = np.isfinite(view.range)
-    peak = (1.0 + abs(water.g)) / (1.0 - abs(water.g)) ** 2  # of Henyey and Greenstein's phase function, over its mean
+    peak = _peak(water.phase)
     t_end = np.where(hit, view.range, FARTHEST_M)
     lights = []
     for light in scene.vehicle.lights:
@@ -105,6 +106,19 @@ def lamp_light(scene: Scene, view, rays: tuple[np.ndarray, np.ndarray]) -> np.nd
 
 
 NODES, FARTHEST_M = 24, 200.0
+
+
+def _peak(phase: PhaseFunction) -> float:
+    """Largest value of a phase function over its mean.
+
+    Those of sea water have none: the mean over the first degree stands for it, for what is scattered by less goes on as
+    if it were not.
+    """
+    if phase.is_henyey_greenstein:
+        g = abs(phase.mean_cosine)
+        return (1.0 + g) / (1.0 - g) ** 2
+    s = np.sin(np.radians(0.5)) ** 2
+    return float(phase.cdf(s) / s)
 
 
 def _arriving(light, view, p: np.ndarray, position: np.ndarray, t: np.ndarray, water) -> np.ndarray:

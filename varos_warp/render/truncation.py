@@ -31,6 +31,8 @@ def unmeasured(scene: Scene) -> str | None:
         return "the criterion is about the whole light, and a layer is left out"
     if not vehicle.lights:
         return "there are no lamps"
+    if not water.phase.is_henyey_greenstein:
+        return f"the criterion is known for the phase function of Henyey and Greenstein, not for {water.phase.kind}"
     if water.g < KAPPA_G[0]:
         return f"the criterion is known for g from {KAPPA_G[0]}, not for {water.g:g}"
     narrow, wide = (end(map(half_angle_deg, vehicle.lights)) for end in (min, max))
@@ -143,7 +145,7 @@ def volume_path(scene: Scene, view: View, water: OpticalProperties) -> np.ndarra
             d = np.maximum(np.linalg.norm(to_p, axis=-1), 1e-3)
             weight = (t + _NEAR_M) * in_cone(light, view.T_w_v, to_p, d) / d**2
             cosine = -np.einsum("...i,...i", to_p, direction) / d
-            weight = weight * (1.0 + water.g**2 - 2.0 * water.g * cosine) ** -1.5
+            weight = weight * water.phase.eval(cosine)
             length = (t + d)[..., None]
             weight = weight[..., None] * light.intensity * np.exp(-water.sigma_t * length)
             weights += weight

@@ -76,7 +76,8 @@ def _mesh_info(parts):
 def water_info(scene: Scene) -> dict:
     """Absorption a, scattering b, extinction c [1/m], albedo b / c, mean free path 1 / c and 10 % range [m] by channel.
 
-    At the 10 % range, ln(10) / c, a tenth of the light is left. Infinite lengths are None.
+    ``phase`` is what there is to know of the phase function. At the 10 % range, ln(10) / c, a tenth of the light is
+    left. Infinite lengths are None.
     """
     water = optical_properties(scene)
     c = water.sigma_t
@@ -85,6 +86,7 @@ def water_info(scene: Scene) -> dict:
         return [float(x / value) if value > 0.0 else None for value in c]
 
     return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
+            "phase": water.phase.describe(),
             "albedo": [float(s / t) if t > 0.0 else 0.0 for s, t in zip(water.sigma_s, c, strict=True)],
             "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
 

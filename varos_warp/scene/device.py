@@ -66,7 +66,7 @@ class DeviceScene:
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.has_instances = copied_faces > MOST_JOINED_FACES[self.kind]
         self.data = SceneData()
-        self.data.medium = medium_record(self.water)
+        self.data.medium = medium_record(self.water, device)
         if parts:
             self._upload_geometry(parts)
 
@@ -175,12 +175,12 @@ class DeviceScene:
         return camera_record(camera, T_w_v, self.origin, pinhole=pinhole)
 
 
-def medium_record(water: OpticalProperties) -> Medium:
-    """What kernels know of the water."""
+def medium_record(water: OpticalProperties, device: str) -> Medium:
+    """What kernels on a device know of the water; its arrays live as long as ``water`` does."""
     medium = Medium()
     medium.sigma_s = wp.vec3(*water.sigma_s)
     medium.sigma_t = wp.vec3(*water.sigma_t)
-    medium.phase.g = water.g
+    medium.phase = water.phase.device_record(device)
     return medium
 
 

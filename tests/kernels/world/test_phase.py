@@ -1,12 +1,17 @@
-"""The phase function of Henyey and Greenstein: values, normalisation, moments, and samples that follow it."""
+"""Phase functions of the kernels, the closed form and tables: values, normalisation, moments, and samples."""
 
 import numpy as np
 import pytest
 import warp as wp
 from chance import assert_plausible, rng_array, run, two_sided, uniform_p
-from scipy.special import eval_legendre
+from scipy.special import chdtrc, eval_legendre
 
 from varos_warp.kernels.world import phase
+from varos_warp.scene.water.phase.fournier_forand import FournierForand
+from varos_warp.scene.water.phase.mixture import Mixture
+from varos_warp.scene.water.phase.petzold import Petzold
+from varos_warp.scene.water.phase.power_table import S_CUT
+from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
 pytestmark = pytest.mark.subject("phase functions")
 
@@ -136,3 +141,108 @@ def test_positive_g_scatters_forward():
     assert density([0.1], 0.8)[0] > 50 * density([1.9], 0.8)[0]
     assert samples(0.8, rng_array(4, (N, 2)), (0.0, 1.0, 0.0))[1].mean(axis=0)[1] > 0.79
     assert samples(-0.8, rng_array(4, (N, 2)), (0.0, 1.0, 0.0))[1].mean(axis=0)[1] < -0.79
+
+
+# -------------------------------------------------------------------------------------------------------------- tables
+
+
+TABLES = [FournierForand(1.10, 3.5835), FournierForand.from_backscatter_fraction(0.001), Rayleigh(), Petzold(),
+          Mixture([(0.9, FournierForand(1.10, 3.5835)), (0.1, Rayleigh())])]
+PER_ORDER = (1, 2, 8, 64)
+
+
+@wp.kernel(enable_backward=False)
+def evaluate_table(table: phase.Phase, one_minus_cos: wp.array(dtype=float), pdf: wp.array(dtype=float)):
+    i = wp.tid()
+    pdf[i] = phase.phase_eval(table, one_minus_cos[i])
+
+
+@wp.kernel(enable_backward=False)
+def sample_table(table: phase.Phase, d: wp.vec3, u: wp.array(dtype=wp.vec2), one_minus_cos: wp.array(dtype=float),
+                 direction: wp.array(dtype=wp.vec3)):
+    i = wp.tid()
+    one_minus_cos[i] = phase.phase_sample_one_minus_cos(table, u[i][0])
+    direction[i] = phase.phase_sample(table, d, u[i][0], u[i][1])
+
+
+def table_samples(host, seed, n, d=(0.0, 0.0, 1.0)):
+    """Of n samples (1 - cos)/2 and directions."""
+    u = rng_array(seed, (n, 2))
+    x, direction = run(sample_table, [host.device_record("cpu"), wp.vec3(*d), u], [float, wp.vec3])
+    return 0.5 * x.astype(float), direction.astype(float)
+
+
+@pytest.mark.parametrize("host", TABLES, ids=repr)
+def test_a_table_on_the_device_has_the_host_s_values(host):
+    """From 1e-4 to 180 degrees. A place in the table is known to 1e-3 of a bin, over which p changes by up to 2 %."""
+    x = (2.0 * np.geomspace(1.001 * S_CUT, 1.0, N)).astype(np.float32)
+    got = run(evaluate_table, [host.device_record("cpu"), x], [float]).astype(float)
+    np.testing.assert_allclose(got, host.table.eval(0.5 * x.astype(float)), rtol=3e-5)
+
+
+@pytest.mark.parametrize("host", [p for p in TABLES if not isinstance(p, Petzold)], ids=repr)
+def test_the_device_has_the_values_of_the_formula(truth, host):
+    x = (2.0 * np.geomspace(1.001 * S_CUT, 1.0, N)).astype(np.float32)
+    expected = host.eval_s(0.5 * x.astype(float))
+    truth(f"p from 1e-4 to 180 degrees over that of the formula, {host.kind}", source="the formula in float64",
+          expected=1.0, got=run(evaluate_table, [host.device_record("cpu"), x], [float]) / expected, tolerance=2.5e-5,
+          reason="float32 rounding of log s, and the table's 1e-5")
+
+
+@pytest.mark.parametrize("host", TABLES, ids=repr)
+def test_samples_of_a_table_follow_its_distribution(host):
+    """A million by the host's distribution, and in bins even in the angle's logarithm; azimuth even."""
+    axis = np.array([0.48, -0.6, -0.64])
+    s, d = table_samples(host, 6, 1_000_000, axis)
+    assert s.min() >= 0.0
+    edges = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200)])
+    counts, expected = np.histogram(s, edges)[0], np.diff(host.cdf(edges)) * len(s)
+    full = expected > 25.0
+    rest = [[counts[~full].sum()], [expected[~full].sum()]] if not full.all() else [[], []]
+    counts, expected = (np.concatenate([x[full], more]) for x, more in zip((counts, expected), rest, strict=True))
+    keep = expected > 0.0
+    chi2 = ((counts - expected)[keep] ** 2 / expected[keep]).sum()
+    e1 = np.cross(axis, [0, 0, 1]) / np.linalg.norm(np.cross(axis, [0, 0, 1]))
+    azimuth = np.arctan2(d @ np.cross(axis, e1), d @ e1) / (2 * np.pi) % 1.0
+    wide = s > 1e-10  # where a direction in float32 has an azimuth
+    assert_plausible([chdtrc(keep.sum() - 1, chi2), uniform_p(np.clip(host.cdf(s), 0, 1)), uniform_p(azimuth[wide])])
+    far = s > 1e-4
+    np.testing.assert_allclose(0.25 * ((d[far] - axis) ** 2).sum(axis=1), s[far], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("host", TABLES, ids=repr)
+def test_samples_of_a_table_have_the_host_s_moments(truth, host):
+    mu = 1.0 - 2.0 * table_samples(host, 7, 1_000_000)[0]
+    P = np.array([eval_legendre(l, mu) for l in PER_ORDER])
+    truth(f"<P_l>, l = 1, 2, 8, 64, of samples, {host.kind}, B = {host.backscatter_fraction:.3g}",
+          source="quadrature of the formula in float64", expected=host.moments(64)[list(PER_ORDER)],
+          got=P.mean(axis=1), stderr=P.std(axis=1) / np.sqrt(len(mu)))
+
+
+def test_samples_at_the_ends():
+    record = TABLES[0].device_record("cpu")
+    u = np.array([[0.0, 0.0], [1.0 - 2.0**-24, 0.5], [1.0, 0.0]], np.float32)
+    x, d = run(sample_table, [record, wp.vec3(0.0, 0.0, 1.0), u], [float, wp.vec3])
+    assert np.isfinite(d).all()
+    assert x[0] == 0.0
+    assert x[2] == pytest.approx(2.0, rel=1e-5)
+
+
+def test_a_record_keeps_its_arrays_as_long_as_the_phase_function_lives():
+    host = FournierForand(1.10, 3.5835)
+    first, again = host.device_record("cpu"), host.device_record("cpu")
+    assert first.log_p.ptr == again.log_p.ptr
+    assert first.cdf.ptr == again.cdf.ptr
+
+
+@pytest.mark.gpu
+def test_a_table_has_the_same_values_on_cpu_and_gpu():
+    """Their logarithms and exponentials differ in the last bits."""
+    host, x = FournierForand(1.10, 3.5835), (2.0 * np.geomspace(1.001 * S_CUT, 1.0, N)).astype(np.float32)
+    pdf = []
+    for device in ("cpu", "cuda:0"):
+        out = wp.empty(N, dtype=float, device=device)
+        wp.launch(evaluate_table, N, [host.device_record(device), wp.array(x, dtype=float, device=device)], [out],
+                  device=device)
+        pdf.append(out.numpy())
+    np.testing.assert_allclose(pdf[1], pdf[0], rtol=3e-5)

@@ -287,6 +287,7 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
         (VAROS_LAMPS, water(0.0, 0.1, 0.8), {}, "does not scatter"),
         (VAROS_LAMPS, water(0.1, 0.1, 0.96), {}, "phase function"),
         (VAROS_LAMPS, water(0.1, 0.1, -0.96), {}, "backward"),
+        (VAROS_LAMPS, VAROS_WATER | {"phase": {"kind": "petzold"}}, {}, "Henyey and Greenstein only, not petzold"),
         (VAROS_LAMPS, PAPER_WATER, {"mount": "world"}, "world"),
         ([*VAROS_LAMPS, spot((0, 0, 0), cone_deg=180.0)], PAPER_WATER, {}, "cone"),
         ([spot((0, 0, 0), cone_deg=5.0)], PAPER_WATER, {}, "cone"),

@@ -76,7 +76,8 @@ def water(data: Dataset) -> Raw:
                 ("attenuation c [1/m]", sigma_t), ("albedo b / c", w["albedo"]), ("mean free path [m]", 1 / sigma_t),
                 ("a tenth of the light left at [m]", np.log(10) / sigma_t)]
     text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
-    return Raw(f"{text}<p class=note>Given as {html.escape(w['source'])}; Henyey-Greenstein phase function, "
+    phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])
+    return Raw(f"{text}<p class=note>Given as {html.escape(w['source'])}; {html.escape(phase)} phase function, "
                f"g = {w['g']:g}.</p>")
 
 

@@ -65,6 +65,8 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "there are no lamps"
     if not water.sigma_s.any():
         return "the water does not scatter"
+    if not water.phase.is_henyey_greenstein:
+        return f"tables know the phase function of Henyey and Greenstein only, not {water.phase.kind}"
     if water.g > SHARPEST_G:
         return f"the water's phase function is sharper than tables resolve: g = {water.g:g} > {SHARPEST_G}"
     if water.g < MOST_BACKWARD_G:
@@ -179,7 +181,7 @@ class OpenWater:
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
         """Water and lamps, a camera and the size of its image, of a vehicle at rest."""
         scene = SceneData()
-        scene.medium, scene.lights = medium_record(self.water), self._lights_at_rest
+        scene.medium, scene.lights = medium_record(self.water, self.device), self._lights_at_rest
         camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
         return scene, camera, wp.vec2(*map(float, view.resolution))
 

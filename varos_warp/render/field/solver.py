@@ -158,7 +158,7 @@ class LampField:
             alone = {"position": (0.0, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "intensity": (1.0, 1.0, 1.0)}
             light = self.light.model_copy(update=alone)
         scene = SceneData()
-        scene.medium = medium_record(self.water)
+        scene.medium = medium_record(self.water, self.device)
         record = light_record(light, np.eye(4), np.zeros(3))
         scene.lights = self._lights = wp.array([record], dtype=LightData, device=self.device)
         return scene

@@ -15,6 +15,7 @@ from varos_warp.scene.description.block import (
     UnitRgb,
     kind_by_default,
 )
+from varos_warp.scene.description.phase import FournierForand, HenyeyGreenstein, MeanCosine, Phase
 
 # ---------------------------------------------------------------------------------------------------------- geometry
 
@@ -311,17 +312,6 @@ Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discrimin
 # ------------------------------------------------------------------------------------------------------------- water
 
 
-MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
-"""Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""
-
-
-class HenyeyGreenstein(Block):
-    """Phase function of Henyey and Greenstein (1941) with mean cosine ``g``."""
-
-    kind: Literal["henyey_greenstein"] = "henyey_greenstein"
-    g: MeanCosine = 0.0
-
-
 class Principled(Block):
     """Blender's Principled Volume (paper, table 1)."""
 
@@ -336,14 +326,15 @@ class Coefficients(Block):
 
     sigma_s: NonNegativeRgb
     sigma_a: NonNegativeRgb
-    phase: HenyeyGreenstein = HenyeyGreenstein()
+    phase: Phase = HenyeyGreenstein()
 
 
 class Jerlov(Block):
     """A Jerlov water type."""
 
     type: Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
-    phase: HenyeyGreenstein = HenyeyGreenstein(g=0.924)
+    phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)
+    """Absent: Fournier and Forand's, with the backscatter fraction of Petzold's average particles."""
 
 
 class Water(Block):

@@ -1,0 +1,113 @@
+"""Phase functions: where scattered light goes."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from varos_warp.scene.description.block import Block, NonNegative, kind_by_default
+
+MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
+"""Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""
+
+
+class HenyeyGreenstein(Block):
+    """Phase function of Henyey and Greenstein (1941) with mean cosine ``g``."""
+
+    kind: Literal["henyey_greenstein"] = "henyey_greenstein"
+    g: MeanCosine = 0.0
+
+
+class FournierForand(Block):
+    """Phase function of Fournier and Forand for sea water: ``n`` and ``mu``, or ``backscatter_fraction``."""
+
+    kind: Literal["fournier_forand"]
+    n: Annotated[float, Field(gt=1.0, le=1.5)] | None = None
+    """Refractive index of the particles, relative to water."""
+    mu: Annotated[float, Field(gt=3.0, le=5.0)] | None = None
+    """Slope of the power law of their sizes; at 3 all light would go straight on."""
+    backscatter_fraction: Annotated[float, Field(ge=0.0001, le=0.15)] | None = None
+    """Share of the light scattered by more than 90 degrees; n = 1.01 + 0.1542 (mu - 3) (Mobley et al. 2002)."""
+
+    @model_validator(mode="after")
+    def _one_form(self):
+        given = [value is not None for value in (self.n, self.mu, self.backscatter_fraction)]
+        if given not in ([True, True, False], [False, False, True]):
+            raise ValueError("give either n and mu (such as 1.10 and 3.5835) or backscatter_fraction (such as 0.0183)")
+        return self
+
+
+class Petzold(Block):
+    """Average particle phase function of Petzold's measurements in sea water (Mobley et al. 1993)."""
+
+    kind: Literal["petzold"]
+
+
+class Rayleigh(Block):
+    """Phase function of pure water, in proportion to 1 + 0.835 cos^2."""
+
+    kind: Literal["rayleigh"]
+
+
+class Tabulated(Block):
+    """Phase function from a table, interpolated log-log and normalised."""
+
+    kind: Literal["tabulated"]
+    file: Annotated[str, Field(min_length=1)]
+    """CSV file with the columns angle_deg and p (any scale), relative to the scene file."""
+
+
+class Weighted(Block):
+    """A part of a mixture."""
+
+    weight: NonNegative
+    """Share of the scattering, in any scale."""
+
+
+class WeightedHenyeyGreenstein(HenyeyGreenstein, Weighted):
+    """Henyey and Greenstein's as a part of a mixture."""
+
+    g: Annotated[float, Field(ge=-0.6, le=0.999)] = 0.0
+    """A mixture becomes a table, which does not hold sharper peaks behind: at -0.6 it is right to 0.05 %."""
+
+
+class WeightedFournierForand(FournierForand, Weighted):
+    """Fournier and Forand's as a part of a mixture."""
+
+
+class WeightedPetzold(Petzold, Weighted):
+    """Petzold's as a part of a mixture."""
+
+
+class WeightedRayleigh(Rayleigh, Weighted):
+    """Pure water's as a part of a mixture."""
+
+
+class WeightedTabulated(Tabulated, Weighted):
+    """A table as a part of a mixture."""
+
+
+Part = Annotated[
+    WeightedHenyeyGreenstein | WeightedFournierForand | WeightedPetzold | WeightedRayleigh | WeightedTabulated,
+    Field(discriminator="kind"),
+    kind_by_default("henyey_greenstein"),
+]
+
+
+class Mixture(Block):
+    """Weighted mean of other phase functions; the weights are divided by their sum."""
+
+    kind: Literal["mixture"]
+    of: Annotated[list[Part], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _some_weight(self):
+        if not sum(part.weight for part in self.of) > 0.0:
+            raise ValueError("the weights of a mixture sum to 0; give one of its parts a weight above 0")
+        return self
+
+
+Phase = Annotated[
+    HenyeyGreenstein | FournierForand | Petzold | Rayleigh | Tabulated | Mixture,
+    Field(discriminator="kind"),
+    kind_by_default("henyey_greenstein"),
+]

@@ -1,0 +1,1 @@
+"""Phase functions: where scattered light goes. One file each; registry.py lists them."""

@@ -1,0 +1,151 @@
+"""A measured phase function, or volume scattering function: powers of the angle between the rows of a table."""
+
+import csv
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.power_table import S_CUT
+
+COLUMNS = ("angle_deg", "p")
+SMALLEST_DEG = 1e-4
+"""Smaller angles are one: below, kernels hold the density constant."""
+STEEPEST = -1.9
+"""Least slope over the angle ahead of the first row; at -2 there would be light without end."""
+ZERO = 1e-6
+"""What a value of 0 counts as, in units of the smallest that is not: a power law never gets there."""
+
+
+class Tabulated(PhaseFunction):
+    """Density in any scale at some angles, interpolated log-log, normalised.
+
+    Ahead of the first row the power law of the first two goes on, behind the last row the density is constant.
+
+    Args:
+        angle_deg: Increasing, 0 to 180, two at least.
+        p: Density at the angles, none negative and not all 0.
+        slope: d log p/d log angle ahead of the first row; absent: of the first two rows, if between STEEPEST and 0.
+        name: Of the file, for people.
+    """
+
+    kind = "tabulated"
+
+    def __init__(self, angle_deg, p, slope: float | None = None, name: str = ""):
+        degrees, p = np.maximum(np.asarray(angle_deg, float), SMALLEST_DEG), np.asarray(p, float)
+        self.name = name
+        self._log_angle = np.log(np.radians(degrees))
+        self._log_p = np.log(np.where(p > 0.0, p, ZERO * p[p > 0.0].min()))
+        self._slope = self._first_slope() if slope is None else slope
+        rows = np.stack([self._log_angle, self._log_p])
+        self._digest = hashlib.sha256(rows.tobytes()).hexdigest()
+
+    def _first_slope(self) -> float:
+        """Of the first two rows; 0 where the first is straight ahead."""
+        if self._log_angle[0] <= np.log(np.radians(SMALLEST_DEG)):
+            return 0.0
+        slope = (self._log_p[1] - self._log_p[0]) / (self._log_angle[1] - self._log_angle[0])
+        return float(np.clip(slope, STEEPEST, 0.0))
+
+    @classmethod
+    def from_block(cls, block, origin: Origin) -> "Tabulated":
+        """From a file."""
+        path = origin.resolve(block.file)
+        return cls(*read_table(path, f"{origin.key}.file"), name=path.name)
+
+    @property
+    def key(self) -> tuple:
+        """Kind, digest of the rows, and slope ahead."""
+        return (self.kind, self._digest, self._slope)
+
+    @property
+    def kinks(self) -> np.ndarray:
+        """The rows."""
+        s = np.sin(0.5 * np.exp(self._log_angle)) ** 2
+        return s[s > S_CUT]
+
+    def describe(self) -> dict:
+        """Its facts in plain JSON types, the table's own integral over the sphere, and the light beyond its rows."""
+        ahead, up_to_last = self.cdf(np.sin(0.5 * np.exp(self._log_angle[[0, -1]])) ** 2)
+        return {**super().describe(), "file": self.name, "integral": self.integral,
+                "share_ahead_of_first_row": float(ahead), "share_behind_last_row": float(max(1.0 - up_to_last, 0.0))}
+
+    def density(self, s) -> np.ndarray:
+        """Density, in the scale of the table."""
+        log_angle = np.log(2.0 * np.arcsin(np.sqrt(np.asarray(s, float))))
+        ahead = np.minimum(log_angle - self._log_angle[0], 0.0)
+        return np.exp(np.interp(log_angle, self._log_angle, self._log_p) + self._slope * ahead)
+
+
+# ---------------------------------------------------------------------------------------------------------- the file
+
+
+def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Angles [degrees] and densities of a CSV file with the columns angle_deg and p; other columns are left.
+
+    Raises:
+        InputError: The file is missing, or is no such table.
+    """
+    lines = _lines(path, key)
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    missing = [name for name in COLUMNS if name not in header]
+    if missing:
+        raise InputError(f"has no column {' and '.join(missing)}", file=path, key=key,
+                         remedy="Its first line names the columns: angle_deg,p.")
+    at = [header.index(name) for name in COLUMNS]
+    rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
+             for name, i in zip(COLUMNS, at, strict=True)] for line, row in lines[1:]]
+    if len(rows) < 2:
+        raise InputError(f"has {len(rows)} row{'s' * (len(rows) != 1)} of numbers", file=path, key=key,
+                         remedy="A phase function takes two at least.")
+    numbers = [line for line, _ in lines[1:]]
+    angle_deg, p = np.array(rows).T
+    _check(path, key, numbers, angle_deg, p)
+    return angle_deg, p
+
+
+def _lines(path: Path, key: str) -> list[tuple[int, list[str]]]:
+    """Number and cells of every line that is neither empty nor a comment."""
+    if not path.is_file():
+        problem = "is a folder, not a table" if path.is_dir() else "there is no such table of a phase function"
+        raise InputError(problem, file=path, key=key, remedy="Paths are relative to the scene file; correct the path.")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (UnicodeDecodeError, OSError) as error:
+        raise InputError(f"cannot be read as text: {error}", file=path, key=key, remedy="Export it as CSV.") from None
+    lines = enumerate(text.splitlines(), start=1)
+    return [(i, next(csv.reader([line]))) for i, line in lines if line.strip(", \t") and not line.startswith("#")]
+
+
+def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:
+    """A cell's number."""
+    try:
+        number = float(cell)
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        problem = f"{column} is missing" if cell.strip().lower() in ("", "nan") else f"{column} is not a number"
+        raise InputError(problem, file=path, line=line, key=key, value=cell.strip(),
+                         remedy="Give a number, or leave the row out.")
+    return number
+
+
+def _check(path: Path, key: str, lines: list[int], angle_deg: np.ndarray, p: np.ndarray):
+    """Angles increase within 0 to 180 degrees; densities are not negative, and not all 0."""
+    falls = np.concatenate([[False], np.diff(angle_deg) <= 0.0])
+    for wrong, values, problem, remedy in (
+        ((angle_deg < 0.0) | (angle_deg > 180.0), angle_deg, "angle_deg is not between 0 and 180",
+         "Give the scattering angle in degrees; 0 is straight on."),
+        (falls, angle_deg, "angle_deg does not increase", "Sort the rows by angle, each angle once."),
+        (p < 0.0, p, "p is negative", "A density is 0 or more; leave the row out."),
+    ):
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise InputError(problem, file=path, line=lines[i], key=key, value=float(values[i]), remedy=remedy)
+    if not p.any():
+        raise InputError("p is 0 everywhere", file=path, key=key, remedy="Some light must be scattered somewhere.")
+    if angle_deg[1] <= SMALLEST_DEG:
+        raise InputError(f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here", file=path, key=key,
+                         line=lines[1], value=float(angle_deg[1]), remedy="Leave the smaller ones out.")

@@ -1,0 +1,88 @@
+"""Optical properties of the water: the three forms of a scene file become sigma_s, sigma_a and a phase function.
+
+Oceanography's a, b and c are sigma_a, sigma_s and sigma_t. All coefficients are [1/m] per channel R, G, B.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Coefficients, Jerlov, Principled
+from varos_warp.scene.water.jerlov import jerlov_coefficients
+from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
+from varos_warp.scene.water.phase.registry import make_phase
+
+
+@dataclass(frozen=True)
+class OpticalProperties:
+    """Homogeneous water: scattering and absorption [1/m], float64 [3], and its phase function.
+
+    What holds a `Medium` of kernels keeps this too: the phase function owns the arrays that the medium points to.
+    """
+
+    sigma_s: np.ndarray
+    sigma_a: np.ndarray
+    phase: PhaseFunction
+    source: str
+    """Form of the scene file it came from: none, principled, coefficients or jerlov."""
+
+    @property
+    def g(self) -> float:
+        """Mean cosine of the phase function."""
+        return self.phase.mean_cosine
+
+    @property
+    def sigma_t(self) -> np.ndarray:
+        """Extinction [1/m], float64 [3]."""
+        return self.sigma_s + self.sigma_a
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """sigma_s / sigma_t, 0 where there is no extinction, float64 [3]."""
+        return np.divide(self.sigma_s, self.sigma_t, out=np.zeros(3), where=self.sigma_t > 0.0)
+
+
+def from_principled(water: Principled) -> OpticalProperties:
+    """Blender's Principled Volume, as Cycles computes it (paper, table 1)."""
+    color, absorption = np.array(water.color), np.array(water.absorption_color)
+    sigma_s = water.density * color
+    sigma_a = water.density * np.maximum(1.0 - color, 0.0) * np.maximum(1.0 - np.sqrt(absorption), 0.0)
+    return OpticalProperties(sigma_s, sigma_a, HenyeyGreenstein(water.anisotropy), "principled")
+
+
+def from_coefficients(water: Coefficients, resolve: Callable[[str], Path] = Path) -> OpticalProperties:
+    """Coefficients as they are; ``resolve`` finds the files that the phase function names."""
+    phase = make_phase(water.phase, resolve, "water.coefficients.phase")
+    return OpticalProperties(np.array(water.sigma_s), np.array(water.sigma_a), phase, "coefficients")
+
+
+def from_jerlov(water: Jerlov, resolve: Callable[[str], Path] = Path) -> OpticalProperties:
+    """A Jerlov water type; ``resolve`` finds the files that the phase function names."""
+    sigma_a, sigma_s = jerlov_coefficients(water.type)
+    phase = make_phase(water.phase, resolve, "water.jerlov.phase")
+    return OpticalProperties(np.array(sigma_s), np.array(sigma_a), phase, "jerlov")
+
+
+def optical_properties(scene: Scene) -> OpticalProperties:
+    """Water of a scene; ``water: none`` has neither scattering nor absorption.
+
+    Raises:
+        InputError: A file of the phase function cannot be used.
+    """
+    water = scene.water
+    if water == "none":
+        return OpticalProperties(np.zeros(3), np.zeros(3), HenyeyGreenstein(0.0), "none")
+    if water.principled is not None:
+        return from_principled(water.principled)
+    if water.coefficients is not None:
+        return from_coefficients(water.coefficients, scene.resolve)
+    return from_jerlov(water.jerlov, scene.resolve)
+
+
+def phase_function(scene: Scene) -> PhaseFunction:
+    """Phase function of the water of a scene."""
+    return optical_properties(scene).phase
