@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from varos_warp.render.field.directions import Directions
-from varos_warp.render.field.phase import PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 NEAREST_S = 1e-10
 """What is scattered by less than 2 asin(sqrt(s)) of this, 0.02 mrad, goes straight on."""

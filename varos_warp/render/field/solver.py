@@ -17,7 +17,6 @@ from varos_warp.kernels.field.tabulate import light_scattered_again, light_scatt
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
-from varos_warp.render.field.phase import phase_of
 from varos_warp.render.field.scattering import scattering_matrix
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
@@ -67,7 +66,7 @@ class LampField:
 
     def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
-        self.phase = phase_of(water)
+        self.phase = water.phase
         self.fine, self.coarse = self.grid(FINE), self.grid(COARSE)
         self._scene = self._lamp_alone()
 
