@@ -15,7 +15,7 @@ from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.cache import cached
-from varos_warp.render.field import directions, solver
+from varos_warp.render.field import scattering, solver
 from varos_warp.render.field.solver import LampField, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
@@ -24,7 +24,7 @@ from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 5
+TABLES_VERSION = 6
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
@@ -56,15 +56,6 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "there are no lamps"
     if not water.sigma_s.any():
         return "the water does not scatter"
-    if not water.phase.is_henyey_greenstein:
-        return f"tables know the phase function of Henyey and Greenstein only, not {water.phase.kind}"
-    if water.g > SHARPEST_G:
-        return f"the water's phase function is sharper than tables resolve: g = {water.g:g} > {SHARPEST_G}"
-    if water.g < MOST_BACKWARD_G:
-        return f"the water scatters backward more than tables resolve: g = {water.g:g} < {MOST_BACKWARD_G}"
-    if water.g > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
-                                               for light in lights):
-        return f"g = {water.g:g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
@@ -143,10 +134,11 @@ class OpenWater:
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
-            "g": self.water.g,
+            "phase": self.water.phase.key,
             "nodes": [solver.FINE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
             "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
-            "tolerance": [solver.TOLERANCE, solver.GROWTH, directions.SMALLEST, directions.MOST],
+            "tolerance": [solver.TOLERANCE, solver.GROWTH],
+            "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.FIRST_SHARE],
         }
 
     def _fill_veil(self, view: Camera) -> np.ndarray:

@@ -16,7 +16,8 @@ from varos_warp.kernels.field.open_water import LampTable, NodeGrid
 from varos_warp.kernels.field.tabulate import light_scattered_again, light_scattered_once
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.render.field.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field.directions import Directions, irradiance_matrix
+from varos_warp.render.field.scattering import scattering_matrix
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.device import light_record, medium_record
@@ -65,6 +66,7 @@ class LampField:
 
     def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
+        self.phase = water.phase
         self.fine, self.coarse = self.grid(FINE), self.grid(COARSE)
         self._scene = self._lamp_alone()
 
@@ -77,7 +79,7 @@ class LampField:
         grid.nearest, grid.log_step = NEAREST_M, float(step)
         grid.half_angle = np.pi if everywhere else np.radians(self.light.cone_deg) / 2
         # forward-scattered light goes on as if it were not scattered; after many scatterings light diffuses
-        onward = self.water.sigma_t - self.water.g * self.water.sigma_s
+        onward = self.water.sigma_t - self.phase.mean_cosine * self.water.sigma_s
         grid.decay = wp.vec3(*np.minimum(onward, np.sqrt(3.0 * self.water.sigma_a * onward)))
         return grid
 
@@ -130,7 +132,7 @@ class LampField:
 
     def _set_matrices(self):
         """What turns radiance from the directions ONCE and AGAIN into irradiance and sources."""
-        scatter = scattering_matrix(self.water.g, ONCE, LEAVING)
+        scatter = scattering_matrix(self.phase, ONCE, LEAVING)
         irradiance = irradiance_matrix(ONCE, NORMALS)
         between = AGAIN.interpolation(ONCE)
         self._once_to = {"irradiance": irradiance, "source": scatter}
