@@ -9,8 +9,7 @@ FEWEST_SPP, MOST_SPP = 2, 4096
 STEEPEST = {"field": -0.75, "path": -0.5, "reference": -0.5}
 FLATTEST = -0.15
 """Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with the field,
-that of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown.
-"""
+that of independent samples, which paths keep to, and the least that a denoiser has shown."""
 REACH = 3
 """Up to so many times more samples than were judged, their error may be extrapolated."""
 

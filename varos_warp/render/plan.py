@@ -36,9 +36,9 @@ MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
 MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a denoiser
-makes of little noise varies most from image to image. That is of images with `pilot.PIXELS`; of larger ones the mean
-square of all pixels varies less, with the root of their number."""
+samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a
+denoiser makes of little noise varies most from image to image. That is of images with `pilot.PIXELS`; of larger ones
+the mean square of all pixels varies less, with the root of their number."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 2.0, "path": 1.0}
@@ -401,7 +401,8 @@ class _Planner:
         asked = self.render.tolerance
         limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
         time = in_words(self.seconds(needed))
-        why = (f"{100 * error:.2g} % expected, {100 * asked:.2g} % asked; {100 * asked:.2g} % would take {time} a frame "
+        error, asked = (f"{100 * share:.2g} %" for share in (error, asked))
+        why = (f"{error} expected, {asked} asked; {asked} would take {time} a frame "
                f"(render.max_seconds_per_frame: {limit:g})")
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
