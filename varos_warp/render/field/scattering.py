@@ -68,6 +68,17 @@ def _shape(phase: PhaseFunction):
     return lambda gamma: np.exp(np.interp(np.log(np.maximum(gamma, 1e-8)), np.log(theta), np.log(values)))
 
 
+def shape_of_twice(phase: PhaseFunction, matrix: np.ndarray, arriving: Directions, leaving: Directions):
+    """About how light scattered twice falls off with gamma: as what scattering makes of light scattered once.
+
+    A tenth of its median is added, for light scattered often has no peak.
+    """
+    once = np.repeat(_shape(phase)(arriving.gamma), len(arriving.phi))
+    values = (matrix @ once).reshape(len(leaving.gamma), -1)[:, 0]
+    values = np.log(values / np.median(values) + 0.1)
+    return lambda gamma: np.exp(np.interp(np.sqrt(gamma), np.sqrt(leaving.gamma), values))
+
+
 def _spline(arriving: Directions) -> tuple[np.ndarray, np.ndarray]:
     """Knots of splines in s, and the matrix from values at the directions to their coefficients."""
     spline = make_interp_spline(arriving.s, np.eye(len(arriving.s)), k=3)

@@ -17,7 +17,7 @@ from varos_warp.kernels.field.tabulate import light_scattered_again, light_scatt
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
-from varos_warp.render.field.scattering import scattering_matrix
+from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.device import light_record, medium_record
@@ -134,7 +134,7 @@ class LampField:
         """What turns radiance from the directions ONCE and AGAIN into irradiance and sources."""
         scatter = scattering_matrix(self.phase, ONCE, LEAVING)
         irradiance = irradiance_matrix(ONCE, NORMALS)
-        between = AGAIN.interpolation(ONCE)
+        between = AGAIN.interpolation(ONCE, shape_of_twice(self.phase, scatter, ONCE, LEAVING))
         self._once_to = {"irradiance": irradiance, "source": scatter}
         self._again_to = {"irradiance": irradiance @ between, "source": scatter @ between}
 
