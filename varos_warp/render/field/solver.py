@@ -33,11 +33,11 @@ ONCE = Directions.quadrature(80, 32, power=2)
 """Directions of light scattered once, which is sharp around the lamp; see docs/transport.md for the errors."""
 AGAIN = Directions.quadrature(20, 8, power=2)
 """Directions of light scattered more often."""
-LEAVING = Directions.ends(48, 13, power=2)
+LEAVING = Directions.ends(64, 13, power=2)
 """Directions in which light leaves a scattering."""
 NORMALS = Directions.ends(41, 13, power=1)
 """Of the planes whose irradiance is tabulated; one is at 90 degrees, where light from the lamp begins to graze them."""
-TOLERANCE, ENOUGH, GROWTH = 3e-6, 1e-4, 0.7
+TOLERANCE, ENOUGH, GROWTH = 3e-6, 5e-4, 0.7
 """Of the sum over all orders: what is asked, and what is taken where rounding allows no more. Errors count
 exp(-GROWTH x optical depth) times as much as at the lamp: light near by hardly knows of what lies far away, and far
 light follows from it."""
