@@ -42,7 +42,7 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
 
 
 def _away_from_lamp(leaving: Directions) -> np.ndarray:
-    """Directions in which light leaves; straight from the lamp it may be infinite, and a place near by stands for it."""
+    """Directions in which light leaves; straight from the lamp it may be infinite, and one near by stands for it."""
     gamma, phi = np.maximum(leaving.pairs[:, 0], FIRST_SHARE * leaving.gamma[1]), leaving.pairs[:, 1]
     return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
 
