@@ -49,10 +49,14 @@ class Directions:
         gamma, phi = self.pairs.T
         return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
 
-    def interpolation(self, others: "Directions") -> np.ndarray:
-        """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi."""
+    def interpolation(self, others: "Directions", shape=np.ones_like) -> np.ndarray:
+        """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi.
+
+        What is interpolated are the values over their ``shape``, a function of gamma.
+        """
         s = (others.gamma / np.pi) ** (1.0 / self.power)
         along = make_interp_spline(self.s, np.eye(len(self.s)), k=3)(s)
+        along *= shape(others.gamma)[:, None] / shape(self.gamma)
         m = np.arange(1, len(self.phi))
         series = 1.0 + 2.0 * np.cos(np.outer(others.phi, m)) @ np.cos(np.outer(m, self.phi))
         return np.kron(along, series / len(self.phi))

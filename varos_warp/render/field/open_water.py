@@ -128,14 +128,14 @@ class OpenWater:
 
     def _depends_on(self, **what) -> dict:
         """What the numbers of any table depend on, and what else."""
-        grids = (solver.ONCE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
+        grids = (solver.ONCE, solver.TWICE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
         return what | {
             "version": TABLES_VERSION,
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
             "phase": self.water.phase.key,
-            "nodes": [solver.FINE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
+            "nodes": [solver.FINE, solver.MIDDLE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
             "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
             "tolerance": [solver.TOLERANCE, solver.GROWTH],
             "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.FIRST_SHARE],

@@ -42,7 +42,7 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
 
 
 def _away_from_lamp(leaving: Directions) -> np.ndarray:
-    """Directions in which light leaves; straight from the lamp it may be infinite, and a place near by stands for it."""
+    """Directions in which light leaves; straight from the lamp it may be infinite, and one near by stands for it."""
     gamma, phi = np.maximum(leaving.pairs[:, 0], FIRST_SHARE * leaving.gamma[1]), leaving.pairs[:, 1]
     return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
 
@@ -66,6 +66,17 @@ def _shape(phase: PhaseFunction):
     beyond = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
     values = (beyond + 1e-2 * beyond[0]) / np.sin(theta / 2.0)
     return lambda gamma: np.exp(np.interp(np.log(np.maximum(gamma, 1e-8)), np.log(theta), np.log(values)))
+
+
+def shape_of_twice(phase: PhaseFunction, matrix: np.ndarray, arriving: Directions, leaving: Directions):
+    """About how light scattered twice falls off with gamma: as what scattering makes of light scattered once.
+
+    A tenth of its median is added, for light scattered often has no peak.
+    """
+    once = np.repeat(_shape(phase)(arriving.gamma), len(arriving.phi))
+    values = (matrix @ once).reshape(len(leaving.gamma), -1)[:, 0]
+    values = np.log(values / np.median(values) + 0.1)
+    return lambda gamma: np.exp(np.interp(np.sqrt(gamma), np.sqrt(leaving.gamma), values))
 
 
 def _spline(arriving: Directions) -> tuple[np.ndarray, np.ndarray]:
