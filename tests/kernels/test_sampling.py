@@ -6,7 +6,7 @@ import warp as wp
 from chance import assert_plausible, rng_array, run, two_sided, uniform_moment_z, uniform_p
 from scipy.spatial.transform import Rotation
 
-from varos_warp.kernels.transport import sampling
+from varos_warp.kernels import sampling
 from varos_warp.render.frame import stream_key
 
 N = 1 << 17

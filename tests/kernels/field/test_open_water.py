@@ -20,7 +20,7 @@ from varos_warp.kernels.field.open_water import (
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light
 
-sys.path.append(str(Path(__file__).parents[1] / "physics"))
+sys.path.append(str(Path(__file__).parents[2] / "physics"))
 from rig import single_scattering as exact
 
 
