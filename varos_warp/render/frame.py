@@ -56,6 +56,7 @@ def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: i
     Raises:
         InputError: If the field is asked for and cannot be had.
     """
+    name = field_by_old_name(name)
     if name not in ("auto", "field"):
         return name
     why = unavailable(scene, view)

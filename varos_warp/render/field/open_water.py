@@ -32,14 +32,8 @@ VEIL_RESOLUTION = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
-SHARPEST_G = 0.88
-"""Sharper phase functions have more harmonics than the grids of directions can tell apart: at 0.88 what is scattered
-twice or more is right to 1 %, at 0.9 it is 3 % too bright, at 0.924 22 %, at 0.93 40 % (sigma_t = 0.3, albedo 0.8)."""
-MOST_BACKWARD_G = -0.3
-"""Backward peaks are smeared by the quadrature of single scattering behind the lamp's foot: at -0.3 its error is 0.25 %
-along rays to the horizon, at -0.85 it would be 2 % (docs/stability.md). Water scatters forward."""
-SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
-"""The same for lamps that shine everywhere or in a wider cone: rays through their light see its forward peak."""
+MOST_BACKWARD_G, SHARPEST_G = -0.3, 0.98
+"""Mean cosines of phase functions whose light the grids have been shown to hold."""
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
@@ -56,6 +50,9 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "there are no lamps"
     if not water.sigma_s.any():
         return "the water does not scatter"
+    if not MOST_BACKWARD_G <= water.g <= SHARPEST_G:
+        return (f"the mean cosine of the water's phase function is {water.g:g}, and the field is known from "
+                f"{MOST_BACKWARD_G} to {SHARPEST_G}")
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
