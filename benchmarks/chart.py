@@ -14,11 +14,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from benchmarks import sensors
 
 COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8", "scatterings_2": "#b07cc6",
-           "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "tables": "#ff7f0e",
-           "tables@0.5px": "#bcbd22", "tables@2px": "#17becf", "mitsuba": "#2ca02c", "cycles": "#d62728"}
+           "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "field": "#ff7f0e",
+           "field@0.5px": "#bcbd22", "field@2px": "#17becf", "mitsuba": "#2ca02c", "cycles": "#d62728"}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
-MAIN = ("direct", "single", "reference", "path", "path+oidn", "tables", "tables+oidn", "mitsuba", "cycles",
+MAIN = ("direct", "single", "reference", "path", "path+oidn", "field", "field+oidn", "mitsuba", "cycles",
         "cycles+oidn")
 """Methods that differ most: what is drawn where there is little room."""
 DPI = 110

@@ -49,13 +49,13 @@ OURS = (
     Method("path", "paths", "path", {"integrator": "path"}),
     Method("path+nlm", "paths, NLM", "path", {"integrator": "path"}, LADDER[:5], denoise="nlm"),
     Method("path+oidn", "paths, OIDN", "path", {"integrator": "path"}, denoise="oidn"),
-    Method("tables", "tables", "tables", {"integrator": "tables"}),
-    Method("tables+nlm", "tables, NLM", "tables", {"integrator": "tables"}, LADDER[:5], denoise="nlm"),
-    Method("tables+oidn", "tables, OIDN", "tables", {"integrator": "tables"}, denoise="oidn"),
-    *(Method(f"tables@{px:g}px", f"tables, meshes to {px:g} px", "detail", {"integrator": "tables"}, LADDER[:5],
+    Method("field", "field", "field", {"integrator": "field"}),
+    Method("field+nlm", "field, NLM", "field", {"integrator": "field"}, LADDER[:5], denoise="nlm"),
+    Method("field+oidn", "field, OIDN", "field", {"integrator": "field"}, denoise="oidn"),
+    *(Method(f"field@{px:g}px", f"field, meshes to {px:g} px", "detail", {"integrator": "field"}, LADDER[:5],
              tolerance_px=px) for px in (0.5, 2.0)),
 )
-QUICK = ("direct", "single", "reference", "path", "tables", "tables+oidn")
+QUICK = ("direct", "single", "reference", "path", "field", "field+oidn")
 
 
 DENOISING_PEERS = ("cycles",)

@@ -95,7 +95,7 @@ def programs(bench: BenchScene) -> dict:
         made = peer_image(bench, name, spp=spp, seed=seed)
         return made.radiance, made.cpu_seconds
 
-    return {name: (lambda spp, seed, name=name: ours(name, spp, seed)) for name in ("path", "tables")} | {
+    return {name: (lambda spp, seed, name=name: ours(name, spp, seed)) for name in ("path", "field")} | {
         name: (lambda spp, seed, name=name: peer(name, spp, seed)) for name in peers.available()}
 
 

@@ -15,7 +15,7 @@ from physics.rig import floor, one_ray_scene, point, radiance, single_scattering
 __all__ = ["INTEGRATORS", "estimate", "floor", "off", "one_ray_scene", "point", "run", "single_scattering", "spot",
            "truth_of", "water"]
 
-INTEGRATORS = ("tables", "path", "reference")
+INTEGRATORS = ("field", "path", "reference")
 
 
 def estimate(scene, parts=(), layer=None, **how) -> tuple[np.ndarray, np.ndarray]:

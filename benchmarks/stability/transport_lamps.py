@@ -28,7 +28,7 @@ TESTS = "tests/stability/test_lamp_limits.py::"
 
 def beside_error(side: float, ahead: float, integrator: str, spp: int = 256) -> float:
     """Relative error of single scattering with a point lamp ``side`` from the ray and ``ahead`` of the camera [m]."""
-    spp = 2 if integrator == "tables" else spp
+    spp = 2 if integrator == "field" else spp
     lamp = (side, 0.0, ahead)
     scene = one_ray_scene([point(lamp)], water(0.05, 0.1, 0.8), pixels=8)
     mean, _ = estimate(scene, [floor(5.0, 0.0)], layer="single", integrator=integrator, spp=spp)
@@ -147,7 +147,7 @@ def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -
     lamp, axis = (0.1, 0.0, 0.0), (-0.05, 0.0, 1.0)
     truth = truth_of(lamp, 0.05, 0.1, 0.5, 10.0, axis, cone_deg, blend, 1000)
     scene = one_ray_scene([spot(lamp, axis, cone_deg, blend)], water(0.05, 0.1, 0.5), pixels=8)
-    spp = 2 if integrator == "tables" else spp
+    spp = 2 if integrator == "field" else spp
     return off(estimate(scene, [floor(10.0, 0.0)], layer="single", integrator=integrator, spp=spp)[0], truth)
 
 
@@ -159,7 +159,7 @@ def cone_across_the_view() -> Sweep:
         parameter="cone [degrees]", values=values,
         errors={f"{name}, blend {blend:g}": [cone_error(cone, blend, name) if 10 <= cone <= 179 or name == "path"
                                              else np.nan for cone in values]
-                for name in ("tables", "path") for blend in (0.0, 1.0)},
+                for name in ("field", "path") for blend in (0.0, 1.0)},
         measure="Relative error of single scattering where a spot 0.1 m aside crosses the ray, against quadrature. "
                 "Noise "
                 "of path 2e-3.",
@@ -180,7 +180,7 @@ def intensity_error(exponent: int, integrator: str) -> float:
         scene = one_ray_scene([light], water(0.05, 0.1, 0.8), pixels=4)
         lamp = scene.vehicle.lights[0].model_copy(update={"intensity": (intensity,) * 3})
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": [lamp]})})
-        names = ("direct", "single") if integrator == "tables" else ("direct", "single", "multiple")
+        names = ("direct", "single") if integrator == "field" else ("direct", "single", "multiple")
         return np.array([estimate(scene, [floor(2.0, 0.5)], layer=name, integrator=integrator, spp=16)[0] / intensity
                          for name in names])
 

@@ -22,7 +22,7 @@ BESIDE = (0.15, 0.0, -0.1)
 
 def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=0.5, spp=256) -> float:
     """Relative error of light scattered once along a ray to the horizon, against quadrature in float64."""
-    spp = 2 if integrator == "tables" else spp
+    spp = 2 if integrator == "field" else spp
     truth = truth_of(lamp, albedo * sigma_t, sigma_t, g, np.inf)
     scene = one_ray_scene([point(lamp)], water(albedo * sigma_t, sigma_t, g), pixels=8)
     return off(estimate(scene, layer="single", integrator=integrator, spp=spp)[0], truth)
@@ -54,7 +54,7 @@ def single_over_optical_distance() -> Sweep:
     return Sweep(
         key="single_over_optical_distance", title="single scattering, lamp aside", method="tables, path",
         parameter="distance of the lamp from the ray x sigma_t", values=values,
-        errors={name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("tables", "path")},
+        errors={name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")},
         measure="As before, sigma_t = 1/m, a point lamp straight beside the camera.",
         limit="to 20 mean free paths (tables 1.2e-5)",
         fails="tables: 1e-3 at 30, 1e-2 at 40; the radiance there is 1e-19",
@@ -66,7 +66,7 @@ def single_over_optical_distance() -> Sweep:
 def single_over_g() -> Sweep:
     """All phase functions that a scene may name, and lamps beside and before the camera."""
     values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
-    cases = {"tables": "tables", "path": "path"}
+    cases = {"field": "field", "path": "path"}
     errors = {name: [_worst_over_lamps(g, integrator) for g in values] for name, integrator in cases.items()}
     return Sweep(
         key="single_over_g", title="single scattering over g", method="tables, path", parameter="g", values=values,
@@ -165,7 +165,7 @@ def case_zweifel_total(albedo: float, foot: float = 0.0) -> float:
 def isotropic_total(albedo: float, integrator: str, spp: int = 256) -> tuple[float, float]:
     """Radiance of all orders along the ray of case_zweifel_total, and its standard error."""
     scene = one_ray_scene([point((1.0, 0.0, 0.0), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0), pixels=8)
-    mean, stderr = estimate(scene, integrator=integrator, spp=2 if integrator == "tables" else spp)
+    mean, stderr = estimate(scene, integrator=integrator, spp=2 if integrator == "field" else spp)
     return float(mean.mean()), float(stderr.max())
 
 
@@ -211,7 +211,7 @@ def multiple_errors(sigma_t: float, g: float, lamps: str, spp: int = 4096) -> tu
                   trajectory={"poses": [{"position": (0, 0, 0)}]})
     renderer = FrameRenderer(scene, "cpu", parts=[])
     how = {"outputs": "A", "layers": ("multiple",), "seed": 5}
-    got = renderer.render(np.eye(4), integrator="tables", spp=16, **how).A
+    got = renderer.render(np.eye(4), integrator="field", spp=16, **how).A
     truth = renderer.render(np.eye(4), integrator="path", spp=spp, **how).A
     mean = truth.radiance.mean(dtype=float)
     noise = np.sqrt((truth.stderr.mean(axis=2, dtype=float) ** 2).sum()) / got.radiance[..., 0].size
@@ -223,8 +223,8 @@ def tables_over_sigma_t() -> Sweep:
     values = [0.03, 0.3, 1.0, 3.0, 10.0, 50.0]
     errors = np.array([multiple_errors(s, 0.8, "spots of 65 degrees") for s in values]).T.tolist()
     return Sweep(
-        key="tables_over_sigma_t", title="tables, all orders, thin to thick", method="tables",
-        parameter="sigma_t [1/m]", values=values, errors=dict(zip(("tables", "stderr of path"), errors, strict=True)),
+        key="tables_over_sigma_t", title="tables, all orders, thin to thick", method="field",
+        parameter="sigma_t [1/m]", values=values, errors=dict(zip(("field", "stderr of path"), errors, strict=True)),
         measure="Relative error of the layer multiple in open water, on average over an image, two spots beside the "
                 "camera, g = 0.8, albedo 0.8, against path with 4096 samples, whose standard error is the other line.",
         limit="0.03 .. 50 1/m within the noise of path (0.6 % at 0.03, 1.4 % at 3, 4 % at 10, 20 % at 50)",
@@ -243,7 +243,7 @@ def tables_over_g() -> Sweep:
     spots = np.array([multiple_errors(0.3, g, "spots of 65 degrees") for g in values]).T.tolist()
     points = np.array([multiple_errors(0.3, g, "point") for g in point_values]).T.tolist()
     return Sweep(
-        key="tables_over_g", title="tables, all orders, over g", method="tables", parameter="g", values=values,
+        key="tables_over_g", title="tables, all orders, over g", method="field", parameter="g", values=values,
         errors={"spots of 65 degrees": spots[0], "stderr of path, spots": spots[1], "point lamp": points[0] + missing,
                 "stderr of path, point lamp": points[1] + missing}, scale="linear",
         measure="As before, sigma_t = 0.3/m.",

@@ -35,4 +35,4 @@ def test_the_options_reach_the_benchmark(monkeypatch, tmp_path):
     result = run("ref1", "demo", "--methods", "path, tables", "--outputs", "A,D", "--device", "cpu", "--quick",
                  "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet")
     assert result.exit_code == 0, result.output
-    assert seen == [(["ref1", "demo"], ["path", "tables"], ["A", "D"], "cpu", True, 7.0, tmp_path, True)]
+    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "D"], "cpu", True, 7.0, tmp_path, True)]

@@ -5,7 +5,7 @@ import pytest
 from benchmarks import page
 
 
-def row(seconds, error, method="tables"):
+def row(seconds, error, method="field"):
     return {"scene": "s", "method": method, "label": method, "truth": "full", "cpu_seconds": 2 * seconds,
             "seconds": seconds, "rmse_limit": error}
 

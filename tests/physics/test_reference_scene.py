@@ -103,7 +103,7 @@ def test_all_orders_are_the_reference_at_full_size(renderer):
 
 def assert_tables_within_their_bias(renderer, spp, seeds):
     """Block means, their error by the spread of renderings; 0.3 % of a block is the stated bias of tables."""
-    images = np.array([block_means(render(renderer, spp=spp, seed=seed, integrator="tables", denoise="none")[0])
+    images = np.array([block_means(render(renderer, spp=spp, seed=seed, integrator="field", denoise="none")[0])
                        for seed in range(seeds)])
     mean, stderr = reference("full")
     truth, noise = block_means(mean), np.sqrt(block_means(stderr**2) / BLOCK**2)

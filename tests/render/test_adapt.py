@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from varos_warp.render import frame, residual
+from varos_warp.render import frame
 from varos_warp.render.adapt import (
     DARK,
     MOST_SHARED,
-    MOST_SHARED_RESIDUAL,
     brightness,
     first_samples,
     more_samples,
@@ -16,7 +15,7 @@ from varos_warp.render.adapt import (
 )
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Diffuse, Metal
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry import Part
 
 FIRST, SPP, TILES = 4, 64, (12, 16)
@@ -79,8 +78,6 @@ def test_samples_are_shared_out_in_proportion_to_the_deviation():
     noise[:, 0, 0] = 1e9
     count = share_out(noise, 2, 40.0) + 2
     assert count.max() == MOST_SHARED * 40
-    fewer = share_out(noise, 2, 40.0, most_shared=MOST_SHARED_RESIDUAL) + 2
-    assert fewer.max() == MOST_SHARED_RESIDUAL * 40
     assert count.mean() == pytest.approx(40.0, abs=1.0)
     assert not share_out(np.zeros((2, 3, 4)), 2, 40.0).any()
 
@@ -138,7 +135,7 @@ def test_the_standard_error_is_that_of_the_spread_between_images(renderer):
         found, rel=0.3)
 
 
-# ------------------------------------------------------------------------------------------------------------- tables
+# -------------------------------------------------------------------------------------------------------------- field
 
 
 def plate(name, half, z, material):
@@ -148,26 +145,25 @@ def plate(name, half, z, material):
 
 @pytest.fixture(scope="module")
 def bright_spot():
-    """A dark floor with a small white plate under a lamp, by tables: most noise is in a few tiles."""
+    """A dark floor with a small white plate under a lamp, with the field: most noise is in a few tiles."""
     view = {"resolution": [96, 64], "rotation_euler_deg": [-90, 0, 0]}
     lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
     water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
     scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
-                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "tables"})
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "field"})
 
     return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.05] * 3)),
                                               plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3))])
 
 
-def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
+def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
     """And the same mean: 12 images of each kind, 4 standard errors of what they differ by."""
     def images(seed):
         return [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=seed + k).A for k in range(12)]
 
     shared = images(0)
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
-    monkeypatch.setattr(frame, "share_out",
-                        lambda noise, taken, spp, cost=1.0, most_shared=0: np.full(noise.shape, round(spp) - taken))
+    monkeypatch.setattr(frame, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
     even = images(100)
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()
@@ -176,75 +172,9 @@ def test_tables_take_as_many_samples_as_asked_with_less_error_than_an_even_share
     assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
 
 
-@pytest.mark.parametrize("listed", [7000, 1000])
-def test_samples_of_the_residual_are_each_taken_once_whatever_the_batches(bright_spot, monkeypatch, listed):
-    """Bytes do not depend on how many walks are under way at a time."""
-    expected = bright_spot.render(np.eye(4), outputs="A", spp=16, seed=3).A
-    monkeypatch.setattr(residual, "MOST_STARTS", {"cpu": listed})
-    monkeypatch.setattr(residual, "MOST_LISTED", 2 * 96 * 64)
-    found = bright_spot.render(np.eye(4), outputs="A", spp=16, seed=3).A
-    assert np.array_equal(found.radiance, expected.radiance)
-
-
 @pytest.mark.parametrize("resolution", [(1, 1), (2, 1), (9, 3)])
 def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
     camera = bright_spot.scene.vehicle.cameras[0].model_copy(update={"resolution": resolution})
     image = bright_spot.render(np.eye(4), camera, "A", spp=16).A
     assert np.isfinite(image.radiance).all()
     assert image.spp >= (16 if resolution == (1, 1) else 2)
-
-
-def plate_on_a_floor(half: float) -> FrameRenderer:
-    """A bare metal plate, so wide to each side, on a floor under a lamp."""
-    view = {"resolution": [48, 32], "rotation_euler_deg": [-90, 0, 0]}
-    lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
-    water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
-    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
-                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"integrator": "tables"})
-
-    parts = [plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.3] * 3)),
-             plate("plate", half, -1.4, Metal(kind="metal", base=[0.6, 0.6, 0.6], roughness=0.4))]
-    return FrameRenderer(scene, "cpu", parts=parts)
-
-
-def test_metal_gets_more_samples_where_the_residual_is_denoised_without_bias():
-    """24 images of each kind: the same mean; metal has far less variance (a third, measured, and 5 % uncertain)."""
-    renderer = plate_on_a_floor(0.08)
-    metal = renderer.render(np.eye(4), outputs="S").S.instance == 2
-    assert 0.01 < metal.mean() < 0.1
-    plain, denoised = (np.array([renderer.render(np.eye(4), outputs="A", spp=24, seed=50 * k + i,
-                                                 denoise=method).A.residual
-                                 for i in range(24)], float) for k, method in enumerate(("none", "oidn")))
-    for where in (metal, ~metal):
-        means = [images[:, where].mean(1) for images in (plain, denoised)]
-        error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
-        assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
-    assert denoised[:, metal].var(axis=0, ddof=1).mean() < 0.6 * plain[:, metal].var(axis=0, ddof=1).mean()
-
-
-@pytest.mark.parametrize("half", [0.2, 0.8, 9.0])
-def test_images_with_metal_have_no_more_samples_of_the_residual_than_planned(monkeypatch, half):
-    """Within the rounding of each tile's number; some metal, mostly metal, nothing else."""
-    taken, glow = [], residual.Residual._glow
-
-    def counted(self, view, camera, level, places, points):
-        taken.append(places.shape[0])
-        return glow(self, view, camera, level, places, points)
-
-    monkeypatch.setattr(residual.Residual, "_glow", counted)
-    renderer = plate_on_a_floor(half)
-    for spp in (8, 24):
-        taken.clear()
-        renderer.render(np.eye(4), outputs="A", spp=spp, denoise="oidn")
-        planned = 1.0 + (spp - 2) / frame.PIXEL_SAMPLES_DENOISED
-        assert sum(taken) / (48 * 32) == pytest.approx(planned, rel=0.15)
-        assert len(taken) == 2  # some are left to be shared out
-
-
-def test_shares_cost_as_much_as_there_is_to_spend():
-    """And a costly tile gets fewer, by the root of what one costs."""
-    noise, cost = np.ones((2, 30, 40)), np.ones((2, 30, 40))
-    cost[:, :, 20:] = 4.0
-    shares = 2 + share_out(noise, 2, 20.0, cost)
-    assert (cost * shares).mean() == pytest.approx(20.0, rel=0.01)
-    assert shares[..., :20].mean() == pytest.approx(2.0 * shares[..., 20:].mean(), rel=0.02)

@@ -12,13 +12,13 @@ from varos_warp.render.launch import Launcher
 
 @wp.kernel(enable_backward=False)
 def count_samples(first: int, film: kernel.Film):
-    """A sample is one watt, and its square its number; a pixel's are told apart by that."""
+    """A sample is one watt, and another sum is of its number; a pixel's are told apart by that."""
     i = first + wp.tid()
     sums = kernel.Sums()
     part = film.parts[i]
     for sample in range(part.begin, part.end):
         sums.direct += wp.vec3d(wp.float64(1.0))
-        sums.squares += wp.vec3d(wp.float64(sample))
+        sums.odd += wp.vec3d(wp.float64(sample))
     kernel.store(film, i, sums)
 
 

@@ -122,7 +122,7 @@ def test_layers_sum_to_the_radiance(renderer):
 
 @pytest.mark.parametrize("chosen", [("direct",), ("single",), ("multiple",), ("direct", "single"),
                                     ("single", "multiple"), ("multiple", "direct")])
-@pytest.mark.parametrize(("integrator", "spp"), [("path", 16), ("tables", 2)])
+@pytest.mark.parametrize(("integrator", "spp"), [("path", 16), ("field", 2)])
 def test_some_layers_are_those_of_the_whole(renderer, chosen, integrator, spp):
     """Bytes of direct and single; radiance and error are those of the chosen layers alone.
 

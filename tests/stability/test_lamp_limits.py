@@ -15,9 +15,9 @@ from varos_warp.scene.description.vehicle import PointLight, SpotLight
 @pytest.mark.parametrize("side", [0.01, 1e-4, 3e-6])
 def test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond(side, ahead):
     """In view and on the camera. Beyond a micrometre the truth grows on, and the image does not."""
-    assert beside_error(side, ahead, "tables") < 1e-3
+    assert beside_error(side, ahead, "field") < 1e-3
     assert beside_error(side, ahead, "path") < 0.03
-    for integrator in ("tables", "path"):
+    for integrator in ("field", "path"):
         assert 0.5 < beside_error(1e-7, ahead, integrator) < 1.0
 
 
@@ -48,8 +48,8 @@ def test_spots_fail_right_beyond(cone, blend, error):
     assert flux_error(cone, blend) > error
 
 
-@pytest.mark.parametrize(("cone", "expected"), [(1.0, "path"), (9.9, "path"), (10.0, "tables"), (179.0, "tables"),
-                                                (179.1, "path"), (359.0, "path"), (360.0, "tables")])
+@pytest.mark.parametrize(("cone", "expected"), [(1.0, "path"), (9.9, "path"), (10.0, "field"), (179.0, "field"),
+                                                (179.1, "path"), (359.0, "path"), (360.0, "field")])
 def test_cones_are_tables_from_10_to_179_degrees_and_paths_beyond(cone, expected):
     scene = Scene(water={"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}},
                   vehicle={"lights": [spot((0.1, 0, 0), cone_deg=cone)]},
@@ -57,13 +57,13 @@ def test_cones_are_tables_from_10_to_179_degrees_and_paths_beyond(cone, expected
     assert resolve_integrator(scene, scene.vehicle.cameras[0], "auto", None) == expected
     if expected == "path":
         with pytest.raises(InputError, match="cone"):
-            resolve_integrator(scene, scene.vehicle.cameras[0], "tables", None)
+            resolve_integrator(scene, scene.vehicle.cameras[0], "field", None)
     for blend in (0.0, 1.0):
         if cone < 360.0:  # then the blend does not matter
-            assert cone_error(cone, blend, expected) < (1e-3 if expected == "tables" else 0.01)
+            assert cone_error(cone, blend, expected) < (1e-3 if expected == "field" else 0.01)
 
 
-@pytest.mark.parametrize("integrator", ["tables", "path", "reference"])
+@pytest.mark.parametrize("integrator", ["field", "path", "reference"])
 @pytest.mark.parametrize("exponent", [-20, -10, 10, 20])
 def test_light_is_in_proportion_to_the_intensity_of_its_lamp(exponent, integrator):
     assert intensity_error(exponent, integrator) < 1e-6

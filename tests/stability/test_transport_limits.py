@@ -341,7 +341,7 @@ def test_images_with_tables_are_numbers(parts, spp, resolution):
     for offset in ((0.0, 0.0, 0.0), MAPS[1]):
         scene = scene_of(VAROS_LAMPS, PAPER_WATER, offset, resolution)
         moved = [replace(part, vertices=part.vertices + offset) for part in parts]
-        image = image_of(scene, moved, spp=spp, integrator="tables")
+        image = image_of(scene, moved, spp=spp, integrator="field")
         assert np.isfinite(image.radiance).all()
         assert np.isinf(image.stderr).all() if spp == 1 else np.isfinite(image.stderr).all()
         assert image.radiance.mean() > 0.0
@@ -350,7 +350,7 @@ def test_images_with_tables_are_numbers(parts, spp, resolution):
 def test_the_image_with_tables_does_not_depend_on_where_on_the_map_it_is():
     parts = [ground(20.0, -1.0), box((0.1, 0.1, 2.0), (0.1, 1.6, 0.0))]
     here, there = (image_of(scene_of(VAROS_LAMPS, PAPER_WATER, offset), [replace(p, vertices=p.vertices + offset)
-                            for p in parts], integrator="tables").radiance.astype(float)
+                            for p in parts], integrator="field").radiance.astype(float)
                    for offset in ((0.0, 0.0, 0.0), MAPS[1]))
     assert np.mean(np.abs(there - here) > 1e-3 * here) < 0.05
 
@@ -358,6 +358,6 @@ def test_the_image_with_tables_does_not_depend_on_where_on_the_map_it_is():
 def test_tables_refuse_what_they_do_not_hold():
     scene = scene_of([spot((0, 0, 0), cone_deg=4.0)], PAPER_WATER)
     with pytest.raises(InputError, match="cone"):
-        image_of(scene, integrator="tables")
+        image_of(scene, integrator="field")
     with pytest.raises(InputError, match="max_scatterings"):
-        image_of(scene_of(VAROS_LAMPS, PAPER_WATER), integrator="tables", max_scatterings=2)
+        image_of(scene_of(VAROS_LAMPS, PAPER_WATER), integrator="field", max_scatterings=2)

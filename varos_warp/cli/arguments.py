@@ -18,7 +18,7 @@ Spp = Annotated[int | None, typer.Option(help="Samples per pixel of A, instead o
 MaxScatterings = Annotated[int | None, typer.Option(help="Most scatterings in the water on a path of light.")]
 MaxBounces = Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")]
 Layers = Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Parts of A to render.")]
-Integrator = Annotated[str | None, typer.Option(metavar="auto|tables|path|reference", help="How A is computed.")]
+Integrator = Annotated[str | None, typer.Option(metavar="auto|field|path|reference", help="How A is computed.")]
 Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
 Denoise = Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")]
 LinearExr = Annotated[bool, typer.Option("--linear-exr", help="Also write A as rendered, with its standard error.")]

@@ -38,6 +38,8 @@ def print_table(header: list[str], rows: list[list[str]]) -> None:
 
 def print_plan(result: dict, plan) -> None:
     """What was decided, why, the error that it makes and what it saves; then what makes each output, and the time."""
+    if plan.shortfall:
+        print(plan.shortfall)
     rows = [[d.what, d.choice, *_percent(d.error), "" if d.cost is None else f"x {d.cost:.2f}", d.reason]
             for d in plan.decisions]
     if plan.error is not None:

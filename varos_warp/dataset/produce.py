@@ -268,6 +268,8 @@ class _Job:
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
         took = time.monotonic() - start
         self.say(f"planned in {took:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
+        if plan.shortfall:
+            self.say(plan.shortfall)
         return plan.to_dict()
 
     # ------------------------------------------------------------------------------------------------------ texts

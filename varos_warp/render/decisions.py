@@ -11,7 +11,8 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import pinhole
 
-TRACERS = {"reference": "reference path tracer", "path": "path tracer", "tables": "tables of open water"}
+TRACERS = {"reference": "reference path tracer", "path": "path tracer",
+           "field": "path tracer with the field of open water"}
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class Plan:
     def reasons(self) -> list[str]:
         """One sentence for each decision."""
         return [f"{d.what} {d.choice}: {d.reason}" for d in self.decisions]
+
+    @property
+    def shortfall(self) -> str | None:
+        """One sentence where the tolerance is not kept."""
+        return next((f"{d.what} {d.choice}: {d.reason}" for d in self.decisions if d.what == "tolerance"), None)
 
     @property
     def error(self) -> np.ndarray | None:

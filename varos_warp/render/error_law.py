@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 FEWEST_SPP, MOST_SPP = 2, 4096
-STEEPEST = {"tables": -0.75, "path": -0.5, "reference": -0.5}
+STEEPEST = {"field": -0.75, "path": -0.5, "reference": -0.5}
 FLATTEST = -0.15
-"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with tables, that
-of independent samples, which paths keep to (what looks steeper is chance), and the least that a denoiser has shown."""
+"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with the field,
+that of independent samples, which paths keep to, and the least that a denoiser has shown."""
 REACH = 3
 """Up to so many times more samples than were judged, their error may be extrapolated."""
 
@@ -25,7 +25,7 @@ class ErrorLaw:
     """The same before denoising, where that was asked."""
     judges: Sequence[np.ndarray] = ()
     """The images that found them, for further ones."""
-    steepest: float = STEEPEST["tables"]
+    steepest: float = STEEPEST["field"]
     """Exponent, at the least."""
 
     def _fit(self, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

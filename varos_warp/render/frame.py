@@ -32,7 +32,7 @@ from varos_warp.scene.segments import segment_table
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "field", "path", "reference")
-CORRECTION_SHARE = 0.5
+CORRECTION_SHARE = 1.0
 """With the field: share of a pixel's samples that take a subpath."""
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
@@ -56,6 +56,7 @@ def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: i
     Raises:
         InputError: If the field is asked for and cannot be had.
     """
+    name = field_by_old_name(name)
     if name not in ("auto", "field"):
         return name
     why = unavailable(scene, view)
@@ -152,7 +153,7 @@ class FrameRenderer:
             spp: samples per pixel of A; absent: the scene's, or 64.
             tolerance: of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the
                 image, is below it, between a quarter of ``spp`` (8 at least) and four times that
-                (render/adapt.py); absent: all take ``spp``. With the field more than two are always shared out by noise.
+                (render/adapt.py); absent: all take ``spp``. With the field samples are always shared out by noise.
             spp_b: samples per pixel of B; absent: the scene's.
             max_scatterings: most scatterings in the water on a path; None: no bound.
             max_bounces: most reflections on surfaces; None: no bound.

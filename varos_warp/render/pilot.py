@@ -104,13 +104,17 @@ JUDGED_TO = 0.2
 """Judges tell the square of an error if its standard error is at most this share of it."""
 
 
+BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
+"""A tolerance also asks that so large a share of the blocks of 8 x 8 pixels is within so many times itself."""
+
+
 def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray],
           sigmas: float | Sequence[float] = SIGMAS) -> np.ndarray:
     """Relative RMSE [3] of images, from others that know nothing of them, nor of each other.
 
     With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
     error, noise, blur and all, however noisy the two are: what is wrong with them cancels. The upper end of what chance
-    leaves open is taken.
+    leaves open is taken. Where blocks of pixels are off by more than `BLOCKS_WITHIN` times that, they decide.
 
     Args:
         images: Radiance [H, W, 3] of each D.
@@ -118,7 +122,32 @@ def error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray],
         sigmas: That end, in standard errors; of several the result is [sigmas, 3].
     """
     square, unsure = squared_error(images, judges)
-    return _relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(judges, np.float64))
+    whole = _relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(judges, np.float64))
+    return np.maximum(whole, block_error(images, judges) / BLOCKS_WITHIN)
+
+
+def block_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) -> np.ndarray:
+    """Error [3] that `BLOCK_QUANTILE` of the blocks of 8 x 8 pixels of images stay within, as other images judge them.
+
+    Of a block's mean, relative to the block's or to `DARK` of the image's, whichever is brighter. What of it may be the
+    judges' noise is taken off.
+    """
+    known = np.array([block_means(judge) for judge in judges])
+    mean, chance = known.mean(0), known.var(0, ddof=1) / len(known)
+    level = np.maximum(mean, DARK * brightness(mean.mean((0, 1))))
+    if not level.any():
+        return np.zeros(3)
+    off = np.array([(block_means(image) - mean) ** 2 - chance for image in images])
+    share = np.sqrt(np.maximum(off, 0.0)) / np.maximum(level, 1e-30)
+    return np.quantile(share, BLOCK_QUANTILE, axis=(0, 1, 2))
+
+
+def block_means(image: np.ndarray) -> np.ndarray:
+    """Means [H/8, W/8, 3] over whole blocks; of a smaller image, over all of it."""
+    height, width = (max(side // BLOCK, 1) for side in image.shape[:2])
+    tall, wide = (min(BLOCK, side) for side in image.shape[:2])
+    blocks = image[:height * tall, :width * wide].astype(np.float64)
+    return blocks.reshape(height, tall, width, wide, -1).mean((1, 3))
 
 
 def squared_error(images: Sequence[np.ndarray], judges: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

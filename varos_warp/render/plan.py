@@ -26,6 +26,7 @@ from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hid
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import intrinsics, pinhole
 from varos_warp.scene.water import optical_properties
 
@@ -33,14 +34,24 @@ CHANNELS = ("red", "green", "blue")
 
 MODEL_SHARE = 0.25
 """Share of the tolerance that models may take; errors add up."""
-MARGIN, MARGIN_ADAPTING, MARGIN_TABLES = 1.05, 1.1, 1.2
+MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-samples that adapt, and vary with the few that they adapt to; the third for tables with a denoiser: they leave it so
-little noise that what it makes of it varies most from image to image. That is of images with `pilot.PIXELS`; of larger
-ones the mean square of all pixels varies less, with the root of their number."""
-TABLES_ERROR = 0.002
-"""Relative RMSE of tables without noise: measured, docs/transport.md."""
-FIRST_GUESS = {"tables": 2, "path": 4, "reference": 16}
+samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a
+denoiser makes of little noise varies most from image to image. That is of images with `pilot.PIXELS`; of larger ones
+the mean square of all pixels varies less, with the root of their number."""
+FIELD_ERROR = 0.002
+"""Relative RMSE of the field without noise: measured, docs/transport.md."""
+SAMPLE_COST = {"field": 2.0, "path": 1.0}
+"""Time of a sample of the one integrator over that of the other: about as measured in unlike scenes, and the same on
+every machine, so that machines that share the work choose alike."""
+COMPARED_SPP = 8
+"""Samples per pixel of the images by which integrators are compared."""
+NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 12e-9}
+"""Of a sample of a pixel with the field, two cores or a large GPU: what `max_seconds_per_frame` is told by, for the
+same reason."""
+MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
+"""`max_seconds_per_frame` where the scene says nothing."""
+FIRST_GUESS = {"field": 2, "path": 4, "reference": 16}
 """Samples per pixel of the first images that are judged; if far from what is needed, others are."""
 LEVELS = (1, 2, 4)
 """Images are judged with so many times as many samples,"""
@@ -51,8 +62,6 @@ FEWEST_JUDGES, MOST_JUDGES, MOST_JUDGING = 2, 16, 512
 together."""
 IMAGES = 2
 """Images that are judged at each level: what a denoiser leaves varies from one to the next."""
-MANY_SPP = 48
-"""If tables need more, paths are looked at, too: a sample of either costs about the same."""
 MOST_JUDGED = 32
 """Samples per pixel of the first image that is judged, at most."""
 ROUNDS = 3
@@ -84,25 +93,8 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     """
     planner = _Planner(scene, renderer, poses, mesh_decisions(meshes))
     plan = planner.plan()
-    many = planner.nominal_spp is not None and planner.nominal_spp > MANY_SPP
-    if many and plan.integrator == "auto" and "tables" in planner.integrators:
-        planner, plan = _fewer_by_paths(planner, plan, mesh_decisions(meshes))
     cost = sequence_cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
     return replace(plan, models=models_in_words(planner.scene, plan), meshes=meshes, cost=cost)
-
-
-def _fewer_by_paths(tables: "_Planner", plan: Plan, decisions: list[Decision]) -> tuple["_Planner", Plan]:
-    """The plan, or that of paths if tables need more: in turbid water what surfaces block is rare and bright."""
-    render = tables.render.model_copy(update={"integrator": "path"})
-    paths = _Planner(tables.given.model_copy(update={"render": render}), tables.given_renderer, tables.poses, decisions)
-    other = paths.plan()
-    theirs, ours = paths.nominal_spp, tables.nominal_spp
-    if (theirs, other.error.max()) >= (ours, plan.error.max()):
-        return tables, plan
-    why = (f"{theirs} samples do, and tables would need {ours}" if theirs < ours else
-           f"{theirs} samples leave {other.error.max():.2%}, and with tables {plan.error.max():.2%}")
-    decisions = [replace(d, reason=why) if d.what == "integrator" else d for d in other.decisions]
-    return paths, replace(other, decisions=decisions)
 
 
 def planned_renderer(renderer, plan: dict[str, Any], poses: Sequence[np.ndarray]):
@@ -127,8 +119,6 @@ class _Planner:
         self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
         self.integrator, self.pinhole, self.lamps, self.hidden = self.render.integrator, False, None, True
         self.spp_by_frame: dict | None = None
-        self.nominal_spp: int | None = None
-        """What the worst view needs."""
 
     def plan(self) -> Plan:
         """All decisions."""
@@ -260,21 +250,40 @@ class _Planner:
                 for letter in "AB" if letter in self.render.outputs]
 
     def choose_integrator(self) -> None:
-        """Paths where tables cannot be had, or are not right enough."""
+        """The one that takes least time for the same error; paths alone where the field is not right enough."""
         asked, found = self.render.integrator, self.integrators
         words = " and ".join(sorted(found))
-        if asked == "auto" and "tables" in found and 2.0 * TABLES_ERROR > self.render.tolerance:
+        if "field" not in found:
+            return self.decide("integrator", words, "given" if asked == words else self.why_no_field(), np.zeros(3))
+        if asked == "auto" and 2.0 * FIELD_ERROR > self.render.tolerance:
             self.integrator = "path"
-            self.decide("integrator", "path", f"tables are right to {TABLES_ERROR:.1%} only", np.zeros(3))
-        elif "tables" in found:
-            self.decide("integrator", words, "light in open water is known beforehand", np.full(3, TABLES_ERROR))
-        else:
-            self.decide("integrator", words, "given" if asked == words else self.why_no_tables(), np.zeros(3))
+            return self.decide("integrator", "path", f"the field of open water is right to {FIELD_ERROR:.1%} only",
+                               np.zeros(3))
+        why = "given"
+        if asked == "auto":
+            why = "light in open water is known beforehand"
+            if self.lit and self.renderer.world.has_surfaces:
+                gain = self.work("path") / max(self.work("field"), 1e-30)
+                if gain < 1.0:
+                    self.integrator = "path"
+                    return self.decide("integrator", "path", "in this scene the field of open water helps little: "
+                                       f"paths alone take {gain:.2g} of the time for the same noise", np.zeros(3))
+                why = f"{why}: {gain:.2g} times less work than without, for the same noise"
+        return self.decide("integrator", words, why, np.full(3, FIELD_ERROR))
 
-    def why_no_tables(self) -> str:
+    def work(self, name: str) -> float:
+        """Square of the noise that a denoiser leaves, times the time, in the noisiest view with an integrator."""
+        view, method = self.worst, available_method(self.render.denoise)
+        images = [self.renderer.render(view.T_w_v, view.camera, "A", spp=COMPARED_SPP, integrator=name,
+                                       max_bounces=self.max_bounces, layers=tuple(self.render.layers),
+                                       seed=pilot.SEED + k).A for k in range(2)]
+        noise = pilot.scouted_noise(replace(view, image=images[0], twin=images[1]), method)
+        return float(noise.max() ** 2 * images[0].spp * SAMPLE_COST[name])
+
+    def why_no_field(self) -> str:
         """In words."""
         if self.max_scatterings is not None:
-            return "tables hold all orders of scattering, and a bound is given"
+            return "the field holds all orders of scattering, and a bound is given"
         why = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
         return "; ".join(sorted(why))
 
@@ -287,8 +296,8 @@ class _Planner:
         if not optical_properties(self.scene).sigma_s.any():
             self.max_scatterings = 0
             return decide(0, "the water does not scatter", np.zeros(3))
-        if self.integrators == {"tables"}:
-            return decide(None, "the tables hold all orders", np.zeros(3))
+        if self.integrators == {"field"}:
+            return decide(None, "the field holds all orders", np.zeros(3))
         if "multiple" not in layers:
             self.max_scatterings = int("single" in layers)
             return decide(self.max_scatterings, "the layers asked for have no more", np.zeros(3))
@@ -303,8 +312,9 @@ class _Planner:
         bound = next((n for n, error in enumerate(worst) if self.affordable(error)), None)
         allowed = MODEL_SHARE * self.render.tolerance
         if bound is None:
-            return self.decide("max_scatterings", None, f"{MOST_SCATTERINGS} might lose {worst[-1].max():.2%} of the "
-                               f"light somewhere, and {allowed:.2%} is allowed", np.zeros(3))
+            why = (f"light of more than {MOST_SCATTERINGS} scatterings counts here: more than the {allowed:.2%} of the "
+                   "light that a bound may lose")
+            return self.decide("max_scatterings", None, why, np.zeros(3))
         self.max_scatterings = bound
         fewer = f"; {bound - 1} might lose {worst[bound - 1].max():.2%}" if bound else ""
         return self.decide("max_scatterings", bound, f"loses at most {worst[bound].max():.2%} of the light anywhere, "
@@ -355,21 +365,46 @@ class _Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP, None
         target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        varies = available_method(self.render.denoise) != "none" and "tables" in self.integrators
-        margin = max(MARGIN, 1.0 + (MARGIN_TABLES - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
+        varies = available_method(self.render.denoise) != "none"
+        margin = max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
         law = self.error_law(target / margin)
         spp = law.whole_samples(target / margin)
         adapting = None
-        if "tables" not in self.integrators and FEWEST_ADAPTIVE <= spp <= MOST_REHEARSED:
+        if "field" not in self.integrators and FEWEST_ADAPTIVE <= spp <= MOST_REHEARSED:
             adapting = self.adapting(law, spp)
         if adapting is not None:
             law, margin = adapting, MARGIN_ADAPTING
             spp = max(law.whole_samples(target / margin), spp // 2)
-        self.decide("spp", spp, self.why_spp(law, law.samples(target / margin), target), margin * law.error(spp))
-        self.nominal_spp = spp
+        needed = law.samples(target / margin)
+        most = self.most_spp()
+        if max(spp, needed) > most:
+            adapting, spp = None, min(spp, most)
+            self.tell_shortfall(margin * law.error(spp).max(), needed)
+        self.decide("spp", spp, self.why_spp(law, needed, target), margin * law.error(spp))
         if adapting is not None:  # to each frame, too
             return spp, _round(law.noise(spp).max())
         return self.choose_by_frame(spp, target / margin), None
+
+    def seconds(self, spp: float) -> float:
+        """About how long an image of the largest camera takes with so many samples per pixel."""
+        pixels = max(np.prod(camera.resolution) for camera in self.scene.vehicle.cameras)
+        cost = max(SAMPLE_COST.get(name, 1.0) for name in self.integrators) / SAMPLE_COST["field"]
+        return float(pixels * spp * cost * NOMINAL_SECONDS[kind_of(self.renderer.device)])
+
+    def most_spp(self) -> int:
+        """Samples per pixel that an image may take."""
+        limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
+        return int(np.clip(limit / self.seconds(1), FEWEST_SPP, MOST_SPP))
+
+    def tell_shortfall(self, error: float, needed: int) -> None:
+        """Say first that the tolerance is not kept."""
+        asked = self.render.tolerance
+        limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
+        time = in_words(self.seconds(needed))
+        error, asked = (f"{100 * share:.2g} %" for share in (error, asked))
+        why = (f"{error} expected, {asked} asked; {asked} would take {time} a frame "
+               f"(render.max_seconds_per_frame: {limit:g})")
+        self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
@@ -389,7 +424,8 @@ class _Planner:
 
         views = [(camera, frame) for camera in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
-        given = self.spp_by_frame = by_frame.knots(needed)
+        most = self.most_spp()
+        given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
         least, most = by_frame.extent(given)
         self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
@@ -450,9 +486,15 @@ class _Planner:
         left = f" after {method}" if method != "none" else ""
         words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
                  f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
-        if needed > MOST_SPP:
-            return f"{words}; that would need {needed}, more than are ever taken: the error will be larger"
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
+
+
+def in_words(seconds: float) -> str:
+    """A time for people."""
+    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {name}"
+    return f"{seconds:.2g} seconds"
 
 
 def _round(x: float) -> float:

@@ -12,14 +12,16 @@ from varos_warp.kernels.field.open_water import LampTable, scattered_again, scat
 from varos_warp.kernels.world.light import Light
 from varos_warp.render.field import open_water as tables
 from varos_warp.render.field import solver as orders
-from varos_warp.render.field.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.open_water import OpenWater, unavailable
+from varos_warp.render.field.scattering import scattering_matrix
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.device import light_record
 from varos_warp.scene.geometry import Part
+from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 
 sys.path.append(str(Path(__file__).parents[2] / "physics"))
 from rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
@@ -211,7 +213,7 @@ def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
 def test_scattering_keeps_the_power_and_turns_lobes_into_wider_ones(g):
     """A lobe of Henyey and Greenstein of mean cosine b becomes one of g b; the first harmonic shrinks by g."""
     arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(31, 7, power=2)
-    scatter = scattering_matrix(g, arriving, leaving)
+    scatter = scattering_matrix(HenyeyGreenstein(g), arriving, leaving)
 
     def lobe(b, cosine):
         return (1 - b * b) / (1 + b * b - 2 * b * cosine) ** 1.5

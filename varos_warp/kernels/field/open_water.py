@@ -13,7 +13,7 @@ from varos_warp.kernels.conventions import NEAR
 from varos_warp.kernels.sampling import equiangular_angle, equiangular_point, one_minus_cos_at
 from varos_warp.kernels.world.light import Light, LitInterval, brightest, falloff, light_beam
 from varos_warp.kernels.world.medium import Medium, transmittance
-from varos_warp.kernels.world.phase import phase_eval
+from varos_warp.kernels.world.phase import Phase, phase_eval
 
 wp.set_module_options({"enable_backward": False})
 
@@ -21,6 +21,10 @@ SEGMENT_NODES, SHORT_NODES, SLIVER_NODES = wp.constant(10), wp.constant(6), wp.c
 SHORT_DEPTH, SLIVER_DEPTH, SLIVER_RAD = wp.constant(0.2), wp.constant(0.1), wp.constant(0.2)
 """Nodes of the quadrature of single scattering, at most 0.1 % off over rays of any length in the paper's water
 (measured); on optically short intervals and on slivers such as a soft edge fewer are no worse."""
+GROWTH, CORE, BACKWARD = wp.constant(4.0), wp.constant(5.0), wp.constant(64.0)
+"""Where the phase function is sharp, pieces in which the tangent of half the scattering angle grows at most so many
+times. That of Henyey and Greenstein is smooth where the tangent is less than CORE (1 - g); for g < 0 pieces go on to
+BACKWARD times the lamp's distance from the ray."""
 
 
 @wp.struct
@@ -237,12 +241,41 @@ def legendre_node(k: int):
 
 
 @wp.func
+def smooth_below(phase: Phase):
+    """Tangent of half the angle to the peak of a phase function within which it is smooth, no power of the angle."""
+    if phase.log_p.shape[0] > 0:
+        return wp.exp(0.5 * phase.log_first)
+    return CORE * (1.0 - wp.abs(phase.g))
+
+
+@wp.func
+def peak_break(phase: Phase, h: float, y: float):
+    """Where an interval that begins ``y`` from a lamp's foot is divided, for the phase function is sharp beyond.
+
+    The tangent of half the scattering angle is exp(asinh(y/h)); a backward peak is as a forward peak from behind.
+    """
+    core = smooth_below(phase)
+    far = 1.0e30
+    distance = wp.sqrt(h * h + y * y)
+    if phase.log_p.shape[0] == 0 and phase.g < 0.0:
+        q = GROWTH * (distance + y) / h
+        if y < 0.0 or q > BACKWARD:
+            return far
+        return 0.5 * h * (q - 1.0 / q)
+    q = wp.max(GROWTH * h / (distance - wp.min(y, 0.0)), core)
+    if y >= 0.0 or q > 0.4:
+        return far
+    return 0.5 * h * (q - 1.0 / q)
+
+
+@wp.func
 def segment_nodes(medium: Medium, h: float, ya: float, yb: float, angle: float):
     """How many nodes an interval takes."""
     depth = brightest(medium.sigma_t) * (yb - ya + wp.sqrt(h * h + yb * yb) - wp.sqrt(h * h + ya * ya))
-    if depth < SLIVER_DEPTH and angle * h < SLIVER_RAD:
+    q = h / (wp.sqrt(h * h + ya * ya) - wp.min(ya, 0.0))
+    if depth < SLIVER_DEPTH and angle * h < SLIVER_RAD * wp.min(wp.max(q, smooth_below(medium.phase)), 1.0):
         return SLIVER_NODES
-    if ya >= 0.0 and depth < SHORT_DEPTH:
+    if depth < SHORT_DEPTH and (ya >= 0.0 or angle * h < 6.5 * q):
         return SHORT_NODES
     return SEGMENT_NODES
 
@@ -307,8 +340,8 @@ def next_break(y: float, candidate: float, so_far: float):
 def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     """Radiance that a lamp's light adds to a ray up to ``t_max`` by scattering once, without obstacles.
 
-    The lit interval is divided at the lamp's foot, before which the phase function peaks, and where a soft edge begins,
-    which is a kink.
+    The lit interval is divided at the lamp's foot, before which the phase function peaks, as often as the peak asks
+    for, and where a soft edge begins, which is a kink.
     """
     L = wp.vec3(0.0)
     lit = light_beam(light, o, d, t_max)
@@ -322,6 +355,7 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
     y = lit.ya
     while y < lit.yb:
         end = next_break(y, 0.0, lit.yb)
+        end = next_break(y, peak_break(medium.phase, lit.h, y), end)
         if inner.angle > 0.0:
             end = next_break(y, inner.ya, end)
             end = next_break(y, inner.yb, end)

@@ -3,8 +3,8 @@
 Every segment of a path gathers the light that lights send into it with one more event: reflected off the surface at
 its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
 of more events is carried by subpaths. One starts with a reflection at the end of the camera's segment, another with a
-scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends them. No sample is clamped or
-dropped.
+scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends them. No sample is
+clamped or dropped.
 
 With the field (kernels/field) only what surfaces change is left to paths. Let F be the radiance of scattered light in
 open water, L that of the scene, and D = L - F. Both obey the equation of transfer; their difference is that along a

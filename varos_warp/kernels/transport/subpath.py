@@ -72,7 +72,7 @@ def surface_vertex(hit: Hit, d: wp.vec3, n: wp.vec3, surface: Surface):
 
 @wp.func
 def light_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
-    """Density of sample_light_lobes: for each light half a phase function and half a joint lobe around its direction."""
+    """Density of sample_light_lobes: for each light half a phase function, half a joint lobe around its direction."""
     total = float(0.0)
     weights = float(1.0e-30)
     for i in range(scene.lights.shape[0]):

@@ -2,9 +2,9 @@
 
 Light that goes light, surface, vertex can be found from the vertex (a ray in a direction of its lobe, that happens to
 meet a lit place) or from the light (a virtual point light, that happens to be seen). Each fails where the other is
-good: small bright places far away, and places close by. Both are taken, weighted by the balance heuristic (Veach and
-Guibas 1995), which bounds both. Of several virtual point lights one is chosen by what it would send without obstacles
-(resampling, Talbot et al. 2005).
+good: small bright places far away, and places close by. Both are taken, weighted by the power heuristic (Veach and
+Guibas 1995), which bounds both and leaves less to rays that seldom find what is near a light. Of several virtual point
+lights one is chosen by what it would send without obstacles (resampling, Talbot et al. 2005).
 """
 
 from functools import cache
@@ -99,6 +99,12 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
     return find_virtual_lights
 
 
+@wp.func
+def square(x: float):
+    """The square."""
+    return x * x
+
+
 @wp.struct
 class VirtualConnection:
     """Light of one virtual point light at a vertex, as if nothing stood between the two."""
@@ -127,9 +133,11 @@ def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight),
         d = offset / r
         facing = -wp.dot(point.n, d) / r2
         if facing > 0.0 and point.density > 0.0:
-            either = own_lobe_pdf(scene, vertex, d) * facing + point.density
+            found = own_lobe_pdf(scene, vertex, d) * facing
+            # the weight over the density; neither is squared by itself, which could be too large a number
+            share = 1.0 / (point.density * (1.0 + square(found / (float(CANDIDATES) * point.density))))
             f = vertex_eval(scene, vertex, d)
-            L = (facing / either) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
+            L = (facing * share) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
             weight = brightest(L)
             total += weight
             pick = reservoir(pick, k, weight, total)
@@ -142,6 +150,7 @@ def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight),
 
 @wp.func
 def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, light: int, p: wp.vec3, n: wp.vec3):
-    """Weight of a light's light that a ray of density ``lobe_pdf`` found at ``p`` after ``t``; see gather_virtual_light."""
-    found = lobe_pdf * wp.abs(wp.dot(d, n))
-    return found / wp.max(found + t * t * virtual_density(scene, light, p, n), 1.0e-30)
+    """Weight of what a ray of density ``lobe_pdf`` found at ``p`` after ``t``, beside gather_virtual_light."""
+    found = lobe_pdf * wp.abs(wp.dot(d, n)) / (t * t)
+    ratio = float(CANDIDATES) * virtual_density(scene, light, p, n) / wp.max(found, 1.0e-30)
+    return 1.0 / (1.0 + square(wp.min(ratio, 1.0e15)))

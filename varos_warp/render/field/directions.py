@@ -1,18 +1,10 @@
-"""Directions of light around a node of the tables, and scattering as a matrix from directions to directions.
-
-A field of directions is even in phi, so phi runs over half a circle. Scattering multiplies the spherical harmonics of
-order l by g^l (Henyey and Greenstein): sums over them are exact where g^l has died off, whatever the width of the lobe.
-"""
+"""Directions of light around a node of the tables; a field of them is even in phi, which runs over half a circle."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.special import sph_legendre_p_all
-
-SMALLEST, MOST = 1e-4, 64
-"""Harmonics are left out where |g|^l is below the one, or l above the other."""
 
 
 @dataclass(frozen=True)
@@ -57,34 +49,17 @@ class Directions:
         gamma, phi = self.pairs.T
         return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
 
-    def harmonics(self, orders: int, rings: int) -> tuple[np.ndarray, np.ndarray]:
-        """Real spherical harmonics that are even in phi, up to l = orders and m = rings, [n, count]; and their l."""
-        phi = self.pairs[:, 1]
-        legendre = sph_legendre_p_all(orders, rings, self.gamma)[0]
-        columns, degrees = [], []
-        for m in range(rings + 1):
-            ring = np.cos(m * phi) * (1.0 if m == 0 else np.sqrt(2.0))
-            for degree in range(m, orders + 1):
-                columns.append(np.repeat(legendre[degree, m], len(self.phi)) * ring)
-                degrees.append(degree)
-        return np.stack(columns, 1), np.array(degrees)
+    def interpolation(self, others: "Directions", shape=np.ones_like) -> np.ndarray:
+        """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi.
 
-    def interpolation(self, others: "Directions") -> np.ndarray:
-        """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi."""
+        What is interpolated are the values over their ``shape``, a function of gamma.
+        """
         s = (others.gamma / np.pi) ** (1.0 / self.power)
         along = make_interp_spline(self.s, np.eye(len(self.s)), k=3)(s)
+        along *= shape(others.gamma)[:, None] / shape(self.gamma)
         m = np.arange(1, len(self.phi))
         series = 1.0 + 2.0 * np.cos(np.outer(others.phi, m)) @ np.cos(np.outer(m, self.phi))
         return np.kron(along, series / len(self.phi))
-
-
-def scattering_matrix(g: float, arriving: Directions, leaving: Directions) -> np.ndarray:
-    """Matrix [leaving, arriving]: the mean of radiance over the phase function, by the quadrature ``arriving``."""
-    orders = MOST if abs(g) >= SMALLEST ** (1.0 / MOST) else int(np.ceil(np.log(SMALLEST) / np.log(max(abs(g), 1e-3))))
-    rings = min(orders, len(arriving.phi) - 1, 24)
-    before, degrees = arriving.harmonics(orders, rings)
-    after, _ = leaving.harmonics(orders, rings)
-    return (after * float(g) ** degrees) @ (before * arriving.weights[:, None]).T
 
 
 def irradiance_matrix(arriving: Directions, normals: Directions) -> np.ndarray:

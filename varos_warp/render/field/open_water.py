@@ -15,7 +15,7 @@ from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.cache import cached
-from varos_warp.render.field import directions, solver
+from varos_warp.render.field import scattering, solver
 from varos_warp.render.field.solver import LampField, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
@@ -24,7 +24,7 @@ from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 5
+TABLES_VERSION = 6
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
@@ -32,14 +32,8 @@ VEIL_RESOLUTION = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
-SHARPEST_G = 0.88
-"""Sharper phase functions have more harmonics than the grids of directions can tell apart: at 0.88 what is scattered
-twice or more is right to 1 %, at 0.9 it is 3 % too bright, at 0.924 22 %, at 0.93 40 % (sigma_t = 0.3, albedo 0.8)."""
-MOST_BACKWARD_G = -0.3
-"""Backward peaks are smeared by the quadrature of single scattering behind the lamp's foot: at -0.3 its error is 0.25 %
-along rays to the horizon, at -0.85 it would be 2 % (docs/stability.md). Water scatters forward."""
-SHARPEST_G_ALL_AROUND, WIDE_DEG = 0.85, 120.0
-"""The same for lamps that shine everywhere or in a wider cone: rays through their light see its forward peak."""
+MOST_BACKWARD_G, SHARPEST_G = -0.3, 0.98
+"""Mean cosines of phase functions whose light the grids have been shown to hold."""
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
@@ -56,15 +50,9 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return "there are no lamps"
     if not water.sigma_s.any():
         return "the water does not scatter"
-    if not water.phase.is_henyey_greenstein:
-        return f"tables know the phase function of Henyey and Greenstein only, not {water.phase.kind}"
-    if water.g > SHARPEST_G:
-        return f"the water's phase function is sharper than tables resolve: g = {water.g:g} > {SHARPEST_G}"
-    if water.g < MOST_BACKWARD_G:
-        return f"the water scatters backward more than tables resolve: g = {water.g:g} < {MOST_BACKWARD_G}"
-    if water.g > SHARPEST_G_ALL_AROUND and any(shines_everywhere(light) or light.cone_deg > WIDE_DEG
-                                               for light in lights):
-        return f"g = {water.g:g} > {SHARPEST_G_ALL_AROUND} is too sharp for lamps wider than {WIDE_DEG:g} deg"
+    if not MOST_BACKWARD_G <= water.g <= SHARPEST_G:
+        return (f"the mean cosine of the water's phase function is {water.g:g}, and the field is known from "
+                f"{MOST_BACKWARD_G} to {SHARPEST_G}")
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
@@ -137,16 +125,17 @@ class OpenWater:
 
     def _depends_on(self, **what) -> dict:
         """What the numbers of any table depend on, and what else."""
-        grids = (solver.ONCE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
+        grids = (solver.ONCE, solver.TWICE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
         return what | {
             "version": TABLES_VERSION,
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
-            "g": self.water.g,
-            "nodes": [solver.FINE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
+            "phase": self.water.phase.key,
+            "nodes": [solver.FINE, solver.MIDDLE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
             "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
-            "tolerance": [solver.TOLERANCE, solver.GROWTH, directions.SMALLEST, directions.MOST],
+            "tolerance": [solver.TOLERANCE, solver.GROWTH],
+            "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.FIRST_SHARE],
         }
 
     def _fill_veil(self, view: Camera) -> np.ndarray:

@@ -16,7 +16,8 @@ from varos_warp.kernels.field.open_water import LampTable, NodeGrid
 from varos_warp.kernels.field.tabulate import light_scattered_again, light_scattered_once
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.render.field.directions import Directions, irradiance_matrix, scattering_matrix
+from varos_warp.render.field.directions import Directions, irradiance_matrix
+from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.device import light_record, medium_record
@@ -26,13 +27,17 @@ NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the lamp that are tabulated, the last as optical depth too; what is nearer is in proportion."""
 FINE = (64, 20, 28)
 """Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
+MIDDLE = (28, 10, 14)
+"""The same for light scattered twice, which is smoother."""
 COARSE = (20, 8, 10)
-"""The same for light scattered twice or more, which is smoother."""
+"""The same for light scattered more often."""
 ONCE = Directions.quadrature(80, 32, power=2)
 """Directions of light scattered once, which is sharp around the lamp; see docs/transport.md for the errors."""
+TWICE = Directions.quadrature(28, 16, power=2)
+"""Directions of light scattered twice."""
 AGAIN = Directions.quadrature(20, 8, power=2)
 """Directions of light scattered more often."""
-LEAVING = Directions.ends(48, 13, power=2)
+LEAVING = Directions.ends(56, 19, power=2)
 """Directions in which light leaves a scattering."""
 NORMALS = Directions.ends(41, 13, power=1)
 """Of the planes whose irradiance is tabulated; one is at 90 degrees, where light from the lamp begins to graze them."""
@@ -65,7 +70,8 @@ class LampField:
 
     def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
-        self.fine, self.coarse = self.grid(FINE), self.grid(COARSE)
+        self.phase = water.phase
+        self.fine, self.middle, self.coarse = self.grid(FINE), self.grid(MIDDLE), self.grid(COARSE)
         self._scene = self._lamp_alone()
 
     def grid(self, nodes: tuple[int, int, int]) -> NodeGrid:
@@ -77,7 +83,7 @@ class LampField:
         grid.nearest, grid.log_step = NEAREST_M, float(step)
         grid.half_angle = np.pi if everywhere else np.radians(self.light.cone_deg) / 2
         # forward-scattered light goes on as if it were not scattered; after many scatterings light diffuses
-        onward = self.water.sigma_t - self.water.g * self.water.sigma_s
+        onward = self.water.sigma_t - self.phase.mean_cosine * self.water.sigma_s
         grid.decay = wp.vec3(*np.minimum(onward, np.sqrt(3.0 * self.water.sigma_a * onward)))
         return grid
 
@@ -86,21 +92,31 @@ class LampField:
         self._set_matrices()
         once = self._launch(light_scattered_once, self.fine, ONCE, [self._scene, self.fine])
         first = self._source(once, self._once_to)
-        twice = self._scattered_again(first)
-        self._set_amplitude(twice)
-        shape, scale = twice.shape, self._amplitude
+        twice = self._scattered_again(first, self.middle, TWICE)
+        from_middle = Refinement(self.middle, self.fine, twice, self.water.sigma_t)
+        second = from_middle(self._source(twice, self._twice_to))
+        more, from_coarse = self._all_further_orders(second)
+        irradiance = _applied(self._once_to["irradiance"], once)
+        irradiance += from_middle(_applied(self._twice_to["irradiance"], twice))
+        irradiance += from_coarse(_applied(self._again_to["irradiance"], more))
+        source = first + second + from_coarse(self._source(more, self._again_to))
+        return {"irradiance": _as_grid(irradiance, NORMALS), "source": _as_grid(source, LEAVING)}
+
+    def _all_further_orders(self, second: np.ndarray) -> tuple[np.ndarray, "Refinement"]:
+        """Light [COARSE..., AGAIN, 3] scattered three times and more, after it left its second scattering."""
+        thrice = self._scattered_again(second, self.coarse, AGAIN)
+        refined = Refinement(self.coarse, self.fine, thrice, self.water.sigma_t)
+        shape, scale = thrice.shape, refined.amplitude
 
         def without_next(x):
             """X - K X, of X in units of its amplitude."""
             x = x.reshape(shape).astype(np.float32) * scale
-            return ((x - self._scattered_again(self._refined(self._source(x, self._again_to)))) / scale).ravel()
+            further = self._scattered_again(refined(self._source(x, self._again_to)), self.coarse, AGAIN)
+            return ((x - further) / scale).ravel()
 
-        operator = LinearOperator((twice.size, twice.size), matvec=without_next, dtype=np.float32)
-        x = self._converged(operator, (twice / scale).ravel()).reshape(shape).astype(np.float32) * scale
-        irradiance = _applied(self._once_to["irradiance"], once)
-        irradiance += self._refined(_applied(self._again_to["irradiance"], x))
-        source = first + self._refined(self._source(x, self._again_to))
-        return {"irradiance": _as_grid(irradiance, NORMALS), "source": _as_grid(source, LEAVING)}
+        operator = LinearOperator((thrice.size, thrice.size), matvec=without_next, dtype=np.float32)
+        x = self._converged(operator, (thrice / scale).ravel())
+        return x.reshape(shape).astype(np.float32) * scale, refined
 
     def _converged(self, operator: LinearOperator, b: np.ndarray) -> np.ndarray:
         """Solution of operator x = b, as right as float32 lets it be.
@@ -122,19 +138,21 @@ class LampField:
 
     # ------------------------------------------------------------------------------------------ from node to node
 
-    def _scattered_again(self, source: np.ndarray) -> np.ndarray:
-        """Light [COARSE..., AGAIN, 3] that arrives after it left scatterings as ``source`` [FINE..., LEAVING, 3]."""
+    def _scattered_again(self, source: np.ndarray, grid: NodeGrid, directions: Directions) -> np.ndarray:
+        """Light [grid..., directions, 3] that arrives after it left scatterings as ``source`` [FINE..., LEAVING, 3]."""
         table = LampTable()
         table.grid, table.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
-        return self._launch(light_scattered_again, self.coarse, AGAIN, [self._scene, table, self.coarse])
+        return self._launch(light_scattered_again, grid, directions, [self._scene, table, grid])
 
     def _set_matrices(self):
-        """What turns radiance from the directions ONCE and AGAIN into irradiance and sources."""
-        scatter = scattering_matrix(self.water.g, ONCE, LEAVING)
+        """What turns radiance from the directions ONCE, TWICE and AGAIN into irradiance and sources."""
+        scatter = scattering_matrix(self.phase, ONCE, LEAVING)
         irradiance = irradiance_matrix(ONCE, NORMALS)
-        between = AGAIN.interpolation(ONCE)
+        shape = shape_of_twice(self.phase, scatter, ONCE, LEAVING)
         self._once_to = {"irradiance": irradiance, "source": scatter}
-        self._again_to = {"irradiance": irradiance @ between, "source": scatter @ between}
+        self._twice_to, self._again_to = (
+            {"irradiance": irradiance @ between, "source": scatter @ between}
+            for between in (TWICE.interpolation(ONCE, shape), AGAIN.interpolation(ONCE, shape)))
 
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
         return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
@@ -160,21 +178,34 @@ class LampField:
         scene.lights = self._lights = wp.array([record], dtype=LightData, device=self.device)
         return scene
 
-    # ------------------------------------------------------------------------------------- from coarse to fine nodes
 
-    def _set_amplitude(self, twice: np.ndarray):
-        """How large X is about at each distance: splines and errors are of what is left when that is divided out."""
-        d = NEAREST_M * np.exp(self.coarse.log_step * np.arange(self.coarse.distances))
-        growth = GROWTH * np.minimum(np.outer(d, self.water.sigma_t), FARTHEST_DEPTH)[:, None, None]
-        amplitude = np.maximum(twice.max(axis=(1, 2), keepdims=True), 1e-30) * np.exp(growth)
-        pairs = zip(_places(self.coarse), _places(self.fine), strict=True)
-        self._splines = [_spline_matrix(coarse, fine) for coarse, fine in pairs]
-        self._amplitude = amplitude.astype(np.float32)
+class Refinement:
+    """From values at the nodes of a coarse grid to those of a fine one, by splines.
+
+    Args:
+        coarse: the one grid.
+        fine: the other.
+        like: radiance [coarse..., n, 3] of the order of what is to be refined.
+        sigma_t: extinction [1/m], float64 [3].
+    """
+
+    def __init__(self, coarse: NodeGrid, fine: NodeGrid, like: np.ndarray, sigma_t: np.ndarray):
+        d = NEAREST_M * np.exp(coarse.log_step * np.arange(coarse.distances))
+        depth = np.outer(d, sigma_t)[:, None, None]
+        amplitude = np.maximum(like.max(axis=(1, 2), keepdims=True), 1e-30)
+        amplitude = amplitude * np.exp(GROWTH * np.minimum(depth, FARTHEST_DEPTH))
+        # farther away an order says nothing of the sum of them all: it goes on as ``scale_at`` does
+        last = (depth <= FARTHEST_DEPTH).sum(axis=0, keepdims=True) - 1
+        nodes = np.arange(len(d))[:, None, None, None]
+        amplitude = np.take_along_axis(amplitude, np.minimum(nodes, last), axis=0)
+        self._splines = [_spline_matrix(*places) for places in zip(_places(coarse), _places(fine), strict=True)]
+        self.amplitude = amplitude.astype(np.float32)
+        """How large values are about at each distance; splines and errors are of what is left without it."""
         self._fine_amplitude = np.exp(np.tensordot(self._splines[0], np.log(amplitude), 1)).astype(np.float32)
 
-    def _refined(self, values: np.ndarray) -> np.ndarray:
-        """Values [COARSE..., n, 3] at the fine nodes, between the coarse ones by splines."""
-        smooth = np.einsum("ai,bj,ij...->ab...", *self._splines, values / self._amplitude, optimize=True)
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Values [coarse..., n, 3] at the fine nodes."""
+        smooth = np.einsum("ai,bj,ij...->ab...", *self._splines, values / self.amplitude, optimize=True)
         return smooth * self._fine_amplitude
 
 

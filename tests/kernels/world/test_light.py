@@ -36,7 +36,7 @@ def unit(v):
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
-def lit_intervals(cone_deg, o, d, t_max, position=None, axis=None):
+def light_beams(cone_deg, o, d, t_max, position=None, axis=None):
     """Intervals of the device as distances along the rays, float64 [N, 2], NaN where nothing is lit; its record."""
     n = len(o)
     position = np.zeros((n, 3)) if position is None else position
@@ -58,7 +58,7 @@ def assert_matches_brute_force(cone_deg, o, d, t_max, position, axis, nodes=400)
     Nodes so close to the cone that float32 coordinates cannot tell are left out: the cosine is uncertain by a few EPS,
     and by the position's rounding seen from the lamp.
     """
-    interval, _ = lit_intervals(cone_deg, o, d, t_max, position, axis)
+    interval, _ = light_beams(cone_deg, o, d, t_max, position, axis)
     o, d, position, axis = (np.float32(x).astype(float) for x in (o, d, position, axis))
     cos_half = np.float32(np.cos(np.radians(np.broadcast_to(cone_deg, len(o))) / 2)).astype(float)[:, None]
     foot = ((position - o) * d).sum(axis=1)[:, None]
@@ -122,7 +122,7 @@ def random_rays(seed, n, spread=3.0):
 
 
 @pytest.mark.parametrize("cone_deg", [1.0, 10.0, 40.0, 65.0, 90.0, 120.0, 170.0, 179.0, 179.98, 179.9999, 180.0])
-def test_lit_intervals_of_random_rays(cone_deg):
+def test_light_beams_of_random_rays(cone_deg):
     """Lamps before, behind and beside the camera, rays in every direction."""
     n = 3000
     o, d, t_max = random_rays(int(cone_deg * 100), n)
@@ -167,7 +167,7 @@ def test_rays_close_to_the_lamp(side):
     across = unit(np.cross(d, rng.normal(size=(n, 3))))
     o = side * across - 1.0 * d
     position, axis = np.zeros((n, 3)), unit(rng.normal(size=(n, 3)))
-    interval, lit = lit_intervals(65.0, o, d, 3.0, position, axis)
+    interval, lit = light_beams(65.0, o, d, 3.0, position, axis)
     o, d, axis = (np.float32(x).astype(float) for x in (o, d, axis))
     foot = -(o * d).sum(axis=1)
     h = np.linalg.norm(o + foot[:, None] * d, axis=1)
@@ -184,20 +184,20 @@ def test_rays_close_to_the_lamp(side):
 def test_a_lamp_without_a_cone_lights_the_whole_ray():
     o, d, t_max = random_rays(4, 200)
     for cone_deg in (200.0, 360.0):
-        interval, lit = lit_intervals(cone_deg, o, d, t_max)
+        interval, lit = light_beams(cone_deg, o, d, t_max)
         np.testing.assert_allclose(interval, np.column_stack([np.zeros(200), t_max]), atol=2e-5)
         np.testing.assert_allclose(lit["h"], np.linalg.norm(np.cross(o, d), axis=1), rtol=1e-5, atol=1e-6)
 
 
 def test_an_open_ray_is_lit_to_its_end():
     """Along the axis from inside the cone, nothing hit: the interval ends where rays end."""
-    interval, lit = lit_intervals(65.0, np.array([[0.1, 0, 1.0]]), np.array([[0.0, 0, 1]]), 1e9)
+    interval, lit = light_beams(65.0, np.array([[0.1, 0, 1.0]]), np.array([[0.0, 0, 1]]), 1e9)
     np.testing.assert_allclose(interval, [[0.0, 1e9]], atol=1e-6)
     np.testing.assert_allclose(lit["angle"], np.arctan2(0.1, 1.0) / 0.1, rtol=1e-5)
 
 
 def test_a_ray_from_the_lamp_itself_along_its_axis_is_lit_and_finite():
-    interval, lit = lit_intervals(65.0, np.zeros((2, 3)), np.array([[0.0, 0, 1], [0, 0, -1.0]]), 5.0)
+    interval, lit = light_beams(65.0, np.zeros((2, 3)), np.array([[0.0, 0, 1], [0, 0, -1.0]]), 5.0)
     assert np.isfinite(lit["angle"]).all()
     np.testing.assert_allclose(interval[0], [0, 5], atol=1e-6)
     assert np.isnan(interval[1]).all()

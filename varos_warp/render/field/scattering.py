@@ -1,0 +1,126 @@
+"""Scattering as a matrix from directions to directions, for any phase function.
+
+What leaves in a direction w is the mean of the radiance u that arrives, over the phase function p around w. Both are
+peaked: p around w, and u around the direction to the lamp, gamma = 0, where light scattered once goes like the integral
+of p beyond gamma, over sin(gamma). A partition of unity takes the peaks apart: with s = sin^2(psi/2) of the angle psi
+to w, and c = sin^2(gamma/2), the share s^2/(s^2 + c^2) has no peak around w and is summed over the quadrature of
+directions; the rest has none around the lamp and is summed over rings around w, between the directions by interpolation
+of u over its known shape.
+"""
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from varos_warp.render.field.directions import Directions
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
+
+NEAREST_S = 1e-10
+"""What is scattered by less than 2 asin(sqrt(s)) of this, 0.02 mrad, goes straight on."""
+RING_PANEL, RING_NODES, AROUND = np.log(16.0), 6, 64
+"""Rings: Gauss-Legendre in log s, panels of a factor of 4 in the angle; directions on each."""
+
+FIRST_SHARE = 0.16
+"""Of the second gamma of the directions that light leaves in, where what the first holds is computed: with it linear
+steps of the root of gamma keep the power of light that goes like gamma^-0.84, as theta^-1.42 scattered twice."""
+
+
+def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Directions) -> np.ndarray:
+    """Matrix [leaving, arriving]: the mean of radiance over the phase function."""
+    s, weights = _rings(phase)
+    shape = _shape(phase)
+    knots, collocation = _spline(arriving)
+    far, near = [], []
+    series = np.cos(np.outer(np.arange(len(arriving.phi)), arriving.phi))
+    series[1:] *= 2.0
+    for w in _away_from_lamp(leaving):
+        far.append(_far(phase, w, arriving))
+        near.append(_near(w, s, weights, shape, arriving, knots))
+    near = np.einsum("jbm,bi,mk->jik", np.array(near), collocation, series / len(arriving.phi), optimize=True)
+    near /= shape(arriving.gamma)[:, None]
+    matrix = np.array(far) + near.reshape(len(far), -1)
+    return matrix
+
+
+def _away_from_lamp(leaving: Directions) -> np.ndarray:
+    """Directions in which light leaves; straight from the lamp it may be infinite, and one near by stands for it."""
+    gamma, phi = np.maximum(leaving.pairs[:, 0], FIRST_SHARE * leaving.gamma[1]), leaving.pairs[:, 1]
+    return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
+
+
+def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
+    """Values of s, and shares of the light scattered there; the first is straight on."""
+    panels = int(np.ceil(-np.log(NEAREST_S) / RING_PANEL))
+    x, w = np.polynomial.legendre.leggauss(RING_NODES)
+    width = -np.log(NEAREST_S) / panels
+    log_s = (np.log(NEAREST_S) + width * (np.arange(panels)[:, None] + (1.0 + x) / 2.0)).ravel()
+    s = np.exp(log_s)
+    weights = np.tile(w, panels) * width / 2.0 * 4.0 * np.pi * s * phase.eval_s(s)
+    return np.append(0.0, s), np.append(1.0 - weights.sum(), weights)
+
+
+def _shape(phase: PhaseFunction):
+    """About how light scattered once falls off with gamma: the integral of p beyond gamma, over sin(gamma)."""
+    theta = np.geomspace(1e-8, np.pi, 4000)
+    p = phase.eval_s(np.sin(theta / 2.0) ** 2)
+    steps = np.diff(theta) * (p[1:] + p[:-1]) / 2.0
+    beyond = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+    values = (beyond + 1e-2 * beyond[0]) / np.sin(theta / 2.0)
+    return lambda gamma: np.exp(np.interp(np.log(np.maximum(gamma, 1e-8)), np.log(theta), np.log(values)))
+
+
+def shape_of_twice(phase: PhaseFunction, matrix: np.ndarray, arriving: Directions, leaving: Directions):
+    """About how light scattered twice falls off with gamma: as what scattering makes of light scattered once.
+
+    A tenth of its median is added, for light scattered often has no peak.
+    """
+    once = np.repeat(_shape(phase)(arriving.gamma), len(arriving.phi))
+    values = (matrix @ once).reshape(len(leaving.gamma), -1)[:, 0]
+    values = np.log(values / np.median(values) + 0.1)
+    return lambda gamma: np.exp(np.interp(np.sqrt(gamma), np.sqrt(leaving.gamma), values))
+
+
+def _spline(arriving: Directions) -> tuple[np.ndarray, np.ndarray]:
+    """Knots of splines in s, and the matrix from values at the directions to their coefficients."""
+    spline = make_interp_spline(arriving.s, np.eye(len(arriving.s)), k=3)
+    return spline.t, spline.c
+
+
+def _share_far(s: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Share of the part that is summed over the quadrature of directions."""
+    return s * s / np.maximum(s * s + c * c, 1e-300)
+
+
+def _far(phase: PhaseFunction, w: np.ndarray, arriving: Directions) -> np.ndarray:
+    c = np.sin(arriving.pairs[:, 0] / 2.0) ** 2
+    total = 0.0
+    for side in (-1, 1):
+        s = np.sum((arriving.vectors * [1, side, 1] - w) ** 2, axis=1) / 4.0
+        total = total + _share_far(s, c) * phase.eval_s(np.maximum(s, 1e-30))
+    return 0.5 * total * arriving.weights
+
+
+def _near(w, s, weights, shape, arriving: Directions, knots) -> np.ndarray:
+    """Coefficients [splines, cosines] of what comes from rings around ``w``."""
+    chi = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
+    sideways = np.array([0.0, 1.0, 0.0])
+    if abs(w[1]) > 0.9:
+        sideways = np.array([1.0, 0.0, 0.0])
+    a = np.cross(w, sideways)
+    a /= np.linalg.norm(a)
+    b = np.cross(w, a)
+    sin_psi = 2.0 * np.sqrt(s * (1.0 - s))
+    v = w + (-2.0 * s)[:, None, None] * w + sin_psi[:, None, None] * (np.outer(np.cos(chi), a)
+                                                                       + np.outer(np.sin(chi), b))
+    v = v.reshape(-1, 3)
+    c = (v[:, 0] ** 2 + v[:, 1] ** 2 + (1.0 - v[:, 2]) ** 2) / 4.0
+    gamma = 2.0 * np.arcsin(np.sqrt(np.minimum(c, 1.0)))
+    share = 1.0 - _share_far(np.repeat(s, AROUND), c)
+    amount = np.repeat(weights / AROUND, AROUND) * share * shape(gamma)
+    at = np.clip((gamma / np.pi) ** (1.0 / arriving.power), 0.0, 1.0)
+    basis = BSpline.design_matrix(at, knots, 3, extrapolate=True)
+    cos_phi = v[:, 0] / np.maximum(np.hypot(v[:, 0], v[:, 1]), 1e-300)
+    waves = np.empty((len(at), len(arriving.phi)))
+    waves[:, 0], waves[:, 1] = 1.0, cos_phi
+    for m in range(2, waves.shape[1]):
+        waves[:, m] = 2.0 * cos_phi * waves[:, m - 1] - waves[:, m - 2]
+    return basis.T @ (amount[:, None] * waves)
