@@ -90,7 +90,7 @@ def add_sample(sums: Sums, sample: int, direct: wp.vec3, single: wp.vec3, multip
     after.multiple += wp.vec3d(multiple)
     after.correction += wp.vec3d(correction)
     if sample % 2 == 1:
-        after.odd += wp.vec3d(total)
+        after.odd += wp.vec3d(direct) + wp.vec3d(single) + wp.vec3d(multiple)
         after.odd_correction += wp.vec3d(correction)
     return after
 
