@@ -4,8 +4,8 @@
 
 For each scene: the plan, an image with it, its error as far better images judge it, and its time; and the same for
 settings picked by hand (integrator, samples, bounds on scatterings and reflections), of which the fastest that keeps
-the tolerance is the best; where the plan could not keep it, the fastest that is as good as the plan's image. Tables
-take their building time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come,
+the tolerance is the best; where the plan could not keep it, the fastest that is as good as the plan's image. The field
+takes its building time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come,
 and a chart beside the JSON.
 """
 
@@ -77,10 +77,10 @@ CASES = {
     "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
 }
 
-TABLES_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+FIELD_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 PATH_SPP = (4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 SEEDS, RUNS = 9000, 3
-JUDGE_SPP = {"tables": 512, "path": 2048}
+JUDGE_SPP = {"field": 512, "path": 2048}
 JUDGES, JUDGE_SECONDS = 4, 8.0
 """At least so many images, and more in so much time until their noise is a fifth of the tolerance."""
 
@@ -111,7 +111,7 @@ class Bench:
         return self.renderer.render(self.T_w_v, camera or self.camera, "A", seed=SEEDS + seed, **how).A
 
     def judges(self) -> list[np.ndarray]:
-        """Independent images by tables, whose own error `plan.TABLES_ERROR` states, or else by paths."""
+        """Independent images with the field, whose own error `plan.FIELD_ERROR` states, or else by paths."""
         return self.many(resolve_integrator(self.scene, self.camera, "auto", None))
 
     def many(self, integrator: str) -> list[np.ndarray]:
@@ -138,11 +138,11 @@ class Bench:
     def by_hand(self, judges: list, tolerance: float) -> list[dict]:
         """The fewest samples that keep the tolerance, by each integrator with each bound."""
         tries = [("path", {"max_scatterings": n}) for n in (None, 2)]
-        if resolve_integrator(self.scene, self.camera, "auto", None) == "tables":
-            tries = [("tables", {"max_bounces": n}) for n in (None, 2, 1)] + tries[:1]
+        if resolve_integrator(self.scene, self.camera, "auto", None) == "field":
+            tries = [("field", {"max_bounces": n}) for n in (None, 2, 1)] + tries[:1]
         rows = []
         for integrator, bounds in tries:
-            for spp in TABLES_SPP if integrator == "tables" else PATH_SPP:
+            for spp in FIELD_SPP if integrator == "field" else PATH_SPP:
                 row = self.measure(judges, 2, integrator=integrator, spp=spp, **bounds)
                 if max(row["error"]) <= tolerance:
                     rows.append({"integrator": integrator, **bounds, **row})

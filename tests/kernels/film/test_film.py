@@ -96,7 +96,7 @@ def test_means_and_standard_errors_are_those_of_all_samples(kind, spp, most):
     total = samples[:3].sum(axis=0)
     np.testing.assert_allclose(radiance, total.mean(axis=0), rtol=3e-7)
     expected = np.sqrt(one_variance(total).mean((0, 1)) / spp)
-    np.testing.assert_allclose(stderr, np.broadcast_to(expected, stderr.shape), rtol=2e-4 if "small" in kind else 1e-6)
+    np.testing.assert_allclose(stderr, np.broadcast_to(expected, stderr.shape), rtol=1e-6)
 
 
 @pytest.mark.parametrize("spp", [2, 3, 8, 13])
