@@ -170,6 +170,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
+    lit = spec.direct or (spec.field and spec.multiple)  # subpaths too want to know what is shadowed
     start_in_water = make_start_in_water(0.0 if spec.field else NEAR_SHARE)
 
     @wp.func
@@ -307,7 +308,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     n = shading_normal(scene, hit)
                     angle = wp.where(on_camera, camera.pixel_angle, WALK_ANGLE)
                     end = surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
-                    if path.bounces < bounds.bounces and (wp.static(spec.direct) or not on_camera):
+                    if path.bounces < bounds.bounces and (wp.static(lit) or not on_camera):
                         reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
                         end.shadowed = reflected.blocked
                         L_surface = wp.cw_mul(T, reflected.L)
@@ -329,7 +330,8 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 # where the path goes on
                 if on_camera:
                     weight = 1.0 / bounds.correction
-                    L_direct = L_surface
+                    if wp.static(spec.direct):
+                        L_direct = L_surface
                     L_single = L_water
                     if wp.static(spec.field and spec.textures):
                         if end.surface.metal > 0.0 and film.metal.shape[0] > 0:
