@@ -99,13 +99,26 @@ def test_means_and_standard_errors_are_those_of_all_samples(kind, spp, most):
     np.testing.assert_allclose(stderr, np.broadcast_to(expected, stderr.shape), rtol=1e-6)
 
 
-@pytest.mark.parametrize("spp", [2, 3, 8, 13])
-def test_the_squared_standard_error_is_unbiased(spp):
-    """Over 4000 films of 12 pixels of unit variance: 4 standard errors of a chi-square of one degree each."""
-    rng = np.random.default_rng(4)
-    light = rng.normal(size=(spp, 4000 * 12))
-    estimates = one_variance(light)
-    assert abs(estimates.mean() - 1.0) < 4.0 * np.sqrt(2.0 / estimates.size)
+@pytest.mark.parametrize("spp", [2, 3, 4, 5, 8, 13])
+def test_the_squared_error_is_unbiased(spp):
+    """Of 36 000 pixels of variance 1 + 4, even and odd counts: 4 standard errors of a chi-square of one degree each."""
+    samples = np.zeros((4, spp, 100, 120, 3))
+    samples[:2] = np.random.default_rng(spp).normal(size=(2, *samples.shape[1:])) * np.array([1.0, 2.0])[
+        :, None, None, None, None]
+    film = exposed(samples, 3, [spp], lot=100_000)
+    variance = wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu")
+    wp.launch(kernel.sample_variances, dim=variance.shape, inputs=[film], outputs=[variance], device="cpu")
+    variance = variance.numpy()
+    assert abs(variance.mean() - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / variance.size)
+
+
+@pytest.mark.parametrize(("spp", "most"), [(1, 1), (8, 3), (13, 5)])
+def test_every_second_sample_is_of_the_other_half(spp, most):
+    """By its number, however samples come in parts; the correction alike."""
+    samples = np.float32(samples_of("uniform", spp)).astype(float)
+    sums = exposed(samples, most, [spp]).sums.numpy()
+    np.testing.assert_allclose(sums[4], samples[:3, 1::2].sum((0, 1)), rtol=1e-12)
+    np.testing.assert_allclose(sums[5], samples[3, 1::2].sum(0), rtol=1e-12)
 
 
 def test_a_standard_error_is_averaged_over_the_pixels_around():

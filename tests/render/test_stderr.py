@@ -1,0 +1,135 @@
+"""Standard errors against how images with other random numbers differ; halves that are independent; no noise at all."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from chance import ALPHA, assert_plausible, two_sided
+from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene
+from scipy import stats
+from spread import absolute, assert_honest, relative
+
+from varos_warp.kernels.film.film import TILE
+from varos_warp.render import frame
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.geometry import Part
+
+PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
+SEEDS, SPP, SHAPE = 24, 8, (32, 48)
+BIAS = 3e-3
+"""Stated bound on the field's bias, as a share of the light."""
+SHARED_BIAS = 0.1
+"""Bound on the bias of squared standard errors where samples are shared out: how many a pixel gets follows from what
+the pixels around have shown of their noise, and so does what it claims. 3 to 5 % in 96 images."""
+
+
+def boxed(extents, centre, reflectance, name):
+    mesh = trimesh.creation.box(extents).apply_translation(centre)
+    return Part(name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32),
+                Diffuse(reflectance=[reflectance] * 3))
+
+
+def renderer_of(parts) -> FrameRenderer:
+    """The paper's water and lamps."""
+    view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 4.0], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
+    scene = Scene(water={"coefficients": PAPER_WATER}, vehicle={"lights": VAROS_LAMPS, "cameras": [view]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none"})
+    return FrameRenderer(scene, "cpu", parts=parts)
+
+
+def evenly(noise, taken, spp):
+    """In place of `share_out`."""
+    return np.full(noise.shape, round(spp) - taken, np.int32)
+
+
+@pytest.fixture(scope="module", params=["path", "field", "field, shared out"])
+def renderings(request):
+    """Images of a box on a floor: radiance, standard errors, samples, and means of the two halves [seeds, H, W, 3]."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "field":
+            patch.setattr(frame, "share_out", evenly)
+        return rendered(request.param.partition(",")[0])
+
+
+def rendered(integrator):
+    """Images of each seed."""
+    floor = boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor")
+    renderer = renderer_of([floor, boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")])
+    films, keep = [], renderer.films.keep
+
+    def kept(film):
+        films.append((film.count.numpy().copy(), film.sums.numpy().copy()))
+        keep(film)
+
+    renderer.films.keep = kept
+    how = {"outputs": "A", "integrator": integrator, "spp": SPP}
+    images = [renderer.render(np.eye(4), seed=100 + k, **how).A for k in range(SEEDS)]
+    count = np.array([per_pixel(count) for count, _ in films])[..., None]
+    odd = np.array([sums[4] for _, sums in films])
+    total = np.array([sums[:3].sum(axis=0) for _, sums in films])
+    return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
+                           stderr=np.array([image.stderr for image in images], float),
+                           halves=((total - odd) / ((count + 1) // 2), odd / (count // 2)))
+
+
+def per_pixel(count):
+    """Numbers of the sides of tiles as an image [H, W]."""
+    row, col = np.indices(SHAPE)
+    return count[(row + col) % len(count), row // int(TILE), col // int(TILE)]
+
+
+@pytest.mark.parametrize("ratio", [absolute, relative])
+def test_standard_errors_are_what_images_with_other_random_numbers_differ_by(renderings, ratio):
+    """Pixel by pixel, as means over the squares of 7 x 7; beside its bias where samples are shared out."""
+    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
+    assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.count, bias=bias)
+
+
+def test_image_means_differ_by_what_their_standard_errors_say(renderings):
+    """Chi-square bounds: what pixels share (virtual lights) shows here alone."""
+    pixels = np.prod(SHAPE)
+    spread = renderings.radiance.mean((1, 2)).var(axis=0, ddof=1)
+    chi2 = (SEEDS - 1) * spread / (np.square(renderings.stderr).mean((0, 1, 2)) / pixels)
+    low, high = stats.chi2.ppf([ALPHA / 6, 1 - ALPHA / 6], SEEDS - 1)
+    assert np.all((low < chi2) & (chi2 < high)), chi2 / (SEEDS - 1)
+
+
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_the_two_halves_of_samples_are_independent(monkeypatch, integrator):
+    """Correlation over the seeds, pixel by pixel: its variance is 1/(seeds - 1), whatever the distribution.
+
+    With the same virtual lights in all images: pixels share these, and so do both halves.
+    """
+    lights = FrameRenderer._virtual_lights
+    monkeypatch.setattr(FrameRenderer, "_virtual_lights", lambda self, scene, view, key: lights(self, scene, view, 1))
+    monkeypatch.setattr(frame, "share_out", evenly)
+    even, odd = (half - half.mean(axis=0) for half in rendered(integrator).halves)
+    r = (even * odd).sum(axis=0) / np.sqrt((even**2).sum(axis=0) * (odd**2).sum(axis=0))
+    assert_plausible(two_sided(r.mean((0, 1)) * np.sqrt(np.prod(SHAPE) * (SEEDS - 1))))
+
+
+# ------------------------------------------------------------------------------------------------------- open water
+
+
+def test_open_water_without_surfaces_has_no_noise_with_the_field():
+    """Beyond what rounding of the ray makes of light within a pixel; and nothing is left to correct."""
+    ray = FrameRenderer(one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=8), "cpu", parts=[])
+    image = ray.render(np.eye(4), outputs="A", integrator="field", spp=8, denoise="none").A
+    assert np.all(image.stderr <= 2e-6 * image.radiance)
+    assert not image.correction.any()
+    assert not renderer_of([]).render(np.eye(4), outputs="A", integrator="field", spp=4).A.correction.any()
+
+
+def test_paths_have_the_mean_of_the_field_in_open_water():
+    """Image means: four standard errors of both beside the stated bias."""
+    renderer = renderer_of([])
+    path, field = (renderer.render(np.eye(4), outputs="A", integrator=name, spp=spp, seed=k).A
+                   for k, (name, spp) in enumerate((("path", 128), ("field", 8))))
+    means = [image.radiance.astype(float).mean((0, 1)) for image in (path, field)]
+    variance = [np.square(image.stderr, dtype=float).mean((0, 1)) / np.prod(SHAPE) for image in (path, field)]
+    error = np.sqrt(sum(variance))
+    assert np.all(error < 5e-3 * means[0])
+    assert np.all(np.abs(means[0] - means[1]) < 4.0 * error + BIAS * means[0])
