@@ -134,7 +134,7 @@ def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
     sample.p = light.position
     offset = light.position - p
     sample.distance = wp.max(wp.length(offset), NEAR)
-    sample.d = offset / sample.distance
+    sample.d = wp.normalize(offset)
     sample.intensity = falloff(light, -wp.dot(sample.d, light.axis)) * light.intensity
     sample.pdf = 1.0
     return sample
