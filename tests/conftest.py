@@ -33,8 +33,8 @@ OUT_OF_DATE = (
     "test_lens.py::test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large[8.0-3.0]",
     "test_reference_scene.py::test_all_orders_are_the_reference_at_full_size",
 )
-"""Fail since the field of open water is part of the path tracer. Some state what no longer is (standard errors of single
-pixels, single samples of a half), some may show a fault; each is to be looked into and leave this list."""
+"""Fail since the field of open water is part of the path tracer. Some state what no longer is (standard errors of
+single pixels), some may show a fault; each is to be looked into and leave this list."""
 
 
 def pytest_collection_modifyitems(items):
