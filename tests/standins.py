@@ -134,8 +134,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
             "hidden": True, "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)
     words = {"spp_in_words": str(plan["spp"])}
-    return SimpleNamespace(**plan, **words, shortfall=None, error=None, cost=None, decisions=[decision],
-                           to_dict=lambda: plan)
+    words |= {"error": None, "shortfall": None, "cost": None}
+    return SimpleNamespace(**plan, **words, decisions=[decision], to_dict=lambda: plan)
 
 
 def install(monkeypatch):

@@ -40,16 +40,16 @@ def test_in_black_water_the_quadrature_misses_what_is_left_of_the_light():
     assert 2e-3 < single_error(200.0, 0.8, "field") < 0.1
 
 
-@pytest.mark.parametrize("g", [-0.3, 0.0, 0.5, 0.85])
+@pytest.mark.parametrize("g", [0.0, 0.5, 0.85])
 def test_single_scattering_with_tables_over_g(g):
     for lamp in ((0.15, 0.0, -0.1), (0.02, 0.0, 0.5)):
         assert single_error(0.1, g, "field", lamp) < 3e-3
 
 
-def test_the_field_leaves_backward_water_to_paths():
-    for g, expected in ((-0.3, "field"), (-0.31, "path"), (0.98, "field"), (0.981, "path")):
+def test_tables_leave_backward_water_to_paths():
+    for g, expected in ((0.0, "field"), (-0.01, "path"), (0.98, "field"), (0.981, "path")):
         assert integrator_of(scene_of(VAROS_WATER | {"phase": {"g": g}})) == expected
-    assert np.isnan(single_error(0.1, -0.31, "field"))
+    assert np.isnan(single_error(0.1, -0.01, "field"))
     assert single_error(0.1, -0.31, "path") < 0.02
 
 

@@ -209,7 +209,7 @@ def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
 # ------------------------------------------------------------------------------------------- scattering as a matrix
 
 
-@pytest.mark.parametrize("g", [0.0, 0.5, 0.8, 0.9, 0.95, -0.3, -0.9])
+@pytest.mark.parametrize("g", [0.0, 0.5, 0.8, 0.9, 0.95])
 def test_scattering_keeps_the_power_and_turns_lobes_into_wider_ones(g):
     """A lobe of Henyey and Greenstein of mean cosine b becomes one of g b; the first harmonic shrinks by g."""
     arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(31, 7, power=2)
@@ -287,19 +287,16 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
         ([], PAPER_WATER, {}, "no lamps"),
         (VAROS_LAMPS, None, {}, "does not scatter"),
         (VAROS_LAMPS, water(0.0, 0.1, 0.8), {}, "does not scatter"),
-        (VAROS_LAMPS, water(0.1, 0.1, 0.96), {}, "phase function"),
-        (VAROS_LAMPS, water(0.1, 0.1, -0.96), {}, "backward"),
-        (VAROS_LAMPS, VAROS_WATER | {"phase": {"kind": "petzold"}}, {}, "Henyey and Greenstein only, not petzold"),
-        (VAROS_LAMPS, PAPER_WATER, {"mount": "world"}, "world"),
+        (VAROS_LAMPS, water(0.1, 0.1, 0.99), {}, "mean cosine"),
+        (VAROS_LAMPS, water(0.1, 0.1, -0.01), {}, "mean cosine"),
+        (VAROS_LAMPS, VAROS_WATER | {"phase": {"kind": "petzold"}}, {}, None),
+        (VAROS_LAMPS, PAPER_WATER, {"mount": "world"}, None),
         ([*VAROS_LAMPS, spot((0, 0, 0), cone_deg=180.0)], PAPER_WATER, {}, "cone"),
         ([spot((0, 0, 0), cone_deg=5.0)], PAPER_WATER, {}, "cone"),
         (VAROS_LAMPS, PAPER_WATER, {}, None),
-        ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, -0.3), {}, None),
-        ([point((0, 0, 0))], water(0.1, 0.1, -0.31), {}, "backward"),
+        ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, 0.0), {}, None),
         (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.24], "sigma_a": [0.005, 0.05, 0.25]}, {}, None),
         (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.26], "sigma_a": [0.005, 0.05, 0.25]}, {}, "murkier"),
-        ([point((0, 0, 0))], water(0.1, 0.1, 0.87), {}, "too sharp"),
-        ([spot((0, 0, 0), cone_deg=150.0)], water(0.1, 0.1, 0.87), {}, "too sharp"),
     ],
 )
 def test_where_tables_do_not_serve_a_sentence_says_why(lights, coefficients, camera, why):

@@ -32,7 +32,7 @@ VEIL_RESOLUTION = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; the veil of what is nearer is in proportion."""
-MOST_BACKWARD_G, SHARPEST_G = -0.3, 0.98
+MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions whose light the grids have been shown to hold."""
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
