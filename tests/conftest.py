@@ -17,14 +17,8 @@ def has_cuda() -> bool:
 
 OUT_OF_DATE = (
     "test_open_water_tables.py::test_twice_as_many_nodes_change_little[coefficients1]",
-    "test_adapt.py::test_an_image_keeps_its_tolerance_with_fewer_samples_and_the_same_mean",
     "test_by_frame.py::test_frames_of_a_sequence_take_what_their_views_need",
-    "test_denoise.py::test_the_variance_of_metal_is_that_of_images_with_other_random_numbers",
-    "test_frame.py::test_some_layers_are_those_of_the_whole",
-    "test_frame.py::test_the_standard_error_is_that_of_repeated_renders",
-    "test_frame.py::test_the_standard_error_falls_with_the_root_of_the_samples",
     "test_reach.py::test_a_plan_leaves_out_most_of_a_large_map_and_the_images_stay",
-    "test_lamp_limits.py::test_a_surface_is_lit_as_the_inverse_square_says_from_micrometres_on",
     "test_media_limits.py::test_all_orders_of_water_that_absorbs_nothing",
     "test_media_limits.py::test_tables_hold_all_orders_in_thick_water",
     "test_transport_limits.py::test_a_lamp_on_the_ray_gives_numbers[spot-lamp4]",
