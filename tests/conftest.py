@@ -21,9 +21,6 @@ OUT_OF_DATE = (
     "test_reach.py::test_a_plan_leaves_out_most_of_a_large_map_and_the_images_stay",
     "test_media_limits.py::test_all_orders_of_water_that_absorbs_nothing",
     "test_media_limits.py::test_tables_hold_all_orders_in_thick_water",
-    "test_transport_limits.py::test_a_lamp_on_the_ray_gives_numbers[spot-lamp4]",
-    "test_transport_limits.py::test_a_lamp_inside_a_mesh_is_dark_and_so_is_a_camera_inside_one",
-    "test_transport_limits.py::test_a_spot_of_360_degrees_is_a_point_light",
     "test_lens.py::test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large[8.0-3.0]",
     "test_reference_scene.py::test_all_orders_are_the_reference_at_full_size",
 )

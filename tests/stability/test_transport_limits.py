@@ -58,11 +58,15 @@ def image_of(scene, parts=(), pose=None, **how):
 
 
 def assert_finite(image):
-    """Radiance, its error and every layer are numbers, none of them negative."""
+    """Radiance, its error and every layer are numbers, none of them negative but for what a correction takes away."""
+    signed = () if image.correction is None else ("radiance", "single", "multiple")
     for name, values in {"radiance": image.radiance, "stderr": image.stderr, **image.layers}.items():
         bad = np.count_nonzero(~np.isfinite(values))
         assert bad == 0, f"{name}: {bad} of {values.size} not finite"
-        assert values.min() >= 0.0, name
+        assert name in signed or values.min() >= 0.0, name
+    if signed:
+        rounding = 1e-6 * np.maximum(np.abs(image.radiance), np.abs(image.correction))
+        assert np.all(image.radiance - image.correction >= -rounding)
 
 
 # ------------------------------------------------------------------------------------------------ far from the origin
@@ -232,12 +236,19 @@ def test_open_water_without_any_mesh():
 
 
 def test_a_lamp_inside_a_mesh_is_dark_and_so_is_a_camera_inside_one():
+    """Nothing in the layers that reach no farther than the scene does.
+
+    In blue this water absorbs nothing: subpaths come from a kilometre off, and from there rays miss a box by rounding.
+    What they bring is less than 1e-20 of the lamp's light.
+    """
     around_lamp, around_camera = box((0.2, 0.2, 0.2), (0.5, 0.5, 0.0)), box((0.2, 0.2, 0.2), (0, 0, 0))
     for hull in (around_lamp, around_camera):
         scene = scene_of([point((0.5, 0, 0.5))], PAPER_WATER)
         image = image_of(scene, [hull, ground(20.0, -1.0)], spp=64)
-        assert np.all(image.radiance == 0.0)
-        assert np.all(image.stderr == 0.0)
+        assert not image.layers["direct"].any()
+        assert not image.layers["single"].any()
+        assert image.radiance.max() < 1e-20
+        assert image.stderr.max() < 1e-20
 
 
 def test_a_camera_and_its_lamp_inside_one_mesh_see_its_walls():
@@ -321,11 +332,16 @@ def test_the_smallest_images_are_images(lamp, spp, resolution):
 
 
 def test_a_spot_of_360_degrees_is_a_point_light():
-    """Whatever its blend and axis."""
+    """Whatever its blend and axis; virtual lights are spread about the axis, so more reflections differ by noise."""
     parts = [ground(20.0, -1.0)]
     bare = image_of(scene_of([point((0.15, 0, -0.1))], PAPER_WATER), parts)
     whole = image_of(scene_of([spot((0.15, 0, -0.1), (0.3, -1, 0.2), 360.0, 1.0)], PAPER_WATER), parts)
-    assert np.array_equal(bare.radiance, whole.radiance)
+    for layer in ("direct", "single"):
+        assert np.array_equal(bare.layers[layer], whole.layers[layer])
+    off = (bare.radiance - whole.radiance).mean((0, 1), dtype=float)
+    pixels = bare.stderr[..., 0].size
+    variance = sum(np.square(image.stderr, dtype=float).sum((0, 1)) for image in (bare, whole)) / pixels**2
+    assert np.all(np.abs(off) < 4.0 * np.sqrt(variance))
 
 
 # ------------------------------------------------------------------------------------------------------------- tables
