@@ -54,13 +54,17 @@ def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, 
 
 
 def judge(made: dict, reference: Estimate) -> dict:
-    """All numbers of one row."""
+    """All numbers of one row; ``blocks``: means and standard errors [h, w, 3] of raw images and of the reference."""
+    estimate = Estimate(made["raw"])
+    names = ("mean", "stderr", "reference", "reference_stderr")
+    blocks = {name: [[[float(f"{c:.5g}") for c in block] for block in row] for row in values]
+              for name, values in zip(names, (*estimate.blocks, *reference.blocks), strict=True)}
     return {"cpu_s": float(np.median(made["cpu"])), "wall_s": float(np.median(made["wall"])),
             "noise": scores.noise(made["raw"], reference).tolist(),
             "rmse": scores.relative_rmse(made["denoised"], reference).tolist(),
             **scores.block_row(made["denoised"], reference), **scores.calibration(made["raw"], made["stderr"]),
             "spread_over_claimed": scores.spread_over_claimed(made["raw"], made["stderr"]).tolist(),
-            **scores.bias(Estimate(made["raw"]), reference)}
+            **scores.bias(estimate, reference), "blocks": blocks}
 
 
 def line(row: dict) -> str:
@@ -156,10 +160,16 @@ def main(arguments=None) -> None:
     for name in options.scenes:
         rows += measure_scene(name, options, tell)
         if options.json:
-            options.json.parent.mkdir(parents=True, exist_ok=True)
-            options.json.write_text(json.dumps({"machine": machine(options.device), "denoise": options.denoise,
-                                                "resolution": options.resolution, "rows": rows}, indent=1) + "\n")
+            write(options, rows)
     return None
+
+
+def write(options, rows: list[dict]) -> None:
+    """Everything as JSON, a row of the table on a line."""
+    head = json.dumps({"machine": machine(options.device), "denoise": options.denoise,
+                       "resolution": options.resolution, "reference_integrator": options.reference_integrator})
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(f'{head[:-1]}, "rows": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n")
 
 
 if __name__ == "__main__":
