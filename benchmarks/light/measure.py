@@ -33,9 +33,11 @@ from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.device import resolve_device
 
+HIDDEN = 0.3
+"""Share of the reference's own noise below which an error of pixels is not told."""
 FOLDER = Path(__file__).with_name("references")
 HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise R/G/B %':<17}{'RMSE':>6}{'worst':>8}"
-        f"{'99%':>7}{'halved':>7}  {'var z (98%)':<16}{'>4':>6}{'spread':>7}{'bias z':>8}  {'mean off %':<15}"
+        f"{'99%':>7}{'halved':>7}  {'var z (98%)':<18}{'>4':>6}{'spread':>7}{'bias z':>8}  {'mean off %':<16}"
         f"{'ref':>5}")
 
 
@@ -54,13 +56,17 @@ def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, 
 
 
 def judge(made: dict, reference: Estimate) -> dict:
-    """All numbers of one row."""
+    """All numbers of one row; ``blocks``: means and standard errors [h, w, 3] of raw images and of the reference."""
+    estimate = Estimate(made["raw"])
+    names = ("mean", "stderr", "reference", "reference_stderr")
+    blocks = {name: [[[float(f"{c:.5g}") for c in block] for block in row] for row in values]
+              for name, values in zip(names, (*estimate.blocks, *reference.blocks), strict=True)}
     return {"cpu_s": float(np.median(made["cpu"])), "wall_s": float(np.median(made["wall"])),
             "noise": scores.noise(made["raw"], reference).tolist(),
             "rmse": scores.relative_rmse(made["denoised"], reference).tolist(),
             **scores.block_row(made["denoised"], reference), **scores.calibration(made["raw"], made["stderr"]),
             "spread_over_claimed": scores.spread_over_claimed(made["raw"], made["stderr"]).tolist(),
-            **scores.bias(Estimate(made["raw"]), reference)}
+            **scores.bias(estimate, reference), "blocks": blocks}
 
 
 def line(row: dict) -> str:
@@ -68,14 +74,16 @@ def line(row: dict) -> str:
     start = f"{row['scene']:<16}{row['integrator']:<11}{row['spp']:>4}"
     if "refused" in row:
         return f"{start}   {row['refused']}"
-    noise = " ".join(f"{100 * value:.3g}" for value in row["noise"])
-    z = f"{row['z_variance']:.3g} ({row['z_trimmed']:.3g})"
+    noise = " ".join(f"{100 * value:.{1 if value < 0.1 else 0}f}" for value in row["noise"])
+    z = f"{row['z_variance']:.2g} ({row['z_trimmed']:.2g})"
+    hidden = max(row["rmse"]) < HIDDEN * row["reference_pixel_rms"]
+    rmse = f"<{100 * HIDDEN * row['reference_pixel_rms']:.0f}%" if hidden else f"{100 * max(row['rmse']):.1f}%"
     off, error = np.array(row["mean_off_percent"]), np.array(row["mean_off_stderr"])
     tells = int(np.argmax(np.abs(off / error)))
     mean = f"{off[tells]:+.2f} +- {error[tells]:.2f}"
-    return (f"{start}{row['cpu_s']:7.2f}{row['wall_s']:7.2f}  {noise:<17}{100 * max(row['rmse']):5.1f}%"
-            f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<16}"
-            f"{100 * row['beyond_4']:5.1f}%{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<15}"
+    return (f"{start}{row['cpu_s']:7.2f}{row['wall_s']:7.2f}  {noise:<17}{rmse:>6}"
+            f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<18}"
+            f"{100 * row['beyond_4']:5.1f}%{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<16}"
             f"{100 * row['reference_block_rms']:4.1f}%")
 
 
@@ -156,10 +164,16 @@ def main(arguments=None) -> None:
     for name in options.scenes:
         rows += measure_scene(name, options, tell)
         if options.json:
-            options.json.parent.mkdir(parents=True, exist_ok=True)
-            options.json.write_text(json.dumps({"machine": machine(options.device), "denoise": options.denoise,
-                                                "resolution": options.resolution, "rows": rows}, indent=1) + "\n")
+            write(options, rows)
     return None
+
+
+def write(options, rows: list[dict]) -> None:
+    """Everything as JSON, a row of the table on a line."""
+    head = json.dumps({"machine": machine(options.device), "denoise": options.denoise,
+                       "resolution": options.resolution, "reference_integrator": options.reference_integrator})
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(f'{head[:-1]}, "rows": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n")
 
 
 if __name__ == "__main__":

@@ -48,26 +48,30 @@ def extend(path: Path, name: str, built: Built, device: str, integrator: str, sp
            tell=print) -> None:
     """Render up to ``count`` images more and keep them; none is begun that would end after ``seconds``.
 
-    Seconds are of the CPU, or on the clock if the device is a GPU. Two images are made in any case.
+    Seconds are of the CPU, or on the clock if the device is a GPU. At least two images are kept.
     """
     known = load(path, built, tell)
     images, samples = ([], []) if known is None else (list(known.images), list(known.spp))
     renderer = FrameRenderer(built.scene, device, built.parts)
     how = {"outputs": "A", "integrator": integrator, "denoise": "none"}
     renderer.render(built.T_w_v, spp=2, seed=SEED - 1, **how)  # compiles
-    watch, before = Stopwatch(), len(images)
-    spent = lambda: watch.cpu_seconds if renderer.device == "cpu" else watch.seconds  # noqa: E731
+    watch = Stopwatch()
     for k in range(count):
-        if k and len(images) >= 2 and spent() * (k + 1) / k > seconds:
+        spent = watch.cpu_seconds if renderer.device == "cpu" else watch.seconds
+        if k and len(images) >= 2 and spent * (k + 1) / k > seconds:
             break
         images.append(renderer.render(built.T_w_v, spp=spp, seed=SEED + len(images), **how).A.radiance)
         samples.append(spp)
+    made = Estimate(np.array(images, np.float32), np.array(samples, float))
+    _keep(path, made, built)
+    error = np.sqrt((made.blocks[1] ** 2).mean(axis=(0, 1))) / made.whole[0]
+    tell(f"{name}: {len(images)} images, {sum(samples):g} samples in all, {watch.seconds:.0f} s; standard error of a "
+         f"block {100 * error.max():.2f} % of the mean")
+
+
+def _keep(path: Path, made: Estimate, built: Built) -> None:
+    """Write a reference, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     kept = path.with_suffix(".tmp.npz")
-    np.savez_compressed(kept, images=np.array(images, np.float32), spp=np.array(samples, float),
-                        fingerprint=fingerprint(built), commit=commit())
+    np.savez_compressed(kept, images=made.images, spp=made.spp, fingerprint=fingerprint(built), commit=commit())
     kept.replace(path)
-    made = Estimate(np.array(images), np.array(samples))
-    error = np.sqrt((made.blocks[1] ** 2).mean(axis=(0, 1))) / made.whole[0]
-    tell(f"{name}: {len(images) - before} images more of {spp} samples in {spent():.0f} s, {sum(samples):g} samples in "
-         f"all; standard error of a block {100 * error.max():.2f} % of the mean")

@@ -83,11 +83,16 @@ def relative_rmse(images: np.ndarray, reference: Estimate) -> np.ndarray:
 
 
 def block_row(images: np.ndarray, reference: Estimate) -> dict:
-    """How far blocks are off: the worst, 99 % of all, and the share of images with one off by half."""
+    """How far blocks are off: the worst, 99 % of all, and the share of images with one off by half.
+
+    And how well the reference knows them, and its pixels.
+    """
     errors = np.abs(worst_channel(block_errors(images, reference)))
+    noise = np.sqrt((reference.pixels[1] ** 2).mean(axis=(0, 1))) / reference.whole[0]
     unsure = reference.blocks[1] / np.maximum(reference.blocks[0], DARKEST * reference.whole[0])
     return {"block_worst": float(errors.max()), "block_99": float(np.quantile(errors, 0.99)),
             "half_off": float((errors.max(axis=(1, 2)) >= 0.5).mean()),
+            "reference_pixel_rms": float(noise.max()),
             "reference_block_rms": float(np.sqrt((unsure**2).mean(axis=(0, 1)).max())),
             "reference_block_worst": float(unsure.max())}
 

@@ -137,5 +137,6 @@ def test_a_table_is_written_with_a_reference_that_grows(tmp_path, capsys):
     result = json.loads((tmp_path / "out.json").read_text())
     assert result["machine"]["warp"]
     assert result["rows"][0]["reference_spp"] == 32
+    assert np.shape(result["rows"][0]["blocks"]["mean"]) == (1, 3, 3)
     assert (tmp_path / "png" / "sheets_path_2.png").exists()
     assert "sheets" in capsys.readouterr().out
