@@ -16,10 +16,8 @@ def has_cuda() -> bool:
 
 
 OUT_OF_DATE = (
-    "test_open_water_tables.py::test_twice_as_many_nodes_change_little[coefficients1]",
     "test_by_frame.py::test_frames_of_a_sequence_take_what_their_views_need",
     "test_reach.py::test_a_plan_leaves_out_most_of_a_large_map_and_the_images_stay",
-    "test_media_limits.py::test_all_orders_of_water_that_absorbs_nothing",
     "test_media_limits.py::test_tables_hold_all_orders_in_thick_water",
     "test_lens.py::test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large[8.0-3.0]",
     "test_reference_scene.py::test_all_orders_are_the_reference_at_full_size",

@@ -216,6 +216,20 @@ def test_water_that_absorbs_nothing_loses_no_light(truth, g, sigma_s, reflectanc
                       tolerance=FACETS + 2e-4 * sigma_s * 2, reason="facets of the sphere, 0.2 %, gap to the wall"))
 
 
+@pytest.mark.parametrize("phase", [{"g": 0.0}, {"g": 0.9}, {"kind": "fournier_forand", "backscatter_fraction": 0.0183}],
+                         ids=["isotropic", "g 0.9", "Fournier-Forand"])
+def test_the_field_loses_no_light_in_a_closed_sphere(truth, phase):
+    """The same with the field of open water, all of which beyond the wall has to be taken away again."""
+    reflectance = 0.3
+    coefficients = {"sigma_s": [1.0] * 3, "sigma_a": [0.0] * 3, "phase": phase}
+    scene = at_the_wall([point((0, 0, 0))], coefficients, gap=2e-4)
+    estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], integrator="field", spp=256)
+    truth(f"sphere of reflectance {reflectance} full of water, sigma_s = 1, {phase}, with the field",
+          source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
+          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.002, tolerance=FACETS + 4e-4 + 2e-3,
+                      reason="facets of the sphere, 0.2 %, gap to the wall, the field's 0.2 %"))
+
+
 def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_first_bounce(truth):
     """Light reflected by a sphere's wall lands evenly: beyond the spot the wall has E = flux r/((1 - r) 4 pi R^2)."""
     reflectance, cone = 0.6, 40.0

@@ -92,13 +92,14 @@ def test_the_fourier_integral_has_the_known_totals(albedo):
 
 
 def test_all_orders_of_water_that_absorbs_nothing():
-    """Isotropic water without end: tables reach 30 mean free paths, and lose 0.1 % at albedo 0.99, 5.6 % at 1.
+    """Isotropic water without end: tables reach 30 mean free paths, and lose 0.1 % at albedo 0.99, at most 5.6 % at 1.
 
-    Light diffuses: at a distance r its fluence is 3/(4 pi r), of which a dark sphere at 30 takes 3/(4 pi 30).
+    Light diffuses: at a distance r its fluence is 3/(4 pi r), of which a dark sphere at 30 takes 3/(4 pi 30). Beyond
+    the tables light is not dark but goes on as it falls off at their end.
     """
     for albedo, loss in ((0.5, 0.0), (0.99, 1e-3)):
         assert isotropic_total(albedo, "field")[0] / case_zweifel_total(albedo) == pytest.approx(1 - loss, abs=1e-3)
-    assert 0.04 < 1 - isotropic_total(1.0 - 1e-9, "field")[0] / case_zweifel_total(1.0 - 1e-9) < 0.07
+    assert 0.0 < 1 - isotropic_total(1.0 - 1e-9, "field")[0] / case_zweifel_total(1.0 - 1e-9) < 0.056
 
 
 def test_tables_hold_all_orders_in_thick_water():

@@ -100,6 +100,49 @@ def test_fluence_around_a_point_source_is_that_of_case_and_zweifel(albedo, fluen
     assert np.abs(error).max() < 0.015
 
 
+SEA = {"kind": "fournier_forand", "backscatter_fraction": 0.0183}
+
+
+def directions_of(half_angle, inside, outside):
+    """Angles to the axis of the nodes, as kernels/field/open_water.py sets them."""
+    k = np.arange(inside + outside + 1)
+    beyond = np.maximum(k - inside, 0) / max(outside, 1)
+    return np.where(k <= inside, half_angle * (1 - (1 - k / inside) ** 2),
+                    half_angle + (np.pi - half_angle) * beyond**2)
+
+
+def flux_through_spheres(light, phase, sigma):
+    """Distances, and the net flux outwards at each, direct light included, over what the lamp sends."""
+    coefficients = {"sigma_s": [sigma] * 3, "sigma_a": [0.0] * 3, "phase": phase}
+    made = open_water([light], coefficients)
+    field = orders.LampField(made.scene.vehicle.lights[0], made.water, made.launcher)
+    grid, E = field.fine, field.solve()["irradiance"][..., 0]
+    d = orders.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
+    net = (E[:, :, 0, 0] - E[:, :, -1, 0]) * (d * np.exp(-grid.decay[0] * d))[:, None]
+    if light["kind"] == "point":
+        return d, net[:, 0] + np.exp(-sigma * d)
+    x = np.linspace(0, np.pi, 20001)
+    sent = np.trapezoid((x < grid.half_angle) * np.sin(x), x)
+    nodes = directions_of(grid.half_angle, grid.inside, grid.outside)
+    return d, np.array([np.trapezoid(np.interp(x, nodes, row) * np.sin(x), x) for row in net]) / sent + np.exp(-sigma * d)
+
+
+@pytest.mark.parametrize("light", [point((0, 0, 0)), spot((0, 0, 0))], ids=["point", "spot"])
+@pytest.mark.parametrize("phase", [{"g": 0.5}, {"g": 0.9}, SEA], ids=["g 0.5", "g 0.9", "Fournier-Forand"])
+@pytest.mark.subject("multiple scattering")
+def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, light, phase):
+    """In water that absorbs nothing, whatever its phase function: within 0.3 % up to two free paths, 1.5 % up to five.
+
+    The net flux is what is left of light in opposite directions, so it is off by more than either.
+    """
+    d, flux = flux_through_spheres(light, phase, 1.0)
+    for nearest, farthest, tolerance in ((0.02, 2.0, 3e-3), (2.0, 5.0, 1.5e-2)):
+        chosen = (d >= nearest) & (d <= farthest)
+        truth(f"net flux through spheres of {nearest} to {farthest} free paths, {light['kind']}, {phase}",
+              source="energy is conserved", expected=1.0, got=flux[chosen], tolerance=tolerance,
+              reason="the field's stated error")
+
+
 @pytest.mark.parametrize(
     ("albedo", "T", "first", "total"),
     [
@@ -212,7 +255,7 @@ def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
 @pytest.mark.parametrize("g", [0.0, 0.5, 0.8, 0.9, 0.95])
 def test_scattering_keeps_the_power_and_turns_lobes_into_wider_ones(g):
     """A lobe of Henyey and Greenstein of mean cosine b becomes one of g b; the first harmonic shrinks by g."""
-    arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(31, 7, power=2)
+    arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(41, 7, power=2)
     scatter = scattering_matrix(HenyeyGreenstein(g), arriving, leaving)
 
     def lobe(b, cosine):

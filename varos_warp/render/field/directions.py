@@ -40,14 +40,32 @@ class Directions:
     @cached_property
     def weights(self) -> np.ndarray:
         """Solid angle [sr] of each direction of a quadrature and its mirror image, [n]."""
-        ring = np.sin(self.gamma) * np.pi * self.power * self.s ** (self.power - 1) * self.s_weights
-        return np.repeat(ring * 2.0 * np.pi / len(self.phi), len(self.phi))
+        return np.repeat(self._ring * 2.0 * np.pi / len(self.phi), len(self.phi))
+
+    @property
+    def _ring(self) -> np.ndarray:
+        """Solid angle of each gamma of a quadrature, over 2 pi."""
+        return np.sin(self.gamma) * np.pi * self.power * self.s ** (self.power - 1) * self.s_weights
 
     @cached_property
     def vectors(self) -> np.ndarray:
         """Unit vectors, z towards the lamp and x towards its axis, [n, 3]."""
         gamma, phi = self.pairs.T
         return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
+
+    def fit(self, nodes: int) -> tuple["Directions", np.ndarray]:
+        """Directions between these, ``nodes`` to a step of s, and the matrix from values there to values at these.
+
+        Linear interpolation of the latter is nearest to the former, in the mean square over solid angle, so it keeps
+        their integral. Values that are exact at the ends of the steps would be too large between them where they peak.
+        """
+        x, w = np.polynomial.legendre.leggauss(nodes)
+        step = np.diff(self.s)[:, None]
+        s = (self.s[:-1, None] + step * (1.0 + x) / 2.0).ravel()
+        between = Directions(s, self.phi, self.power, (step * w / 2.0).ravel())
+        hats = np.array([np.interp(s, self.s, one) for one in np.eye(len(self.s))])
+        weighted = hats * between._ring
+        return between, np.linalg.solve(weighted @ hats.T, weighted)
 
     def interpolation(self, others: "Directions", shape=np.ones_like) -> np.ndarray:
         """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi.

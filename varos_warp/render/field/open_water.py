@@ -24,7 +24,7 @@ from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 6
+TABLES_VERSION = 7
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""
@@ -136,7 +136,7 @@ class OpenWater:
             "nodes": [solver.FINE, solver.MIDDLE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
             "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
             "tolerance": [solver.TOLERANCE, solver.GROWTH],
-            "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.FIRST_SHARE],
+            "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.BETWEEN],
         }
 
     def _fill_veil(self, view: Camera) -> np.ndarray:

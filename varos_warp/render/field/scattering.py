@@ -18,33 +18,26 @@ NEAREST_S = 1e-10
 """What is scattered by less than 2 asin(sqrt(s)) of this, 0.02 mrad, goes straight on."""
 RING_PANEL, RING_NODES, AROUND = np.log(16.0), 6, 64
 """Rings: Gauss-Legendre in log s, panels of a factor of 4 in the angle; directions on each."""
-
-FIRST_SHARE = 0.16
-"""Of the second gamma of the directions that light leaves in, where what the first holds is computed: with it linear
-steps of the root of gamma keep the power of light that goes like gamma^-0.84, as theta^-1.42 scattered twice."""
+BETWEEN = 2
+"""Directions to a step of the directions that light leaves in: values between them are kept, not those at the nodes."""
 
 
 def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Directions) -> np.ndarray:
-    """Matrix [leaving, arriving]: the mean of radiance over the phase function."""
+    """Matrix [leaving, arriving]: the mean of radiance over the phase function, for linear interpolation in gamma."""
+    between, fit = leaving.fit(BETWEEN)
     s, weights = _rings(phase)
     shape = _shape(phase)
     knots, collocation = _spline(arriving)
     far, near = [], []
     series = np.cos(np.outer(np.arange(len(arriving.phi)), arriving.phi))
     series[1:] *= 2.0
-    for w in _away_from_lamp(leaving):
+    for w in between.vectors:
         far.append(_far(phase, w, arriving))
         near.append(_near(w, s, weights, shape, arriving, knots))
     near = np.einsum("jbm,bi,mk->jik", np.array(near), collocation, series / len(arriving.phi), optimize=True)
     near /= shape(arriving.gamma)[:, None]
     matrix = np.array(far) + near.reshape(len(far), -1)
-    return matrix
-
-
-def _away_from_lamp(leaving: Directions) -> np.ndarray:
-    """Directions in which light leaves; straight from the lamp it may be infinite, and one near by stands for it."""
-    gamma, phi = np.maximum(leaving.pairs[:, 0], FIRST_SHARE * leaving.gamma[1]), leaving.pairs[:, 1]
-    return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
+    return (fit @ matrix.reshape(len(between.s), -1)).reshape(-1, matrix.shape[1])
 
 
 def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
