@@ -226,7 +226,8 @@ def test_the_field_loses_no_light_in_a_closed_sphere(truth, phase):
     estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], integrator="field", spp=256)
     truth(f"sphere of reflectance {reflectance} full of water, sigma_s = 1, {phase}, with the field",
           source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
-          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.002, tolerance=FACETS + 4e-4 + 2e-3,
+          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.002,
+                      tolerance=FACETS + 4e-4 + 2e-3,
                       reason="facets of the sphere, 0.2 %, gap to the wall, the field's 0.2 %"))
 
 

@@ -124,7 +124,8 @@ def flux_through_spheres(light, phase, sigma):
     x = np.linspace(0, np.pi, 20001)
     sent = np.trapezoid((x < grid.half_angle) * np.sin(x), x)
     nodes = directions_of(grid.half_angle, grid.inside, grid.outside)
-    return d, np.array([np.trapezoid(np.interp(x, nodes, row) * np.sin(x), x) for row in net]) / sent + np.exp(-sigma * d)
+    scattered = np.array([np.trapezoid(np.interp(x, nodes, row) * np.sin(x), x) for row in net])
+    return d, scattered / sent + np.exp(-sigma * d)
 
 
 @pytest.mark.parametrize("light", [point((0, 0, 0)), spot((0, 0, 0))], ids=["point", "spot"])
