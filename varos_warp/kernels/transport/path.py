@@ -68,7 +68,7 @@ MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
 """Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left there,
 so it is the second number where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
-"""Share of first scatterings that are drawn near the lights; none with the field, which knows their light."""
+"""Share of first scatterings that are drawn near the lights: what stands there lights the water, and shades it."""
 
 
 @dataclass(frozen=True)
@@ -144,21 +144,13 @@ def weighted(path: Subpath, weight: float):
     return heavier
 
 
-@cache
-def make_start_in_water(near_share: float):
-    """The function ``start_in_water``; ``near_share`` of first scatterings are drawn near the lights."""
-
-    @wp.func
-    def start_in_water(scene: SceneData, eye: Vertex, t_max: float, u: float, v: float):
-        """Subpath that turns first in the water, on the camera's segment of length ``t_max`` from ``eye``."""
-        near = float(1.0)
-        if wp.static(near_share > 0.0):
-            near = light_distance(scene, eye.p)
-        t = sample_first_scattering(scene.medium, near, near_share, t_max, u, v)
-        pdf = first_scattering_pdf(scene.medium, near, near_share, t_max, t)
-        return subpath_from_water(scene, eye.p, eye.d, t, pdf)
-
-    return start_in_water
+@wp.func
+def start_in_water(scene: SceneData, eye: Vertex, t_max: float, u: float, v: float):
+    """Subpath that turns first in the water, on the camera's segment of length ``t_max`` from ``eye``."""
+    near = light_distance(scene, eye.p)
+    t = sample_first_scattering(scene.medium, near, NEAR_SHARE, t_max, u, v)
+    pdf = first_scattering_pdf(scene.medium, near, NEAR_SHARE, t_max, t)
+    return subpath_from_water(scene, eye.p, eye.d, t, pdf)
 
 
 @cache
@@ -171,7 +163,6 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
     lit = spec.direct or (spec.field and spec.multiple)  # subpaths too want to know what is shadowed
-    start_in_water = make_start_in_water(0.0 if spec.field else NEAR_SHARE)
 
     @wp.func
     def carries_all(path: Subpath):
