@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render import by_frame
-from varos_warp.render.frame import resolve_integrator
+from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import pinhole
