@@ -116,10 +116,7 @@ def _open_device(device):
     """Open Image Denoise's device: the same GPU and stream as Warp's."""
     import pyoidn
 
-    if device.is_cpu:
-        oidn = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
-    else:
-        oidn = _open_cuda(device)
+    oidn = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU) if device.is_cpu else _open_cuda(device)
     _check(oidn, f"opening {device.alias}")
     oidn.commit()
     _check(oidn, f"opening {device.alias}")

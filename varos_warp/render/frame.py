@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel
+from varos_warp.kernels.transport.first_hits import make_first_hits_kernel
 from varos_warp.render.films import Films
 from varos_warp.render.images import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.launch import Launcher, Steps, finish
@@ -17,6 +17,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry import Part
+from varos_warp.scene.meshes import build_parts
 from varos_warp.scene.segments import segment_table
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
@@ -45,13 +46,8 @@ class FrameRenderer:
         self.scene = scene
         self.device = resolve_device(device)
         self.device_name = wp.get_device(self.device).name
-        if parts is None:
-            from varos_warp.scene.meshes import build_parts
-
-            parts = build_parts(scene)
-        self.parts = parts
-        self.world = DeviceScene(scene, parts, self.device)
-        self.origin = self.world.origin
+        self.parts = build_parts(scene) if parts is None else parts
+        self.world = DeviceScene(scene, self.parts, self.device)
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
         self.launcher = Launcher(self.device, threads)
@@ -88,7 +84,7 @@ class FrameRenderer:
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
-        guides = functools.cache(lambda: self._trace_guides(view, T_w_v))
+        guides = functools.cache(lambda: self.radiance.trace_guides(view, T_w_v))
         images = {}
         for letter, make in (("A", self.radiance.water), ("B", self.radiance.ambient)):
             if letter in outputs:
@@ -109,8 +105,7 @@ class FrameRenderer:
         return self._cameras[name]
 
     def _render_first_hits(self, view, T_w_v, outputs) -> Steps[dict[str, NormalImage | DepthImage | SegmentImage]]:
-        width, height = view.resolution
-        shape = (height, width)
+        shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
@@ -127,12 +122,3 @@ class FrameRenderer:
             on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
-
-    def _trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
-        """Albedo and normals."""
-        shape = view.resolution[::-1]
-        guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
-        camera = self.world.camera(view, T_w_v, pinhole=True)
-        self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
-        return guides

@@ -19,8 +19,6 @@ from varos_warp.kernels.conventions import BLOCK_DIM
 
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
-
-
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 
@@ -116,13 +114,6 @@ class Launcher:
         """Run a kernel as a whole."""
         self.load(kernel)
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
-
-    def running_sum(self, kernel, count: int, inputs) -> tuple[wp.array, wp.array]:
-        """How many entries a kernel counts for each of so many, and the running sum, by which they share a list."""
-        counts, ends = (wp.empty(count, dtype=int, device=self.device) for _ in "ce")
-        self.run(kernel, counts.shape, inputs, [counts])
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        return counts, ends
 
     def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""

@@ -111,7 +111,6 @@ class _Planner:
 
     def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
         self.scene, self.renderer, self.poses = scene, renderer, poses
-        self.given, self.given_renderer = scene, renderer
         self.render = scene.render
         self.decisions = decisions
         self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)

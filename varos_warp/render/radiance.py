@@ -13,6 +13,7 @@ from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Tables
 from varos_warp.kernels.film.film import Film, develop, sample_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
+from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
@@ -64,61 +65,69 @@ class RadianceRenderer:
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
-        options, world = shot.options, self.world
-        integrator = resolve_integrator(self.scene, shot.view, options.integrator, options.max_scatterings)
-        medium = bool(world.water.sigma_s.any())
-        if not (world.has_surfaces or medium) or not self.scene.vehicle.lights:
-            black = np.zeros((*shot.view.resolution[::-1], 3), np.float32)
+        view, options = shot.view, shot.options
+        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings)
+        medium = bool(self.world.water.sigma_s.any())
+        if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
+            black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
-        bounds = (options.max_scatterings if medium else 0, options.max_bounces)
-        bounds = [ALL if bound is None else bound for bound in bounds]
+        bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
+        bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
+        bounds.correction = 1.0
         if integrator == "reference":
-            return (yield from self._by_reference(shot, *bounds))
-        return (yield from self._by_paths(shot, *bounds, integrator == "field"))
+            return (yield from self._by_reference(shot, bounds))
+        return (yield from self._by_paths(shot, bounds, integrator == "field"))
 
-    def _by_reference(self, shot: Shot, max_scatterings: int, max_bounces: int) -> Steps[RadianceImage]:
+    def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
+        options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
-        kernel = make_reference_kernel(*_wanted(shot), self.world.has_instances, self.world.has_textures)
-        before = [self.world.lit(shot.T_w_v), self.world.camera(shot.view, shot.T_w_v)]
-        after = [max_scatterings, max_bounces, wp.uint32(shot.key), film]
-        self.films.take(film, kernel, before, after, shot.options.spp, paths=True)
-        return (yield from self._develop(film, shot, shot.options.layers, shot.options.denoise))
+        kernel = make_reference_kernel(*_wanted(options), world.has_instances, world.has_textures)
+        before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
+        after = [bounds.scatterings, bounds.bounces, wp.uint32(shot.key), film]
+        self.films.take(film, kernel, before, after, options.spp, paths=True)
+        return (yield from self._develop(film, shot, options.layers, options.denoise))
 
-    def _by_paths(self, shot: Shot, max_scatterings: int, max_bounces: int, with_field: bool) -> Steps[RadianceImage]:
-        view, T_w_v, options, world = shot.view, shot.T_w_v, shot.options, self.world
-        spp, tolerance, method = options.spp, options.tolerance, options.denoise
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
+        view, options, world = shot.view, shot.options, self.world
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(2)]
-        scene = world.lit(T_w_v)
-        spec = PathSpec(max_scatterings > 0, *_wanted(shot), world.has_instances, world.has_textures,
-                        world.has_surfaces, with_field, with_field and along_camera(self.scene, view))
-        kernel = make_path_kernel(spec)
+        scene = world.lit(shot.T_w_v)
+        kernel = make_path_kernel(self._path_spec(shot, bounds, with_field))
         field = self.open_water.tables(view) if with_field else Tables()
-        bounds = PathBounds()
-        bounds.scatterings, bounds.bounces, bounds.correction = max_scatterings, max_bounces, 1.0
-        # an image of one pixel has no other side to decide for it
-        shares = (with_field or tolerance is not None) and tuple(view.resolution) != (1, 1)
+        # a single pixel has no other side to decide for it
+        shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
+        spp = options.spp
         first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED)) if with_field else first_samples(spp)
         film = self.films.black(view.resolution, adapts=shares, metal=with_field and world.has_textures)
-        before = [scene, world.camera(view, T_w_v)]
+        before = [scene, world.camera(view, shot.T_w_v)]
         after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
         self.films.take(film, kernel, before, after, first if shares else spp, paths=True)
         if shares and (first < spp or not with_field):
-            denoised = DENOISED if (method or self.scene.render.denoise) != "none" else 1.0
-            noise = other_noise(*(yield from self.films.tile_statistics(film, denoised)))
-            more = share_out(noise, first, spp) if with_field else more_samples(noise, first, tolerance, spp)
+            more = yield from self._more_samples(film, options, first, with_field)
             self.films.take(film, kernel, before, after, more, paths=True)
         # plain reflectances need no guides (render/denoise.py)
-        guided = with_field and world.has_textures and method != "none"
+        guided = with_field and world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
-        return (yield from self._develop(film, shot, options.layers, method, guides, corrected=with_field))
+        return (yield from self._develop(film, shot, options.layers, options.denoise, guides, corrected=with_field))
+
+    def _path_spec(self, shot: Shot, bounds: PathBounds, with_field: bool) -> PathSpec:
+        world = self.world
+        return PathSpec(bounds.scatterings > 0, *_wanted(shot.options), world.has_instances, world.has_textures,
+                        world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
+
+    def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
+        """Samples of each tile after the ``first``, by the noise of these."""
+        filtered = (options.denoise or self.scene.render.denoise) != "none"
+        noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if filtered else 1.0)))
+        if with_field:
+            return share_out(noise, first, options.spp)
+        return more_samples(noise, first, options.tolerance, options.spp)
 
     def _virtual_lights(self, scene, view, key: int) -> wp.array:
         """Virtual point lights of a frame."""
         if not self.world.has_surfaces:
             return wp.empty(0, dtype=VirtualLight, device=self.device)
-        few, many = VIRTUAL_LIGHTS
-        count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), few, many))
+        count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty(count, dtype=VirtualLight, device=self.device)
         kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures)
         self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
@@ -137,6 +146,15 @@ class RadianceRenderer:
         self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key), film], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop(film, shot, (), method, shot.guides() if guided else {}))
+
+    def trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
+        """Albedo and normals at the centres of the pixels."""
+        shape = view.resolution[::-1]
+        guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
+        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
+        return guides
 
     def _develop(self, film: Film, shot: Shot, wanted_layers, method: str | None, guides=None, corrected: bool = False
                  ) -> Steps[RadianceImage]:
@@ -196,6 +214,6 @@ class RadianceRenderer:
             return None
 
 
-def _wanted(shot: Shot) -> tuple[bool, ...]:
+def _wanted(options: RenderOptions) -> tuple[bool, ...]:
     """Which layers, in the order in which kernels take them."""
-    return tuple(layer in shot.options.layers for layer in LAYERS)
+    return tuple(layer in options.layers for layer in LAYERS)
