@@ -54,18 +54,15 @@ def denoise_image(image, method: str) -> np.ndarray:
     """
     if image.correction is None or method == "none":
         return denoise(image.radiance, image.stderr, method, image.albedo, image.normal)
-    method = available_method(method)
+    oidn = available_method(method) == "oidn"
     check_finite(image.radiance)
     check_finite(image.correction)
     result = image.radiance - image.correction
     for sign in (np.float32(1.0), np.float32(-1.0)):
         part = np.maximum(sign * image.correction, np.float32(0.0))
-        if not part.any():
-            continue
-        if method == "oidn":
-            result += sign * _oidn(part, CORRECTION_QUALITY, image.albedo, image.normal)
-        else:
-            result += sign * _nlm(part, image.stderr)
+        if part.any():
+            clean = _oidn(part, CORRECTION_QUALITY, image.albedo, image.normal) if oidn else _nlm(part, image.stderr)
+            result += sign * clean
     if image.metal_variance is not None:
         result = mix(result, image.radiance, image.metal_variance)
     return np.maximum(result, np.float32(0.0))

@@ -26,8 +26,7 @@ __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "Nor
 
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
     """32-bit key of the random numbers of one image; pixel and sample are added in the kernel."""
-    words = [seed, frame, *camera.encode(), *output.encode()]
-    return int(np.random.SeedSequence(words).generate_state(1)[0])
+    return int(np.random.SeedSequence([seed, frame, *camera.encode(), *output.encode()]).generate_state(1)[0])
 
 
 class FrameRenderer:
@@ -53,7 +52,6 @@ class FrameRenderer:
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
         self.radiance = RadianceRenderer(scene, self.world, self.films)
-        self._cameras = {camera.id: camera for camera in scene.vehicle.cameras}
 
     @property
     def compile_seconds(self) -> float:
@@ -95,14 +93,12 @@ class FrameRenderer:
         return Frame(**images)
 
     def _camera(self, name: str | Camera | None) -> Camera:
-        if isinstance(name, Camera):
-            return name
-        if name is None:
-            return self.scene.vehicle.cameras[0]
-        if name not in self._cameras:
-            raise InputError("no such camera", key="camera", value=name,
-                             remedy=f"There are: {', '.join(self._cameras)}.")
-        return self._cameras[name]
+        if name is None or isinstance(name, Camera):
+            return name or self.scene.vehicle.cameras[0]
+        cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
+        if name not in cameras:
+            raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(cameras)}.")
+        return cameras[name]
 
     def _render_first_hits(self, view, T_w_v, outputs) -> Steps[dict[str, NormalImage | DepthImage | SegmentImage]]:
         shape = view.resolution[::-1]

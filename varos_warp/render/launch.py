@@ -127,10 +127,5 @@ class Launcher:
             rows = min(tile_rows, dim[0] - row)
             wp.launch(kernel, dim=(rows, *dim[1:]), inputs=[*before, row, *after], device="cpu")
 
-        starts = range(0, dim[0], tile_rows)
-        if self.threads == 1:
-            for row in starts:
-                tile(row)
-            return
         with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(tile, starts))
+            list(pool.map(tile, range(0, dim[0], tile_rows)))

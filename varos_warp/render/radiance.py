@@ -82,7 +82,8 @@ class RadianceRenderer:
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
-        kernel = make_reference_kernel(*_wanted(options), world.has_instances, world.has_textures)
+        layers = (layer in options.layers for layer in LAYERS)
+        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures)
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         after = [bounds.scatterings, bounds.bounces, wp.uint32(shot.key), film]
         self.films.take(film, kernel, before, after, options.spp, paths=True)
@@ -111,8 +112,8 @@ class RadianceRenderer:
         return (yield from self._develop(film, shot, options.layers, options.denoise, guides, corrected=with_field))
 
     def _path_spec(self, shot: Shot, bounds: PathBounds, with_field: bool) -> PathSpec:
-        world = self.world
-        return PathSpec(bounds.scatterings > 0, *_wanted(shot.options), world.has_instances, world.has_textures,
+        world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
+        return PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
 
     def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
@@ -178,8 +179,8 @@ class RadianceRenderer:
         if lost[0]:
             warnings.warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
                           "and the image is darker there", stacklevel=7)
-        mean_spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
-        facts = {"lost_samples": int(lost[0]), "spp": mean_spp}
+        spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
+        facts = {"lost_samples": int(lost[0]), "spp": spp}
         if "denoised" in on_host:
             return RadianceImage(None, None, **on_host, **facts)
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}
@@ -212,8 +213,3 @@ class RadianceRenderer:
         except (ImportError, OSError, RuntimeError) as error:
             warnings.warn(f"images are denoised on the CPU: {error}", stacklevel=2)
             return None
-
-
-def _wanted(options: RenderOptions) -> tuple[bool, ...]:
-    """Which layers, in the order in which kernels take them."""
-    return tuple(layer in options.layers for layer in LAYERS)
