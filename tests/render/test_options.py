@@ -38,6 +38,6 @@ def test_the_scene_says_what_is_absent():
 def test_functions_of_the_renderer_have_at_most_ten_arguments():
     paths = (Path(varos_warp.__file__).parent / "render").rglob("*.py")
     nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
-    counts = {node.name: len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs])
-              for node in nodes if isinstance(node, ast.FunctionDef)}
-    assert max(counts.values()) <= 10, max(counts, key=counts.get)
+    counts = [(len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]), node.name)
+              for node in nodes if isinstance(node, ast.FunctionDef)]
+    assert max(counts) <= (10, "z"), max(counts)
