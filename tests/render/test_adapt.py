@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.render import frame
+from varos_warp.render import radiance
 from varos_warp.render.adapt import (
     DARK,
     MOST_SHARED,
@@ -164,7 +164,7 @@ def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_s
 
     shared = images(0)
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
-    monkeypatch.setattr(frame, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    monkeypatch.setattr(radiance, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
     even = images(100)
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()

@@ -12,7 +12,7 @@ from spread import absolute, assert_honest
 
 from varos_warp.errors import InputError
 from varos_warp.render import denoise as module
-from varos_warp.render import frame
+from varos_warp.render import radiance
 from varos_warp.render.denoise import CORRECTION_QUALITY, QUALITY, denoise, denoise_image, mix
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Scene
@@ -556,7 +556,7 @@ def test_the_variance_of_metal_is_that_of_images_with_other_random_numbers(monke
 
     What the images say of themselves against how they differ, averaged alike over the pixels around; even shares.
     """
-    monkeypatch.setattr(frame, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    monkeypatch.setattr(radiance, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
     scene = Scene(water={"coefficients": {"sigma_s": [0.002, 0.018, 0.043], "sigma_a": [0.12, 0.04, 0.0],
                                           "phase": {"g": 0.8}}},
                   vehicle={"lights": [{"kind": "spot", "position": [0.3, 0, 0], "cone_deg": 65}],
@@ -575,5 +575,5 @@ def test_the_variance_of_metal_is_that_of_images_with_other_random_numbers(monke
     assert (known[:, :, :15] >= 0.0).all()
     assert (known[:, :, 17:] < 0.0).all()
     steel = np.broadcast_to(np.arange(32) < 15, (16, 32))
-    radiance = np.array([image.radiance for image in images])
-    assert_honest(absolute, radiance, np.sqrt(np.maximum(known, 0.0)), where=steel, precision=0.2)
+    made = np.array([image.radiance for image in images])
+    assert_honest(absolute, made, np.sqrt(np.maximum(known, 0.0)), where=steel, precision=0.2)

@@ -11,7 +11,7 @@ from scipy import stats
 from spread import absolute, assert_honest, relative
 
 from varos_warp.kernels.film.film import TILE
-from varos_warp.render import frame
+from varos_warp.render import radiance
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -50,7 +50,7 @@ def renderings(request):
     """Images of a box on a floor: radiance, standard errors, samples, and means of the two halves [seeds, H, W, 3]."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "field":
-            patch.setattr(frame, "share_out", evenly)
+            patch.setattr(radiance, "share_out", evenly)
         return rendered(request.param.partition(",")[0])
 
 
@@ -103,9 +103,10 @@ def test_the_two_halves_of_samples_are_independent(monkeypatch, integrator):
 
     With the same virtual lights in all images: pixels share these, and so do both halves.
     """
-    lights = FrameRenderer._virtual_lights
-    monkeypatch.setattr(FrameRenderer, "_virtual_lights", lambda self, scene, view, key: lights(self, scene, view, 1))
-    monkeypatch.setattr(frame, "share_out", evenly)
+    lights = radiance.RadianceRenderer._virtual_lights
+    monkeypatch.setattr(radiance.RadianceRenderer, "_virtual_lights",
+                        lambda self, scene, view, key: lights(self, scene, view, 1))
+    monkeypatch.setattr(radiance, "share_out", evenly)
     even, odd = (half - half.mean(axis=0) for half in rendered(integrator).halves)
     r = (even * odd).sum(axis=0) / np.sqrt((even**2).sum(axis=0) * (odd**2).sum(axis=0))
     assert_plausible(two_sided(r.mean((0, 1)) * np.sqrt(np.prod(SHAPE) * (SEEDS - 1))))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render import by_frame
-from varos_warp.render.frame import resolve_integrator
+from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import pinhole
@@ -111,14 +111,13 @@ class Plan:
 
 def mesh_decisions(meshes: dict | None) -> list[Decision]:
     """Decisions on the meshes where any were reduced."""
-    decisions = []
-    if meshes is not None and meshes["level_of_detail"] is not None:
-        asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
-        depth = meshes.get("depth_error", {})
-        cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
-        decisions.append(Decision("meshes", f"level_of_detail {asked}",
-                                  f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"))
-    return decisions
+    if meshes is None or meshes["level_of_detail"] is None:
+        return []
+    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
+    depth = meshes.get("depth_error", {})
+    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
+    kept = f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"
+    return [Decision("meshes", f"level_of_detail {asked}", kept)]
 
 
 def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:

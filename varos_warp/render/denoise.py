@@ -13,7 +13,7 @@ import functools
 import warnings
 
 import numpy as np
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, gaussian_filter, uniform_filter
 
 METHODS = ("oidn", "nlm", "none")
 
@@ -31,14 +31,12 @@ def denoise(radiance: np.ndarray, stderr: np.ndarray, method: str, albedo=None, 
     Raises:
         ValueError: If a value is not finite, or the method is unknown.
     """
-    _check_method(method)
+    method = available_method(method)
     radiance = np.ascontiguousarray(radiance, np.float32)
     if method == "none" or not np.any(stderr) or not np.any(radiance):
         return radiance
     check_finite(radiance)
-    if available_method(method) == "oidn":
-        return _oidn(radiance, albedo=albedo, normal=normal)
-    return _nlm(radiance, stderr)
+    return _oidn(radiance, albedo=albedo, normal=normal) if method == "oidn" else _nlm(radiance, stderr)
 
 
 def denoise_image(image, method: str) -> np.ndarray:
@@ -56,18 +54,15 @@ def denoise_image(image, method: str) -> np.ndarray:
     """
     if image.correction is None or method == "none":
         return denoise(image.radiance, image.stderr, method, image.albedo, image.normal)
-    _check_method(method)
+    oidn = available_method(method) == "oidn"
     check_finite(image.radiance)
     check_finite(image.correction)
     result = image.radiance - image.correction
     for sign in (np.float32(1.0), np.float32(-1.0)):
         part = np.maximum(sign * image.correction, np.float32(0.0))
-        if not part.any():
-            continue
-        if available_method(method) == "oidn":
-            result += sign * _oidn(part, CORRECTION_QUALITY, image.albedo, image.normal)
-        else:
-            result += sign * _nlm(part, image.stderr)
+        if part.any():
+            clean = _oidn(part, CORRECTION_QUALITY, image.albedo, image.normal) if oidn else _nlm(part, image.stderr)
+            result += sign * clean
     if image.metal_variance is not None:
         result = mix(result, image.radiance, image.metal_variance)
     return np.maximum(result, np.float32(0.0))
@@ -120,11 +115,6 @@ def check_finite(image: np.ndarray) -> None:
         raise ValueError(f"cannot denoise: {np.count_nonzero(~np.isfinite(image))} values are not finite")
 
 
-def _check_method(method: str) -> None:
-    if method not in METHODS:
-        raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
-
-
 QUALITY, CORRECTION_QUALITY = "high", "balanced"
 """Of Open Image Denoise: of a whole image, and of a correction. Munkholmen at 1280 x 720, 12 samples, red, green, blue:
 0.0193, 0.0184, 0.0206 with the fast network and guides, 0.0180, 0.0176, 0.0193 balanced, 0.0179, 0.0176, 0.0192 high,
@@ -147,6 +137,8 @@ only such scenes have them. ``clipped``: without the negative part, too bright b
 @functools.cache
 def available_method(method: str) -> str:
     """``method``, or ``nlm`` where Open Image Denoise cannot be loaded; says so once."""
+    if method not in METHODS:
+        raise ValueError(f"denoise must be oidn, nlm or none, got {method!r}")
     if method != "oidn":
         return method
     try:
@@ -177,7 +169,6 @@ def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
     What is left of its variation (shadows are noisier than open places) is met by a few strengths, between which each
     pixel takes its own. The mean of square roots is too dark, so the local mean of the linear image is restored.
     """
-    from scipy.ndimage import gaussian_filter
     from skimage.restoration import denoise_nl_means
 
     radiance = np.maximum(radiance, 0.0)
@@ -186,7 +177,7 @@ def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
     if not high > 0.0:
         return radiance
     steps = int(np.ceil(np.log(high / low) / np.log(_STRENGTH_RATIO)))
-    levels = np.geomspace(low, high, min(steps, _STRENGTHS - 1) + 1) if steps else np.array([high])
+    levels = np.geomspace(low, high, min(steps, _STRENGTHS - 1) + 1)
     root = np.sqrt(radiance)
     smooth = [denoise_nl_means(root, patch_size=5, patch_distance=3, h=0.8 * level, sigma=level, fast_mode=True,
                                channel_axis=-1).astype(np.float32) ** 2 for level in levels]
@@ -203,8 +194,6 @@ _STRENGTHS, _STRENGTH_RATIO = 3, 1.5
 
 def _between(images: list[np.ndarray], levels: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Image [H, W, 3] that takes from the images at ``levels`` what suits each pixel's ``sigma`` [H, W]."""
-    if len(levels) == 1:
-        return images[0]
     place = np.interp(np.log(sigma), np.log(levels), np.arange(len(levels)))[..., None]
     return sum(np.maximum(1.0 - np.abs(place - i), 0.0) * image for i, image in enumerate(images)).astype(np.float32)
 
@@ -214,8 +203,6 @@ def _sigma_of_root(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
 
     One sample per pixel has no known error (inf); its noise is taken to be as large as its radiance.
     """
-    from scipy.ndimage import uniform_filter
-
     stderr = np.where(np.isfinite(stderr), stderr, radiance)
     mean = uniform_filter(radiance.astype(np.float64), size=(7, 7, 1)).mean(-1)
     variance = uniform_filter(np.square(stderr, dtype=np.float64), size=(7, 7, 1)).mean(-1)

@@ -105,21 +105,12 @@ class _Network:
             self.filter.execute_async()  # in the order of the stream
         _check(self._oidn, "denoising")
 
-    def release(self):
-        """Give back what the library holds."""
-        self.filter.release()
-        for buffer in self.buffers:
-            buffer.release()
-
 
 def _open_device(device):
     """Open Image Denoise's device: the same GPU and stream as Warp's."""
     import pyoidn
 
-    if device.is_cpu:
-        oidn = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
-    else:
-        oidn = _open_cuda(device)
+    oidn = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU) if device.is_cpu else _open_cuda(device)
     _check(oidn, f"opening {device.alias}")
     oidn.commit()
     _check(oidn, f"opening {device.alias}")
@@ -153,6 +144,8 @@ def _release(networks: dict, oidn):
     """Filters and buffers before their device, once all work on it is done."""
     oidn.wait()
     for network in networks.values():
-        network.release()
+        network.filter.release()
+        for buffer in network.buffers:
+            buffer.release()
     networks.clear()
     oidn.release()

@@ -45,9 +45,7 @@ def statistics(radiance: np.ndarray) -> Statistics:
     """
     red, green, blue = np.moveaxis(np.maximum(np.asarray(radiance, np.float64), 0.0), -1, 0)
     brightest = np.maximum(np.maximum(red, green), blue)
-    highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE))
-    if not highlight > 0.0:
-        highlight = float(brightest.max())
+    highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE)) or float(brightest.max())
     if not highlight > 0.0:
         return Statistics(np.nan, np.nan)
     # no matrix product: how BLAS sums depends on its threads

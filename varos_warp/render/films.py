@@ -83,10 +83,13 @@ class Films:
         """
         self.launcher.upload(samples, film.wanted)
         samples = np.broadcast_to(samples, film.count.shape)
-        pixels = _side_pixels(len(samples), *film.sums.shape[1:])
+        area = tile_pixels(*film.sums.shape[1:])
+        pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
         most = self._part_size(int((samples * pixels).sum()), MOST_PATHS if paths else MOST_SAMPLES)
         places = int(np.prod(film.count.shape[1:])) * TILE**2
-        _, ends = self.launcher.running_sum(count_parts, places, [film, most])  # of parts, tile by tile
+        counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of parts, tile by tile
+        self.launcher.run(count_parts, counts.shape, [film, most], [counts])
+        wp.utils.array_scan(counts, ends, inclusive=True)
         total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
@@ -124,9 +127,3 @@ def tile_pixels(height: int, width: int) -> np.ndarray:
     """Pixels of the tiles of an image [tile row, tile column], of which the last ones may be smaller."""
     rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
     return np.outer(rows, cols)
-
-
-def _side_pixels(sides: int, height: int, width: int) -> np.ndarray:
-    """Pixels of each side of the tiles of an image [side, tile row, tile column]."""
-    area = tile_pixels(height, width)
-    return area[None] if sides == 1 else np.stack([(area + 1) // 2, area // 2])

@@ -19,8 +19,6 @@ from varos_warp.kernels.conventions import BLOCK_DIM
 
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
-
-
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 
@@ -117,13 +115,6 @@ class Launcher:
         self.load(kernel)
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
 
-    def running_sum(self, kernel, count: int, inputs) -> tuple[wp.array, wp.array]:
-        """How many entries a kernel counts for each of so many, and the running sum, by which they share a list."""
-        counts, ends = (wp.empty(count, dtype=int, device=self.device) for _ in "ce")
-        self.run(kernel, counts.shape, inputs, [counts])
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        return counts, ends
-
     def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""
         if self.device != "cpu":
@@ -136,10 +127,5 @@ class Launcher:
             rows = min(tile_rows, dim[0] - row)
             wp.launch(kernel, dim=(rows, *dim[1:]), inputs=[*before, row, *after], device="cpu")
 
-        starts = range(0, dim[0], tile_rows)
-        if self.threads == 1:
-            for row in starts:
-                tile(row)
-            return
         with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(tile, starts))
+            list(pool.map(tile, range(0, dim[0], tile_rows)))

@@ -128,16 +128,10 @@ OUTPUTS = {row.letter: row for row in (
 )}
 
 
-def linear_channels(image, layers: bool = True) -> dict[str, np.ndarray]:
-    """Channels of the float32 EXR of A as it was rendered: RGB, ``stderr.R`` ... and a triple for each layer.
-
-    Args:
-        image: What the renderer returns: ``radiance`` and ``stderr`` [H, W, 3] and ``layers``.
-        layers: Whether the layers are written as well.
-    """
-    triples = {"": image.radiance, "stderr.": image.stderr}
-    if layers:
-        triples |= {f"{name}.": layer for name, layer in (getattr(image, "layers", None) or {}).items()}
+def linear_channels(image) -> dict[str, np.ndarray]:
+    """Channels of the float32 EXR of a `RadianceImage` A: RGB, ``stderr.R`` ... and a triple for each layer."""
+    layers = {f"{name}.": layer for name, layer in image.layers.items()}
+    triples = {"": image.radiance, "stderr.": image.stderr} | layers
     channels = {}
     for prefix, values in triples.items():
         _refuse_nan(values)

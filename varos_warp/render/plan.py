@@ -20,7 +20,7 @@ from varos_warp.render.decisions import Decision, Plan, mesh_decisions, models_i
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.field.open_water import unavailable
-from varos_warp.render.frame import resolve_integrator
+from varos_warp.render.options import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
@@ -111,7 +111,6 @@ class _Planner:
 
     def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
         self.scene, self.renderer, self.poses = scene, renderer, poses
-        self.given, self.given_renderer = scene, renderer
         self.render = scene.render
         self.decisions = decisions
         self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)

@@ -1,0 +1,95 @@
+"""What can be asked of the images of a frame, and the integrator that serves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from varos_warp.errors import InputError
+from varos_warp.render.denoise import METHODS
+from varos_warp.render.field.open_water import unavailable
+from varos_warp.scene.description import Scene, field_by_old_name
+from varos_warp.scene.description.vehicle import Camera
+
+LAYERS = ("direct", "single", "multiple")
+INTEGRATORS = ("auto", "field", "path", "reference")
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How the images of a frame are made: the further keywords of `FrameRenderer.render`.
+
+    Raises:
+        InputError: If a name is unknown or a number too low.
+    """
+
+    spp: int | None = None
+    """Samples per pixel of A; absent: the scene's, or 64."""
+    tolerance: float | None = None
+    """Of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the image, is below
+    it, between a quarter of ``spp`` (8 at least) and four times that (render/adapt.py); absent: all take ``spp``. With
+    the field samples are always shared out by noise."""
+    spp_b: int | None = None
+    """Samples per pixel of B; absent: the scene's."""
+    max_scatterings: int | None = None
+    """Most scatterings in the water on a path; None: no bound."""
+    max_bounces: int | None = None
+    """Most reflections on surfaces; None: no bound."""
+    layers: Sequence[str] = LAYERS
+    """Which of direct, single, multiple to render."""
+    integrator: str | None = None
+    """Of A: auto, field, path or reference; absent: the scene's."""
+    denoise: str | None = None
+    """oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not."""
+    denoise_b: str | None = None
+    """The same for B."""
+    denoised_only: bool = False
+    """Of what is denoised on a GPU copy ``denoised`` alone to the host: all the rest takes longer than denoising it."""
+
+    def __post_init__(self):
+        check_names("layers", self.layers, LAYERS)
+        for key, known in (("integrator", INTEGRATORS), ("denoise", METHODS), ("denoise_b", METHODS)):
+            name = field_by_old_name(getattr(self, key))
+            check_names(key, known if name is None else [name], known)
+        for key, least in (("spp", 1), ("spp_b", 1), ("max_scatterings", 0), ("max_bounces", 0)):
+            number = getattr(self, key)
+            if number is not None and number < least:
+                raise InputError(f"must be at least {least}", key=key, value=number)
+
+
+def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:
+    """The options that were given, and the scene's where they are absent.
+
+    Raises:
+        TypeError: If there is no such option.
+    """
+    known = [option.name for option in fields(RenderOptions)]
+    unknown = ", ".join(name for name in given if name not in known)
+    if unknown:
+        raise TypeError(f"unknown options of a frame: {unknown}; there are: {', '.join(known)}")
+    options, render = RenderOptions(**given), scene.render
+    return replace(options, spp=options.spp or render.spp or 64, spp_b=options.spp_b or render.spp_b,
+                   integrator=options.integrator or render.integrator)
+
+
+def check_names(key: str, names, known) -> None:
+    """Refuse unknown names, and none at all."""
+    if not len(names) or any(name not in known for name in names):
+        raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
+
+
+def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None) -> str:
+    """The integrator that ``name`` stands for: ``auto`` is paths with the field where it serves, else without.
+
+    Raises:
+        InputError: If the field is asked for and cannot be had.
+    """
+    name = field_by_old_name(name)
+    if name not in ("auto", "field"):
+        return name
+    why = unavailable(scene, view)
+    if max_scatterings is not None:
+        why = f"it holds all orders of scattering, and max_scatterings is {max_scatterings}"
+    if name == "field" and why:
+        raise InputError(f"the field cannot be used: {why}", key="render.integrator", value=name,
+                         remedy="Use integrator path, or auto.")
+    return "path" if why else "field"

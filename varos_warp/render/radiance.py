@@ -1,0 +1,215 @@
+"""The images of light: A with the water and B without, from their samples to what a denoiser leaves."""
+
+import functools
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from varos_warp.kernels.conventions import ALL
+from varos_warp.kernels.field.open_water import Tables
+from varos_warp.kernels.film.film import Film, develop, sample_variances
+from varos_warp.kernels.transport.ambient import make_ambient_kernel
+from varos_warp.kernels.transport.first_hits import make_guides_kernel
+from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
+from varos_warp.kernels.transport.reference import make_reference_kernel
+from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
+from varos_warp.render.adapt import FEWEST_FIRST_SHARED, first_samples, more_samples, other_noise, share_out
+from varos_warp.render.denoise import check_finite, denoise_image
+from varos_warp.render.field.open_water import OpenWater, along_camera
+from varos_warp.render.films import Films, tile_pixels
+from varos_warp.render.images import RadianceImage
+from varos_warp.render.launch import Steps
+from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import DeviceScene
+
+DENOISED = 8.0
+"""With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
+the correction's variance."""
+VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
+"""Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
+the rest does."""
+
+
+class Shot(NamedTuple):
+    """One image to make."""
+
+    view: Camera
+    T_w_v: np.ndarray
+    options: RenderOptions
+    """With everything that the scene has to say."""
+    key: int
+    """Of its random numbers."""
+    guides: Callable[[], dict[str, wp.array]]
+    """Albedo and normals, traced once for all images of a frame."""
+
+
+class RadianceRenderer:
+    """Renders A and B of one scene on one device.
+
+    Args:
+        scene: The scene.
+        world: The same on the device.
+        films: Of that device.
+    """
+
+    def __init__(self, scene: Scene, world: DeviceScene, films: Films):
+        self.scene, self.world, self.films = scene, world, films
+        self.launcher, self.device = films.launcher, films.device
+        self.open_water = OpenWater(scene, self.launcher)
+
+    def water(self, shot: Shot) -> Steps[RadianceImage]:
+        """Render A."""
+        view, options = shot.view, shot.options
+        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings)
+        medium = bool(self.world.water.sigma_s.any())
+        if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
+            black = np.zeros((*view.resolution[::-1], 3), np.float32)
+            image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in options.layers})
+            return (yield from self._denoised(image, {}, options.denoise))
+        bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
+        bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
+        bounds.correction = 1.0
+        if integrator == "reference":
+            return (yield from self._by_reference(shot, bounds))
+        return (yield from self._by_paths(shot, bounds, integrator == "field"))
+
+    def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
+        options, world = shot.options, self.world
+        film = self.films.black(shot.view.resolution)
+        layers = (layer in options.layers for layer in LAYERS)
+        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures)
+        before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
+        after = [bounds.scatterings, bounds.bounces, wp.uint32(shot.key), film]
+        self.films.take(film, kernel, before, after, options.spp, paths=True)
+        return (yield from self._develop(film, shot, options.layers, options.denoise))
+
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
+        view, options, world = shot.view, shot.options, self.world
+        keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(2)]
+        scene = world.lit(shot.T_w_v)
+        kernel = make_path_kernel(self._path_spec(shot, bounds, with_field))
+        field = self.open_water.tables(view) if with_field else Tables()
+        # a single pixel has no other side to decide for it
+        shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
+        spp = options.spp
+        first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED)) if with_field else first_samples(spp)
+        film = self.films.black(view.resolution, adapts=shares, metal=with_field and world.has_textures)
+        before = [scene, world.camera(view, shot.T_w_v)]
+        after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
+        self.films.take(film, kernel, before, after, first if shares else spp, paths=True)
+        if shares and (first < spp or not with_field):
+            more = yield from self._more_samples(film, options, first, with_field)
+            self.films.take(film, kernel, before, after, more, paths=True)
+        # plain reflectances need no guides (render/denoise.py)
+        guided = with_field and world.has_textures and options.denoise != "none"
+        guides = shot.guides() if guided else {}
+        return (yield from self._develop(film, shot, options.layers, options.denoise, guides, corrected=with_field))
+
+    def _path_spec(self, shot: Shot, bounds: PathBounds, with_field: bool) -> PathSpec:
+        world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
+        return PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
+                        world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
+
+    def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
+        """Samples of each tile after the ``first``, by the noise of these."""
+        filtered = (options.denoise or self.scene.render.denoise) != "none"
+        noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if filtered else 1.0)))
+        if with_field:
+            return share_out(noise, first, options.spp)
+        return more_samples(noise, first, options.tolerance, options.spp)
+
+    def _virtual_lights(self, scene, view, key: int) -> wp.array:
+        """Virtual point lights of a frame."""
+        if not self.world.has_surfaces:
+            return wp.empty(0, dtype=VirtualLight, device=self.device)
+        count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
+        lights = wp.empty(count, dtype=VirtualLight, device=self.device)
+        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures)
+        self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
+        return lights
+
+    def ambient(self, shot: Shot) -> Steps[RadianceImage]:
+        """Render B."""
+        resolution, method, world = shot.view.resolution, shot.options.denoise_b, self.world
+        if not world.has_surfaces:
+            shape = (*resolution[::-1], 3)
+            image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
+            return (yield from self._denoised(image, {}, method))
+        film = self.films.black(resolution)
+        kernel = make_ambient_kernel(world.has_instances, world.has_textures)
+        before = [world.data, world.camera(shot.view, shot.T_w_v, pinhole=True)]
+        self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key), film], shot.options.spp_b)
+        guided = (method or self.scene.render.denoise_b) == "oidn"
+        return (yield from self._develop(film, shot, (), method, shot.guides() if guided else {}))
+
+    def trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
+        """Albedo and normals at the centres of the pixels."""
+        shape = view.resolution[::-1]
+        guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
+        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
+        camera = self.world.camera(view, T_w_v, pinhole=True)
+        self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
+        return guides
+
+    def _develop(self, film: Film, shot: Shot, wanted_layers, method: str | None, guides=None, corrected: bool = False
+                 ) -> Steps[RadianceImage]:
+        """The `RadianceImage` of a film."""
+        shape = film.sums.shape[1:]
+        names = (*LAYERS, "correction", "metal_variance", "radiance", "stderr")
+        images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
+        variance = self.films.buffer(*shape)
+        self.launcher.run(sample_variances, shape, [film], [variance])
+        self.launcher.run(develop, shape, [film, variance], list(images.values()))
+        # what a denoiser works on, still on the device
+        of_field = ("correction", "metal_variance") if corrected else ()
+        work = {name: images[name] for name in ("radiance", *of_field)} | (guides or {})
+        if shot.options.denoised_only and self._denoises(method):
+            wanted = {"denoised": self._device_denoiser.denoise(**work)}
+        else:
+            wanted = work | {name: images[name] for name in ("stderr", *wanted_layers)}
+        lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
+        self.films.keep(film)
+        on_host = dict(zip(wanted, arrays, strict=True))
+        if lost[0]:
+            warnings.warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
+                          "and the image is darker there", stacklevel=7)
+        spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
+        facts = {"lost_samples": int(lost[0]), "spp": spp}
+        if "denoised" in on_host:
+            return RadianceImage(None, None, **on_host, **facts)
+        layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}
+        return (yield from self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method))
+
+    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
+                  ) -> Steps[RadianceImage]:
+        """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
+        if method is None:
+            return image
+        if not on_device or not self._denoises(method):
+            return replace(image, denoised=denoise_image(image, method))
+        check_finite(image.radiance)
+        denoised, = yield from self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        return replace(image, denoised=denoised)
+
+    def _denoises(self, method: str | None) -> bool:
+        """Whether the device does that."""
+        return method == "oidn" and self._device_denoiser is not None
+
+    @functools.cached_property
+    def _device_denoiser(self):
+        """Open Image Denoise on the GPU; None where the host has to do."""
+        if self.device == "cpu":
+            return None
+        from varos_warp.render.device_denoise import DeviceDenoiser
+
+        try:
+            return DeviceDenoiser(self.device)
+        except (ImportError, OSError, RuntimeError) as error:
+            warnings.warn(f"images are denoised on the CPU: {error}", stacklevel=2)
+            return None
