@@ -44,6 +44,12 @@ def uniforms(key: wp.uint32, pixel: int, sample: int, dimension: int):
 
 
 @wp.func
+def half_key(key: wp.uint32, half: int):
+    """Key of the random numbers of one of the two independent halves, 0 and 1, that an image is made of."""
+    return key + wp.uint32(0x9E3779B9) * wp.uint32(half)
+
+
+@wp.func
 def from_polar(axis: wp.vec3, cos_theta: float, sin_theta: float, phi: float):
     """Unit vector at angle theta from ``axis`` (frame of Duff et al. 2017, JCGT 6(1))."""
     s = wp.where(axis[2] < 0.0, -1.0, 1.0)

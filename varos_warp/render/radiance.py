@@ -74,7 +74,6 @@ class RadianceRenderer:
             return (yield from self._denoised(image, {}, options.denoise))
         bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
-        bounds.correction = 1.0
         if integrator == "reference":
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))

@@ -17,10 +17,13 @@ from varos_warp.kernels.world.light import (
     light_beam,
     light_sample,
 )
-from varos_warp.kernels.world.medium import Medium, transmittance
+from varos_warp.kernels.world.medium import Medium, log1p, transmittance
 from varos_warp.kernels.world.phase import phase_eval
 
 wp.set_module_options({"enable_backward": False})
+
+FORWARD_SHARE = wp.constant(0.5)
+"""Times the mean cosine of the phase function: share of scatterings that are even in the logarithm of their angle."""
 
 
 @wp.struct
@@ -44,19 +47,35 @@ def irradiance(medium: Medium, sample: LightSample):
 
 
 @wp.func
-def in_scattered(medium: Medium, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float):
-    """Estimate of the radiance that one light adds to a ray by scattering once in the lit interval.
+def sample_scattering(medium: Medium, lit: LitInterval, u: float, v: float):
+    """A point y of the lit interval, and 1/(pdf distance^2): even in the scattering angle, or in its logarithm.
 
-    Unbiased with one equiangular sample ``u`` (Kulla and Fajardo 2012) restricted to the cone: the distance law cancels
-    against the density, and ``lit.angle`` = 1/(pdf d^2) is all that remains.
+    Along a ray the scattering angle is the equiangular one (Kulla and Fajardo 2012), in which the distance law is a
+    constant. Phase functions peak ahead as powers of the angle, and its logarithm follows them.
     """
+    near = wp.atan2(lit.h, -lit.ya)
+    spread = lit.angle * lit.h
+    octaves = log1p(spread / near)
+    peaked = wp.where(lit.ya < 0.0, FORWARD_SHARE * wp.max(medium.phase.g, 0.0), 0.0)
+    if u < peaked:
+        y = wp.clamp(-lit.h / wp.tan(near * wp.exp(v * octaves)), lit.ya, lit.yb)
+    else:
+        y = sample_equiangular(lit.h, lit.ya, lit.yb, v)
+    angle = wp.atan2(lit.h, -y)
+    return wp.vec2(y, lit.angle / (1.0 - peaked + peaked * spread / (angle * octaves)))
+
+
+@wp.func
+def in_scattered(medium: Medium, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float, v: float):
+    """Unbiased estimate, by one sample, of the radiance that a light adds to a ray by scattering in the lit interval."""
     scattered = LightConnection()
-    y = sample_equiangular(lit.h, lit.ya, lit.yb, u)
+    place = sample_scattering(medium, lit, u, v)
+    y = place[0]
     t = wp.max(lit.foot + y, 0.0)
     scattered.p = o + t * d
     scattered.q = light.position
     distance = wp.sqrt(lit.h * lit.h + y * y)
-    weight = lit.angle * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
+    weight = place[1] * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
     weight *= falloff(light, wp.dot(scattered.p - light.position, light.axis) / distance)
     T = transmittance(medium, t + distance)
     scattered.L = weight * wp.cw_mul(wp.cw_mul(medium.sigma_s, light.intensity), T)
@@ -80,7 +99,7 @@ def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
             lit = candidate
     scattered = LightConnection()
     if total > 0.0:
-        scattered = in_scattered(scene.medium, scene.lights[pick.index], lit, o, d, v)
+        scattered = in_scattered(scene.medium, scene.lights[pick.index], lit, o, d, pick.u, v)
         scattered.L *= total / pick.weight
     scattered.light = pick.index
     return scattered

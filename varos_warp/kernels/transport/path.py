@@ -31,7 +31,7 @@ from varos_warp.kernels.conventions import FAR, LONG_KERNEL
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Tables, single_scattering, veil_radiance
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
-from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.sampling import half_key, uniforms
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import (
@@ -62,8 +62,6 @@ wp.set_module_options({"enable_backward": False})
 LOW_DIMENSIONS, IN_WATER = wp.constant(14), wp.constant(64)
 """The first groups of four numbers are low-discrepancy points, so many for each of the two subpaths of a sample; what
 comes after has hardly any use for it. The second number is the first group of the subpath that starts in the water."""
-HALF = wp.constant(wp.uint32(0x9E3779B9))
-"""Added to the key of every second sample, so that the two halves are independent."""
 MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
 """Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left there,
 so it is the second number where no light was found to be blocked."""
@@ -100,8 +98,6 @@ class PathBounds:
     scatterings: int
     bounces: int
     """The most of each."""
-    correction: float
-    """Share of the samples of a pixel that take a subpath and look what is blocked."""
 
 
 @wp.func(inline=False)
@@ -110,7 +106,7 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
 
     Even and odd samples have sequences of their own.
     """
-    half = key + HALF * wp.uint32(sample & 1)
+    half = half_key(key, sample & 1)
     if group % IN_WATER < LOW_DIMENSIONS:
         return sobol4(half, pixel, sample >> 1, 2 * group)
     return uniforms(half, pixel, sample >> 1, group)
@@ -133,15 +129,6 @@ def camera_segment(ray: Ray):
     path.vertex = water_vertex(ray.o, ray.d)
     path.throughput = wp.vec3(1.0)
     return path
-
-
-@wp.func
-def weighted(path: Subpath, weight: float):
-    """A subpath at its start that stands for so many."""
-    heavier = path
-    heavier.throughput *= weight
-    heavier.expected_at_start *= weight
-    return heavier
 
 
 @wp.func
@@ -200,9 +187,9 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
 
     @wp.func
-    def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, u: float, v: float):
+    def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, half: int, u: wp.vec2):
         """Light of virtual point lights at a subpath's vertex."""
-        found = gather_virtual_light(scene, lights, path.vertex, u, v)
+        found = gather_virtual_light(scene, lights, path.vertex, half, u)
         if brightest(found.L) > 0.0:
             if visible(scene, path.vertex.p, found.p):
                 return wp.cw_mul(path.throughput, found.L)
@@ -269,7 +256,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 metal = before.on_surface == 1 and before.surface.metal > 0.0
                 if wp.static(spec.surfaces):
                     if path.bounces < bounds.bounces and not metal:
-                        L_paths += virtual_light(scene, virtual_lights, path, v[2], v[3])
+                        L_paths += virtual_light(scene, virtual_lights, path, sample & 1, wp.vec2(v[2], v[3]))
                 share = float(0.0)
                 if wp.static(spec.medium):
                     if path.scatterings < bounds.scatterings:
@@ -285,12 +272,11 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 v = draw(key, pixel, sample, group + 1)
                 w = draw(key, pixel, sample, group + 2)
                 group += 3
-                corrects = not on_camera or w[3] < bounds.correction
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end
                 L_water = wp.vec3(0.0)
                 if wp.static(spec.medium and (spec.single or spec.multiple)):
-                    if path.scatterings < bounds.scatterings and corrects and (wp.static(spec.single) or not on_camera):
+                    if path.scatterings < bounds.scatterings and (wp.static(spec.single) or not on_camera):
                         all_of_it = wp.static(not spec.field) or (whole and not on_camera)
                         L_water = scattered_once(scene, o, d, hit.t, all_of_it, u[0], u[1])
                 L_surface = wp.vec3(0.0)
@@ -320,7 +306,6 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
                 # where the path goes on
                 if on_camera:
-                    weight = 1.0 / bounds.correction
                     if wp.static(spec.direct):
                         L_direct = L_surface
                     L_single = L_water
@@ -328,24 +313,22 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                         if end.surface.metal > 0.0 and film.metal.shape[0] > 0:
                             film.metal[part.row, part.col] = 1
                     if wp.static(spec.field):
-                        correction = weight * L_water
-                        L_single = correction
+                        correction = L_water
                         if wp.static(spec.single):
                             L_single += scattered_by_lights(scene, o, d, hit.t)
                         if wp.static(spec.multiple and spec.camera_field):
                             L_field += veil_radiance(field, place[0] / float(width), place[1] / float(height), hit.t)
                         if wp.static(spec.multiple and not spec.camera_field):
-                            if corrects:
-                                L_paths += weight * sample_field(scene, field, o, d, hit.t, w[1], w[2])
+                            L_paths += sample_field(scene, field, o, d, hit.t, w[1], w[2])
                     # first from the surface, then from the water
                     on_camera = False
                     eye = path.vertex
                     eye_t = hit.t
                     path.alive = 0
                     if wp.static(spec.multiple and (spec.surfaces or not spec.field)):
-                        waits = corrects and bounds.scatterings > 0
-                        if corrects and hit.face >= 0 and bounds.bounces > 0:
-                            path = weighted(subpath_from_surface(scene, end, hit.t), weight)
+                        waits = bounds.scatterings > 0
+                        if hit.face >= 0 and bounds.bounces > 0:
+                            path = subpath_from_surface(scene, end, hit.t)
                 else:
                     if wp.static(spec.field and spec.medium):
                         if whole:
@@ -355,7 +338,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
             if path.alive == 0 and waits:
                 u = draw(key, pixel, sample, IN_WATER)
-                path = weighted(start_in_water(scene, eye, eye_t, u[0], u[1]), 1.0 / bounds.correction)
+                path = start_in_water(scene, eye, eye_t, u[0], u[1])
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:

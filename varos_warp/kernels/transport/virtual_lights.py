@@ -11,7 +11,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.sampling import Pick, reservoir
+from varos_warp.kernels.sampling import Pick, half_key, reservoir
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
@@ -73,7 +73,8 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
         points: wp.array(dtype=VirtualLight),
     ):
         k = first + wp.tid()
-        u = sobol4(key, -1, k, 0)
+        in_half = points.shape[0] / 2
+        u = sobol4(half_key(key, k / in_half), -1, k % in_half, 0)
         total = float(0.0)
         pick = Pick()
         pick.u = u[2]
@@ -114,19 +115,21 @@ class VirtualConnection:
 
 
 @wp.func
-def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: float, v: float):
-    """Light of all virtual point lights on a vertex, towards where its ray came from, estimated by one of them.
+def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, half: int, u: wp.vec2):
+    """Light of virtual point lights on a vertex, towards where its ray came from, estimated by one of them.
 
-    Each of the CANDIDATES is drawn from its own part of the points.
+    Each of the CANDIDATES is drawn from its own part of one half of the points, so that independent samples have
+    independent points, and the error that all pixels share shows in their difference.
     """
     total = float(0.0)
     pick = Pick()
-    pick.u = v
+    pick.u = u[1]
     best = VirtualConnection()
+    in_half = points.shape[0] / 2
     candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is what GPUs like
     for k in range(candidates):
-        at = int((float(k) + u) / float(CANDIDATES) * float(points.shape[0]))
-        point = points[wp.min(at, points.shape[0] - 1)]
+        at = int((float(k) + u[0]) / float(CANDIDATES) * float(in_half))
+        point = points[half * in_half + wp.min(at, in_half - 1)]
         offset = point.p - vertex.p
         r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
         r = wp.sqrt(r2)
