@@ -67,7 +67,7 @@ def sample_scattering(medium: Medium, lit: LitInterval, u: float, v: float):
 
 @wp.func
 def in_scattered(medium: Medium, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float, v: float):
-    """Unbiased estimate, by one sample, of the radiance that a light adds to a ray by scattering in the lit interval."""
+    """Estimate by one sample of the radiance that a light adds to a ray by scattering once in the lit interval."""
     scattered = LightConnection()
     place = sample_scattering(medium, lit, u, v)
     y = place[0]
