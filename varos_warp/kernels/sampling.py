@@ -43,10 +43,14 @@ def uniforms(key: wp.uint32, pixel: int, sample: int, dimension: int):
     return wp.vec4(to_unit(x), to_unit(y), to_unit(z), to_unit(w))
 
 
+HALF = wp.constant(wp.uint32(0x9E3779B9))
+"""Between the keys of the two halves."""
+
+
 @wp.func
 def half_key(key: wp.uint32, half: int):
     """Key of the random numbers of one of the two independent halves, 0 and 1, that an image is made of."""
-    return key + wp.uint32(0x9E3779B9) * wp.uint32(half)
+    return key + HALF * wp.uint32(half)
 
 
 @wp.func

@@ -1,0 +1,139 @@
+"""What only many seeds tell: holes, whether error bars hold, whether two integrators mean the same, and which is best.
+
+    python -m benchmarks.light.many_seeds holes --scenes coastal,closed_room --seeds 1000 [--device cuda:0] [--json F]
+    python -m benchmarks.light.many_seeds bars --seeds 64
+    python -m benchmarks.light.many_seeds means --spp 8192 --seeds 8
+    python -m benchmarks.light.many_seeds choice --resolution 640x360 --seeds 8
+    python -m benchmarks.light.many_seeds rate --scenes paper_pipes --resolution 1280x720 --seeds 8
+
+Every subject prints a line a scene. All images are of `field` and ``--spp`` samples a pixel unless said otherwise.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.light import scores
+from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
+from benchmarks.light.scores import Estimate
+from benchmarks.machine import Stopwatch, machine
+from varos_warp.errors import InputError
+from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.plan import _Planner
+from varos_warp.scene.device import resolve_device
+
+TEN_TIMES = 10.0
+"""The tolerance: beyond it only one block in 10 000 may be."""
+
+
+def rendered(renderer: FrameRenderer, built: Built, integrator: str, spp: int, seeds, denoise: str = "none") -> dict:
+    """Raw and denoised images and standard errors [n, H, W, 3], and the median time of an image."""
+    made, times = {"raw": [], "denoised": [], "stderr": []}, []
+    renderer.render(built.T_w_v, outputs="A", integrator=integrator, spp=spp, denoise=denoise, seed=0)  # compiles
+    for seed in seeds:
+        watch = Stopwatch()
+        image = renderer.render(built.T_w_v, outputs="A", integrator=integrator, spp=spp, denoise=denoise, seed=seed).A
+        times.append(watch.seconds)
+        made["raw"].append(image.radiance)
+        made["stderr"].append(image.stderr)
+        made["denoised"].append(image.radiance if image.denoised is None else image.denoised)
+    return {name: np.array(images) for name, images in made.items()} | {"seconds": float(np.median(times))}
+
+
+def holes(renderer, built: Built, options) -> dict:
+    """Blocks of denoised images against the mean of all raw ones; the tolerance is their own RMSE."""
+    made = rendered(renderer, built, "field", options.spp, range(1, options.seeds + 1), "oidn")
+    reference = Estimate(made["raw"])
+    errors = np.abs(scores.worst_channel(scores.block_errors(made["denoised"], reference)))
+    tolerance = float(scores.relative_rmse(made["denoised"], reference).max())
+    row = scores.block_row(made["denoised"], reference)
+    return {"tolerance": tolerance, "worst": row["block_worst"], "99%": row["block_99"],
+            "images_half_off": row["half_off"], "reference_blocks": row["reference_block_rms"],
+            "blocks_beyond_ten_times": float((errors > TEN_TIMES * tolerance).mean())}
+
+
+def bars(renderer, built: Built, options) -> dict:
+    """Variance of z, and spread of image means over the claimed one, of each integrator asked for."""
+    told = {}
+    for integrator in options.integrators:
+        made = rendered(renderer, built, integrator, options.spp, range(1, options.seeds + 1))
+        row = scores.calibration(made["raw"], made["stderr"])
+        told |= {f"{integrator} {name}": row[name] for name in ("z_variance", "z_trimmed", "z_pooled", "beyond_4")}
+        told[f"{integrator} spread"] = scores.spread_over_claimed(made["raw"], made["stderr"]).tolist()
+    return told
+
+
+def means(renderer, built: Built, options) -> dict:
+    """Means of images of the field over those of paths, which get ten times the samples [%]."""
+    whole = {}
+    for integrator, spp in (("field", options.spp), ("path", 10 * options.spp)):
+        images = rendered(renderer, built, integrator, spp, range(1, options.seeds + 1))["raw"]
+        whole[integrator] = Estimate(images).whole
+    (mean, stderr), (truth, unsure) = whole["field"], whole["path"]
+    return {"off_percent": (100 * (mean / truth - 1)).tolist(),
+            "stderr_percent": (100 * np.hypot(stderr, unsure) / truth).tolist()}
+
+
+def choice(renderer, built: Built, options) -> dict:
+    """Square of the error of denoised images x time, of paths over the field; and what the planner expects of it."""
+    seeds = range(1, options.seeds + 1)
+    truth = rendered(renderer, built, "field", 32 * options.spp, range(101, 101 + options.seeds))
+    reference, work = Estimate(truth["raw"]), {}
+    for integrator in ("field", "path"):
+        made = rendered(renderer, built, integrator, options.spp, seeds, "oidn")
+        error = scores.relative_rmse(made["denoised"], reference).max()
+        work[integrator] = (float(error), made["seconds"], float(error**2 * made["seconds"]))
+    planner = _Planner(built.scene, renderer, [built.T_w_v], [])
+    gain = planner.work("path") / planner.work("field")
+    by_hand = work["path"][2] / work["field"][2]
+    best = "field" if by_hand > 1.0 else "path"
+    chosen = "field" if gain >= 1.0 else "path"
+    return {"path_over_field": by_hand, "planner": float(gain), "chosen": chosen,
+            "over_best": work[chosen][2] / work[best][2], **work}
+
+
+def rate(renderer, built: Built, options) -> dict:
+    """Error of denoised images and seconds at 2, 4, ... samples up to ``--spp``."""
+    reference = Estimate(rendered(renderer, built, "field", 32 * options.spp, range(101, 109))["raw"])
+    spp, told = 2, {}
+    while spp <= options.spp:
+        made = rendered(renderer, built, "field", spp, range(1, options.seeds + 1), "oidn")
+        told[str(spp)] = [float(scores.relative_rmse(made["denoised"], reference).max()), made["seconds"]]
+        spp *= 2
+    return told
+
+
+SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "rate": rate}
+
+
+def main(arguments=None) -> None:
+    """Print a line a scene, and write what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("subject", choices=SUBJECTS)
+    parser.add_argument("--scenes", type=lambda text: text.split(","), default=list(SCENES))
+    parser.add_argument("--integrators", type=lambda text: text.split(","), default=["field"])
+    parser.add_argument("--spp", type=int, default=8)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--resolution", type=lambda text: tuple(int(n) for n in text.split("x")), default=RESOLUTION)
+    parser.add_argument("--device", type=resolve_device, default="cpu")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args(arguments)
+    rows = {}
+    for name in options.scenes:
+        built = build(name, options.resolution)
+        renderer = FrameRenderer(built.scene, options.device, built.parts)
+        try:
+            rows[name] = SUBJECTS[options.subject](renderer, built, options)
+        except InputError as error:
+            rows[name] = {"refused": str(error)}
+        print(name, json.dumps(rows[name]), flush=True)
+        if options.json:
+            options.json.write_text(json.dumps({"machine": machine(options.device), "subject": options.subject,
+                                                "spp": options.spp, "seeds": options.seeds,
+                                                "resolution": options.resolution, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
