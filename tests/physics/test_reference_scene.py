@@ -6,9 +6,9 @@ at 32 per pixel are nearly enough: of five seeds, one gave 0.0013 in blue and th
 over 144 blocks is tested per channel (Sidak over three).
 
 Some blocks differ by more than both claim, whatever our seed: by 1.7e-4 +- 0.9e-4 of their light in red and as much in
-green (RMS beside the noise; 14 images of 32 samples, none with the seeds of these tests), a few by 8e-4 or four standard
-errors. It is not known whose error that is. The mean of so many images shows it, and a single one of 64 samples may, in
-red. So what other programs say of the reference counts as an error of its blocks, too.
+green (RMS beside the noise; 14 images of 32 samples, none with the seeds of these tests), a few by 8e-4 or four
+standard errors. It is not known whose error that is. The mean of so many images shows it, and a single one of 64
+samples may, in red. So what other programs say of the reference counts as an error of its blocks, too.
 """
 
 import os
