@@ -60,8 +60,12 @@ def edge_spread(x):
 
 @pytest.mark.parametrize(("distance", "focus"), [(1.0, 3.0), (8.0, 3.0), (2.0, 2.0)])
 def test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large(truth, distance, focus):
-    """White beside black in even light: a disk of radius A |1 - s/F| in the plane, over the pixel's box."""
-    view = {"resolution": [48, 8], "sensor_mm": [4.8, 0.8], "focal_mm": 40.0, "f_stop": 1.4, "focus_m": focus}
+    """White beside black in even light: a disk of radius A |1 - s/F| in the plane, over the pixel's box.
+
+    All pixels of a column have the same radiance, and 64 of them tell its error by how they differ. The image's own
+    standard errors do not: they are means over 7 x 7 pixels, which is more than the edge is wide.
+    """
+    view = {"resolution": [48, 64], "sensor_mm": [4.8, 6.4], "focal_mm": 40.0, "f_stop": 1.4, "focus_m": focus}
     scene = scene_of(**view)
     white = rectangle((0.0, distance, -9), (9, 0, 0), (0, 0, 18), 1.0, "white")
     black = rectangle((-9, distance, -9), (9, 0, 0), (0, 0, 18), 0.0, "black")
@@ -75,9 +79,9 @@ def test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large(tru
     else:
         expected = np.array([quad(lambda x: edge_spread(x / radius), a, a + pixel)[0] / pixel for a in left])
     expected *= (2000.0 / (2000.0 + distance)) ** 2
-    got = image.radiance[..., 0].mean(axis=0, dtype=float)
-    stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum(axis=0)) / 8
-    assert ((got > 0.01) & (got < 0.98)).sum() == ((expected > 0.01) & (expected < 0.98)).sum()
+    pixels = image.radiance[..., 0].astype(float)
+    got, stderr = pixels.mean(axis=0), pixels.std(axis=0, ddof=1) / np.sqrt(len(pixels))
+    assert ((got > 0.05) & (got < 0.95)).sum() == ((expected > 0.05) & (expected < 0.95)).sum()
     truth(f"columns of pixels across the edge, {distance} m away, focus at {focus} m, f/1.4, 40 mm",
           source="thin lens: disk of A |1 - s/F|, over the pixel", expected=expected, got=got, stderr=stderr,
           tolerance=3e-5, reason="float32 rounding, slant of the light")

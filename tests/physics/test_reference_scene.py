@@ -4,6 +4,11 @@ The statistic is the mean over blocks of 20 x 20 pixels. A pixel of blue is too 
 hold no firefly, or one, and its standard error follows suit, so that low values look certain. A block's 12800 samples
 at 32 per pixel are nearly enough: of five seeds, one gave 0.0013 in blue and the others 0.07 to 0.95. The chi-square
 over 144 blocks is tested per channel (Sidak over three).
+
+Some blocks differ by more than both claim, whatever our seed: by 1.7e-4 +- 0.9e-4 of their light in red and as much in
+green (RMS beside the noise; 14 images of 32 samples, none with the seeds of these tests), a few by 8e-4 or four
+standard errors. It is not known whose error that is. The mean of so many images shows it, and a single one of 64
+samples may, in red. So what other programs say of the reference counts as an error of its blocks, too.
 """
 
 import os
@@ -26,7 +31,8 @@ pytestmark = pytest.mark.skipif(not REF1.is_dir() and "CI" not in os.environ, re
 
 BLOCK = 20
 CYCLES_AND_MITSUBA = 4e-4
-"""Relative difference of image means that the reference has with a third program: what it can be trusted to."""
+"""Relative difference of image means that the reference has with a third program: what it can be trusted to, here also
+in the means of blocks."""
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +69,9 @@ def block_means(values):
 
 def block_scores(ours, truth):
     """Standard scores of the blocks' means, [blocks, 3]."""
-    variance = block_means(ours[1] ** 2 + truth[1] ** 2) / BLOCK**2
-    return ((block_means(ours[0]) - block_means(truth[0])) / np.sqrt(variance)).reshape(-1, 3)
+    mean = block_means(truth[0])
+    variance = block_means(ours[1] ** 2 + truth[1] ** 2) / BLOCK**2 + (CYCLES_AND_MITSUBA * mean) ** 2
+    return ((block_means(ours[0]) - mean) / np.sqrt(variance)).reshape(-1, 3)
 
 
 def chi_square_p(scores):
@@ -74,7 +81,7 @@ def chi_square_p(scores):
 def assert_same_image(ours, truth, mean_within):
     """Finite everywhere, image means within 0.3 % (and within four standard errors), blocks not rejected.
 
-    And the statistic can tell: were the image 1 % brighter, it would be rejected in every channel.
+    And the statistic can tell: were the image 0.5 % brighter, it would be rejected in every channel.
     """
     assert np.isfinite(ours[0]).all()
     assert np.isfinite(ours[1]).all()
@@ -84,7 +91,7 @@ def assert_same_image(ours, truth, mean_within):
     assert np.all(np.abs(off) <= mean_within * mean), off / mean
     assert np.all(np.abs(off) <= 4 * error + CYCLES_AND_MITSUBA * mean), off / error
     assert_plausible(chi_square_p(block_scores(ours, truth)))
-    assert np.all(chi_square_p(block_scores((1.01 * ours[0], ours[1]), truth)) < 1e-6)
+    assert np.all(chi_square_p(block_scores((1.005 * ours[0], ours[1]), truth)) < 1e-6)
 
 
 def test_direct_light_and_single_scattering_are_the_reference(renderer):

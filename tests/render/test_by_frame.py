@@ -159,9 +159,11 @@ UP[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 def test_frames_of_a_sequence_take_what_their_views_need():
     """Two halves: one sees the floor, one only water; each keeps the tolerance, with samples of its own.
 
-    Four images of each are judged by one of 4096 samples, and tell their error to about a tenth.
+    With the field, for paths alone leave rare bright samples in open water: of 60 images with 24 samples one was off by
+    eight times what half of them were. Four images of each are judged by one of 1024 samples, and tell their error to
+    about a tenth.
     """
-    scene = make_scene(tolerance=0.3)
+    scene = make_scene(tolerance=0.1, integrator="field")
     renderer = make_renderer(scene)
     poses = [POSE] * 300 + [UP] * 300
     plan = plan_render(scene, renderer, poses)
@@ -171,7 +173,7 @@ def test_frames_of_a_sequence_take_what_their_views_need():
     assert "spp by frame" in plan.reasons[-1]
     for frame in (0, 599):
         how = plan.options | {"spp": given[frame]}
-        truth = renderer.render(poses[frame], outputs="A", seed=5, **plan.options | {"spp": 4096}).A.radiance
+        truth = renderer.render(poses[frame], outputs="A", seed=5, **plan.options | {"spp": 1024}).A.radiance
         found = [renderer.render(poses[frame], outputs="A", seed=80 + k, **how).A.radiance for k in range(4)]
         assert error(found, [truth, truth], 0.0).max() <= 1.1 * scene.render.tolerance
 

@@ -91,6 +91,22 @@ def test_the_view_that_counts_is_the_noisiest_after_denoising():
     assert pilot.scouted_noise(fine, "oidn").max() < 0.7 * pilot.scouted_noise(coarse, "oidn").min()
 
 
+def test_one_bright_sample_does_not_make_a_view_the_noisiest():
+    """It would be in one of two images, by chance; where every hundredth pixel has one, it counts."""
+    rng = np.random.default_rng(5)
+
+    def view(sigma, bright):
+        images = [rng.normal(0.5, sigma, (36, 64, 3)).astype(np.float32) for _ in range(2)]
+        images[0][rng.random((36, 64)) < bright] += 10.0
+        return View(0, make_scene().vehicle.cameras[0], POSE, *(RadianceImage(image, image) for image in images), None)
+
+    noisy, quiet = view(0.05, 0.0), view(0.02, 0.0)
+    quiet.image.radiance[20, 30] += 10.0
+    assert pilot.scouted_noise(quiet, "none", rare=0.0).min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
+    assert pilot.scouted_noise(quiet, "none").max() < 0.5 * pilot.scouted_noise(noisy, "none").min()
+    assert pilot.scouted_noise(view(0.02, 0.01), "none").min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
+
+
 @pytest.mark.parametrize("case", MEASURED)
 def test_path_lengths_give_the_optical_depths_of_the_measurement(case):
     """x_s to its last digit; x_v to its last digit and 4 % for the quadrature (32 nodes against a hard cone)."""

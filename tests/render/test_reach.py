@@ -37,7 +37,11 @@ def survey():
 
 
 def test_a_plan_leaves_out_most_of_a_large_map_and_the_images_stay(survey):
-    """C and D to the last bit; A with the same random numbers within what is stated."""
+    """C and D to the last bit; A with the same random numbers within what is stated.
+
+    It is stated from few samples, none of which may have met what is left out. What is lost beyond that is less than
+    the rounding of pixels: half a digit of each in both images.
+    """
     scene = make_scene(tolerance=0.05)
     whole = FrameRenderer(scene, "cpu", parts=[survey])
     plan = plan_render(scene, whole, POSES)
@@ -50,7 +54,7 @@ def test_a_plan_leaves_out_most_of_a_large_map_and_the_images_stay(survey):
         assert np.array_equal(one.C.normal, two.C.normal)
         assert np.array_equal(one.D.depth, two.D.depth)
         full, missing = (frame.A.radiance.astype(float).mean((0, 1)) for frame in (one, two))
-        assert np.all(np.abs(missing - full) <= np.array(stated) * full + 1e-12)
+        assert np.all(np.abs(missing - full) <= (np.array(stated) + np.finfo(np.float32).eps) * full)
 
 
 def test_what_is_near_or_looked_at_is_never_hidden(survey):

@@ -80,13 +80,24 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
             yield View(frame, camera, poses[frame], made.A, twin, made.D.range, given)
 
 
-def scouted_noise(view: View, method: str) -> np.ndarray:
+RARE = 1e-3
+"""Share of the pixels that are left out where views are compared, those with most noise: one bright sample in one of a
+scout's two images would else decide, by chance, and it says little of what the other views need."""
+
+
+def scouted_noise(view: View, method: str, rare: float = RARE) -> np.ndarray:
     """Relative RMS [3] of the noise that a denoiser leaves in an image of the scout, for comparing views.
 
     Not that before it: what is noisy in many pixels at once, a denoiser finds easy, and rare pixels it does not.
+
+    Args:
+        view: Two images.
+        method: Of denoising.
+        rare: Share of the pixels, those with most noise, that do not count.
     """
     one, two = (denoise_image(image, method).astype(np.float64) for image in (view.image, view.twin))
-    return _relative(0.5 * ((one - two) ** 2).mean((0, 1)), np.array([one, two]))
+    square = np.sort(0.5 * (one - two).reshape(-1, 3) ** 2, axis=0)
+    return _relative(square[:max(1, int((1.0 - rare) * len(square)))].mean(0), np.array([one, two]))
 
 
 # ------------------------------------------------------------------------------------------ errors without reference

@@ -276,7 +276,7 @@ class _Planner:
         images = [self.renderer.render(view.T_w_v, view.camera, "A", spp=COMPARED_SPP, integrator=name,
                                        max_bounces=self.max_bounces, layers=tuple(self.render.layers),
                                        seed=pilot.SEED + k).A for k in range(2)]
-        noise = pilot.scouted_noise(replace(view, image=images[0], twin=images[1]), method)
+        noise = pilot.scouted_noise(replace(view, image=images[0], twin=images[1]), method, rare=0.0)
         return float(noise.max() ** 2 * images[0].spp * SAMPLE_COST[name])
 
     def why_no_field(self) -> str:
