@@ -35,8 +35,9 @@ SIGMAS = 3.0
 OURS = ("path", "field")
 REPLICATES = 8
 """Renderings whose spread is the standard error of an image's mean."""
-PILOT_SPP, MOST_SPP = 16, 1 << 14
-ONE_EVENT_SHARE, OUR_SHARE = 0.1, 0.3
+PILOT_SPP, MOST_SPP = 64, 1 << 14
+"""Enough samples to tell their time from what every rendering costs."""
+ONE_EVENT_SHARE, OUR_SHARE = 0.15, 0.3
 """Of the time: bounded paths are short and have little noise, and our integrators less than the peers."""
 
 
@@ -140,7 +141,7 @@ def measure(seconds: float, output: Path = RESULTS, cases=CASES, others=None) ->
     """Print a table in Markdown, a line for each peer, and write all that was found to ``output``.
 
     Args:
-        seconds: of CPU for each peer, scene and water, for light of all orders; a tenth for one event.
+        seconds: of CPU for each peer, scene and water, for light of all orders; less for one event.
         output: a JSON file.
         cases: names of scenes and waters.
         others: names of peers; absent: all that are installed.
