@@ -60,9 +60,10 @@ def test_the_slope_comes_back_from_the_backscatter_fraction_that_cycles_is_given
     assert 3.0 - 2.0 * nu == pytest.approx(mu, abs=1e-5)
 
 
-def test_what_cycles_would_clamp_is_refused():
+@pytest.mark.parametrize(("n", "mu"), [(1.0005, 3.5), (1.10, 5.0)])
+def test_what_cycles_would_clamp_is_refused(n, mu):
     with pytest.raises(InputError, match="n below"):
-        lobes_of(FournierForand(1.0005, 3.5))
+        lobes_of(FournierForand(n, mu))
 
 
 def test_tables_are_refused():
