@@ -1,5 +1,7 @@
 """Phase functions as other renderers are given them, and how agreement is judged; what renders is in the last part."""
 
+import json
+
 import numpy as np
 import pytest
 from physics.rig import Z, one_ray_scene, spot
@@ -83,16 +85,24 @@ def found(*mean, stderr=0.0):
 def test_programs_agree_within_the_tolerance_and_three_standard_errors_of_both():
     made = {"path": found(1.0, 2.0, 4.0, stderr=0.003), "field": found(1.0, 2.0, 4.0),
             "cycles": found(1.0, 2.0, 4.06, stderr=0.004)}
-    row = agree.Row("lens", "sea", "one event", made)
+    row = agree.Row("lens", "ff3.6", "one event", made)
     assert row.pairs() == [("field", "path"), ("cycles", "path"), ("cycles", "field")]
     # 0.015 off; granted are 0.001 and 3 hypot(0.003, 0.004) / 4 = 0.00375, or 3 * 0.004 / 4 = 0.003
     np.testing.assert_allclose(row.excess("cycles", "path"), [0, 0, 0.015 / 0.00475])
     np.testing.assert_allclose(row.excess("cycles", "field"), [0, 0, 0.015 / 0.004])
     assert [line.split("|")[-2].strip() for line in agree.lines(row)] == ["yes", "NO"]
     assert [pair["agrees"] for pair in row.as_dict()["compared"]] == [True, False, False]
-    wider = agree.Row("lens", "sea", "all", made)
+    wider = agree.Row("lens", "ff3.6", "all", made)
     np.testing.assert_allclose(wider.excess("cycles", "path"), [0, 0, 0.015 / 0.00875])
     assert "refused: has no such lens" in agree.lines(agree.Row("a", "b", "all", {}, {"x": "has no such lens"}))[0]
+
+
+def test_rows_replace_older_ones_of_the_same_case(tmp_path):
+    path = tmp_path / "agree.json"
+    for light, red in (("all", 1.0), ("one event", 2.0), ("all", 3.0)):
+        agree.store(path, agree.Row("lens", "ff3.6", light, {"path": found(red, 2.0, 4.0), "cycles": found(1, 1, 1)}))
+    rows = json.loads(path.read_text())["rows"]
+    assert [(row["light"], row["estimates"]["path"]["mean"][0]) for row in rows] == [("one event", 2.0), ("all", 3.0)]
 
 
 @pytest.mark.parametrize(("scene", "water"), agree.CASES)
@@ -152,7 +162,7 @@ def test_fournier_and_forand_is_refused_by_mitsuba():
 def test_cycles_sees_the_same_direct_light_and_single_scattering_in_sea_water(scene):
     """To 0.3 % of the image, pixel against pixel; `python -m benchmarks.peers agree` takes longer and tells more."""
     needs("cycles")
-    case = agree.Case(scene, "sea")
+    case = agree.Case(scene, "ff3.6")
     truth, _ = case.render("path", "one event", 512, 1)
     image, _ = case.render("cycles", "one event", 96, 1)
     assert_no_residual(image, truth.astype(float), 3e-3)
