@@ -31,7 +31,8 @@ WATERS = {
              "{kind: rayleigh, weight: 0.3}, {kind: henyey_greenstein, g: 0.8, weight: 0.2}]}",
 }
 """Phase functions. ff3.6 is sea water as Petzold measured it: 25 % of the light within 1 degree, 7 % within 0.1. Paths
-that scatter so towards a lamp are rare and bright, and few samples miss them; ff4.0 has 6 % within 1 degree, ff4.5 2."""
+that scatter so towards a lamp are rare and bright, and few samples miss them; ff4.0 has 6 % within 1 degree, ff4.5 2.
+"""
 CASES = tuple((scene, water) for scene in SCENES for water in WATERS)
 TOLERANCE = {"one event": 1e-3, "all": 5e-3}
 SIGMAS = 3.0
