@@ -46,11 +46,25 @@ def ref1(
 
 
 @app.command()
-def agree(seconds: Annotated[float, typer.Option(help="CPU-seconds for each program and scene", min=1.0)] = 60.0):
-    """Print image means by this project and by the peers, on scenes that ref1 does not cover."""
-    from benchmarks.peers.compare import agreement
+def agree(
+    seconds: Annotated[float, typer.Option(help="CPU-seconds for each peer, scene and water", min=1.0)] = 60.0,
+    only: Annotated[list[str] | None, typer.Option(help="SCENE:WATER, such as lamps:hg0.8; may be repeated")] = None,
+    peer: Annotated[list[str] | None, typer.Option(help="mitsuba or cycles; absent: all that are installed")] = None,
+    light: Annotated[list[str] | None, typer.Option(help="'one event' or 'all'; absent: both")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="JSON; absent: ../results")] = None,
+):
+    """Compare image means by this project and by the peers: soft lamps, a lens and real meshes, in several waters."""
+    from benchmarks.peers.agree import CASES, RESULTS, TOLERANCE, measure
 
-    agreement(seconds)
+    known = {":".join(case): case for case in CASES}
+    for key, names, there_are in (("--only", only, known), ("--light", light, TOLERANCE)):
+        for name in names or ():
+            if name not in there_are:
+                raise InputError("there is no such case", key=key, value=name,
+                                 remedy=f"There are: {', '.join(there_are)}.")
+    for name in peer or ():
+        peers.check_available(name)
+    measure(seconds, output or RESULTS, [known[name] for name in only or known], peer, light or tuple(TOLERANCE))
 
 
 def main():

@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from benchmarks.peers.lobes import FOURNIER_FORAND, HENYEY_GREENSTEIN, RAYLEIGH
 from benchmarks.peers.plain import PlainLight, PlainMesh, PlainScene
 from varos_warp.errors import InputError
 
@@ -20,6 +21,7 @@ ALL_BOUNCES = 64
 MOST_BOUNCES = 1024
 """That Cycles can be asked for."""
 LEAST_PIXELS = 4
+NODE_PHASES = {HENYEY_GREENSTEIN: "HENYEY_GREENSTEIN", FOURNIER_FORAND: "FOURNIER_FORAND", RAYLEIGH: "RAYLEIGH"}
 SENSOR_MM = 36.0
 """Width of Blender's sensor, whatever the camera's is: smaller ones than 1 mm would be enlarged without a word."""
 
@@ -132,13 +134,32 @@ def _set_water(plain):
     tree.nodes.clear()
     output = tree.nodes.new("ShaderNodeOutputWorld")
     if plain.sigma_t.any():
-        volume = tree.nodes.new("ShaderNodeVolumeCoefficients")
-        volume.phase = "HENYEY_GREENSTEIN"
-        volume.inputs["Absorption Coefficients"].default_value = tuple(plain.sigma_a)
-        volume.inputs["Scatter Coefficients"].default_value = tuple(plain.sigma_s)
-        volume.inputs["Anisotropy"].default_value = plain.g
-        tree.links.new(volume.outputs[0], output.inputs["Volume"])
+        tree.links.new(_water_socket(tree, plain), output.inputs["Volume"])
     world.cycles.volume_sampling = "MULTIPLE_IMPORTANCE"  # EQUIANGULAR alone makes fireflies in world volumes
+
+
+def _water_socket(tree, plain):
+    """A volume for each lobe of the phase function, added up; the first absorbs for all."""
+    total = None
+    for lobe in plain.lobes:
+        volume = tree.nodes.new("ShaderNodeVolumeCoefficients")
+        volume.phase = NODE_PHASES[lobe.kind]
+        volume.inputs["Absorption Coefficients"].default_value = tuple(plain.sigma_a * (total is None))
+        volume.inputs["Scatter Coefficients"].default_value = tuple(lobe.weight * plain.sigma_s)
+        if lobe.kind == HENYEY_GREENSTEIN:
+            volume.inputs["Anisotropy"].default_value = lobe.g
+        elif lobe.kind == FOURNIER_FORAND:
+            volume.inputs["IOR"].default_value = lobe.n
+            volume.inputs["Backscatter"].default_value = lobe.backscatter
+        total = volume.outputs[0] if total is None else _added(tree, total, volume.outputs[0])
+    return total
+
+
+def _added(tree, first, second):
+    both = tree.nodes.new("ShaderNodeAddShader")
+    tree.links.new(first, both.inputs[0])
+    tree.links.new(second, both.inputs[1])
+    return both.outputs[0]
 
 
 def _set_camera(plain):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from benchmarks.peers.lobes import FOURNIER_FORAND, RAYLEIGH
 from benchmarks.peers.plain import PlainLight, PlainMesh, PlainScene
 from varos_warp.errors import InputError
 
@@ -108,7 +109,25 @@ def _sensor(plain, spp):
 def _medium(plain):
     albedo = np.divide(plain.sigma_s, plain.sigma_t, out=np.zeros(3), where=plain.sigma_t > 0.0)
     return {"type": "homogeneous", "sigma_t": _rgb(plain.sigma_t), "albedo": _rgb(albedo),
-            "phase": {"type": "hg", "g": float(plain.g)} if plain.g else {"type": "isotropic"}}
+            "phase": _phase(plain.lobes)}
+
+
+def _phase(lobes):
+    """One phase function, or the first blended with all the others."""
+    weights = np.array([lobe.weight for lobe in lobes])
+    if len(lobes) == 1:
+        return _lobe(lobes[0])
+    return {"type": "blendphase", "weight": float(weights[1:].sum() / weights.sum()), "first": _lobe(lobes[0]),
+            "others": _phase(lobes[1:])}
+
+
+def _lobe(lobe):
+    if lobe.kind == FOURNIER_FORAND:
+        raise InputError("Mitsuba has no Fournier-Forand, and its tables are even in the cosine: too coarse ahead",
+                         key="water.phase", remedy="Use Cycles, or Henyey-Greenstein, Rayleigh and mixtures of them.")
+    if lobe.kind == RAYLEIGH:
+        return {"type": "rayleigh"}
+    return {"type": "hg", "g": float(lobe.g)} if lobe.g else {"type": "isotropic"}
 
 
 def _write_mesh(mesh: PlainMesh, path: Path):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.peers.lobes import Lobe, lobes_of
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -60,7 +61,8 @@ class PlainScene:
     lights: list[PlainLight]
     sigma_s: np.ndarray
     sigma_a: np.ndarray
-    g: float
+    lobes: tuple[Lobe, ...]
+    """The phase function of the water, as a sum."""
     T_w_c: np.ndarray
     """Pose of the camera, OpenCV axes (x right, y down, z forward)."""
     resolution: tuple[int, int]
@@ -100,7 +102,7 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
     T_w_c = camera_pose(camera, np.asarray(T_w_v, float))
     origin = np.round(T_w_c[:3, 3])
     T_w_c[:3, 3] -= origin
-    water = _plain_water(scene)
+    water = optical_properties(scene)
     events, scatters, reflects = _bound(max_scatterings, max_bounces, max_events)
     single = [part for group in parts for part in (group.parts() if isinstance(group, Instances) else [group])]
     K = intrinsics(camera)
@@ -110,7 +112,7 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         lights=[_light(light, T_w_v, origin) for light in scene.vehicle.lights],
         sigma_s=water.sigma_s if scatters else np.zeros(3),
         sigma_a=water.sigma_a if scatters else water.sigma_t,
-        g=water.g,
+        lobes=lobes_of(water.phase),
         T_w_c=T_w_c,
         resolution=camera.resolution,
         focal=(K[0, 0], K[1, 1]),
@@ -118,18 +120,6 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         focus=camera.focus_m,
         max_events=events,
     )
-
-
-def _plain_water(scene):
-    """Water whose phase function the peers have."""
-    water = optical_properties(scene)
-    if not water.phase.is_henyey_greenstein:
-        raise InputError(
-            f"another renderer cannot be given the phase function {water.phase.kind}",
-            key="water",
-            remedy="Only Henyey and Greenstein's compares; give phase: {g: ...}.",
-        )
-    return water
 
 
 def _bound(scatterings, bounces, events):

@@ -1,0 +1,71 @@
+"""Phase functions as sums of the ones that other renderers have.
+
+Three serve: those of Henyey and Greenstein, of Fournier and Forand, and Rayleigh's without depolarisation,
+3 (1 + cos^2) / (16 pi). Cycles has all of them; Mitsuba has no Fournier-Forand.
+
+Cycles' Fournier-Forand (kernel/closure/volume_util.h) is the same formula of 1999. Its IOR is the index of the
+particles relative to the water, our n, not that of a material; it takes no mu, but the backscatter fraction B, and
+inverts B(n, mu) = 1 - [1 - d^(nu+1) - (1 - d^nu)/2] / ((1 - d) d^nu), d = 2 / (3 (n-1)^2), nu = (3 - mu)/2, to
+nu = -log(1 + 2 B (d - 1)) / log(d). So B of our n and mu gives mu back. B alone, our ``backscatter_fraction``, is a
+member of the family of Mobley, Sundman and Boss (2002), which Cycles does not know: there B at another IOR is another
+function.
+"""
+
+from dataclasses import dataclass, replace
+
+from varos_warp.errors import InputError
+from varos_warp.scene.water.phase.fournier_forand import FournierForand
+from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
+from varos_warp.scene.water.phase.mixture import Mixture
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
+from varos_warp.scene.water.phase.rayleigh import Rayleigh
+
+HENYEY_GREENSTEIN, FOURNIER_FORAND, RAYLEIGH = "henyey_greenstein", "fournier_forand", "rayleigh"
+RAYLEIGH_MOMENT = 0.1
+"""Second Legendre moment of 3 (1 + cos^2) / (16 pi); that of a constant is 0."""
+LEAST_EXCESS, MOST_BACKSCATTER = 1e-3, 0.499
+"""Where Cycles clamps n - 1 and B without a word."""
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """One phase function of a sum."""
+
+    weight: float
+    """Share of the scattering; the weights of a sum add up to 1."""
+    kind: str
+    g: float = 0.0
+    """Of ``henyey_greenstein``."""
+    n: float = 0.0
+    """Index of ``fournier_forand``, relative to the water."""
+    backscatter: float = 0.0
+    """B = b_b/b of ``fournier_forand``."""
+
+
+def lobes_of(phase: PhaseFunction) -> tuple[Lobe, ...]:
+    """A phase function as a sum of lobes, exactly.
+
+    Raises:
+        InputError: It is a table, or Cycles would clamp its parameters.
+    """
+    if isinstance(phase, HenyeyGreenstein):
+        return (Lobe(1.0, HENYEY_GREENSTEIN, g=phase.g),)
+    if isinstance(phase, FournierForand):
+        return (_fournier_forand(phase),)
+    if isinstance(phase, Rayleigh):
+        # 1 + a cos^2 with a < 1: depolarisation adds light that goes everywhere
+        share = float(phase.moments(2)[2]) / RAYLEIGH_MOMENT
+        return (Lobe(share, RAYLEIGH), Lobe(1.0 - share, HENYEY_GREENSTEIN))
+    if isinstance(phase, Mixture):
+        return tuple(replace(lobe, weight=weight * lobe.weight)
+                     for weight, part in phase.parts if weight > 0.0 for lobe in lobes_of(part))
+    raise InputError(f"another renderer cannot be given the phase function {phase.kind}", key="water.phase",
+                     remedy="Henyey-Greenstein, Fournier-Forand, Rayleigh and mixtures of them compare.")
+
+
+def _fournier_forand(phase):
+    n, backscatter = phase.n, phase.backscatter_fraction
+    if n - 1.0 < LEAST_EXCESS or backscatter > MOST_BACKSCATTER:
+        raise InputError("Cycles takes no Fournier-Forand with n below 1.001 or B above 0.499", key="water.phase",
+                         value=f"n = {n:g}, B = {backscatter:g}", remedy="Use another n and mu.")
+    return Lobe(1.0, FOURNIER_FORAND, n=n, backscatter=backscatter)
