@@ -21,7 +21,7 @@ from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import _Planner
+from varos_warp.render.plan import PATHS_PAY, _Planner
 from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
@@ -89,7 +89,7 @@ def choice(renderer, built: Built, options) -> dict:
     gain = planner.work("path") / planner.work("field")
     by_hand = work["path"][2] / work["field"][2]
     best = "field" if by_hand > 1.0 else "path"
-    chosen = "field" if gain >= 1.0 else "path"
+    chosen = "field" if gain >= PATHS_PAY else "path"
     return {"path_over_field": by_hand, "planner": float(gain), "chosen": chosen,
             "over_best": work[chosen][2] / work[best][2], **work}
 

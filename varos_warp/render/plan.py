@@ -41,9 +41,12 @@ denoiser makes of little noise varies most from image to image. That is of image
 the mean square of all pixels varies less, with the root of their number."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
-SAMPLE_COST = {"field": 2.0, "path": 1.0}
+SAMPLE_COST = {"field": 1.7, "path": 1.0}
 """Time of a sample of the one integrator over that of the other: about as measured in unlike scenes, and the same on
 every machine, so that machines that share the work choose alike."""
+PATHS_PAY = 0.8
+"""Paths alone are taken where they need at most this share of the work: a pilot sees the noise that denoising leaves,
+not what it blurs, and of images with the field it blurs less."""
 COMPARED_SPP = 8
 """Samples per pixel of the images by which integrators are compared."""
 NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 12e-9}
@@ -263,7 +266,7 @@ class _Planner:
             why = "light in open water is known beforehand"
             if self.lit and self.renderer.world.has_surfaces:
                 gain = self.work("path") / max(self.work("field"), 1e-30)
-                if gain < 1.0:
+                if gain < PATHS_PAY:
                     self.integrator = "path"
                     return self.decide("integrator", "path", "in this scene the field of open water helps little: "
                                        f"paths alone take {gain:.2g} of the time for the same noise", np.zeros(3))

@@ -25,7 +25,7 @@ from varos_warp.scene.water import OpticalProperties
 
 NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the lamp that are tabulated, the last as optical depth too; what is nearer is in proportion."""
-FINE = (64, 20, 28)
+FINE = (64, 20, 48)
 """Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
 MIDDLE = (32, 10, 14)
 """The same for light scattered twice, which is smoother."""
