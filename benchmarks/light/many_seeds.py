@@ -4,6 +4,7 @@
     python -m benchmarks.light.many_seeds bars --seeds 64
     python -m benchmarks.light.many_seeds means --spp 8192 --seeds 8
     python -m benchmarks.light.many_seeds choice --resolution 640x360 --seeds 8
+    python -m benchmarks.light.many_seeds tolerance --resolution 320x180 --seeds 100 --tolerance 0.03
     python -m benchmarks.light.many_seeds rate --scenes paper_pipes --resolution 1280x720 --seeds 8
 
 Every subject prints a line a scene. All images are of `field` and ``--spp`` samples a pixel unless said otherwise.
@@ -21,7 +22,8 @@ from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import PATHS_PAY, _Planner
+from varos_warp.render.pilot import BLOCKS_WITHIN
+from varos_warp.render.plan import PATHS_PAY, _Planner, plan_render, planned_renderer
 from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
@@ -94,6 +96,28 @@ def choice(renderer, built: Built, options) -> dict:
             "over_best": work[chosen][2] / work[best][2], **work}
 
 
+def tolerance(renderer, built: Built, options) -> dict:
+    """How often images of a plan keep its tolerance: RMSE, and 99 % of the blocks within five times it."""
+    asked = options.tolerance
+    scene = built.scene.model_copy(update={"render": built.scene.render.model_copy(
+        update={"tolerance": asked, "denoise": "oidn", "spp": None})})
+    own = FrameRenderer(scene, renderer.device, built.parts)
+    watch = Stopwatch()
+    plan = plan_render(scene, own, [built.T_w_v])
+    took, chosen = watch.seconds, planned_renderer(own, plan.to_dict(), [built.T_w_v])
+    reference = Estimate(rendered(renderer, built, "field", 512, range(1001, 1009))["raw"])
+    made = [chosen.render(built.T_w_v, outputs="A", integrator=plan.integrator, spp=plan.spp, denoise="oidn", seed=seed,
+                          max_scatterings=plan.max_scatterings, max_bounces=plan.max_bounces,
+                          tolerance=plan.tile_tolerance).A.denoised for seed in range(1, options.seeds + 1)]
+    errors = [float(scores.relative_rmse(image[None], reference).max()) for image in made]
+    blocks = [scores.block_row(image[None], reference)["block_99"] for image in made]
+    kept = [error <= asked and block <= BLOCKS_WITHIN * asked for error, block in zip(errors, blocks, strict=True)]
+    return {"kept": float(np.mean(kept)), "kept_rmse": float(np.mean(np.array(errors) <= asked)),
+            "shortfall": plan.shortfall, "integrator": plan.integrator, "spp": plan.spp, "plan_seconds": took,
+            "median_error": float(np.median(errors)), "95%": float(np.quantile(errors, 0.95)),
+            "blocks": float(np.median(blocks))}
+
+
 def rate(renderer, built: Built, options) -> dict:
     """Error of denoised images and seconds at 2, 4, ... samples up to ``--spp``."""
     reference = Estimate(rendered(renderer, built, "field", 32 * options.spp, range(101, 109))["raw"])
@@ -105,7 +129,8 @@ def rate(renderer, built: Built, options) -> dict:
     return told
 
 
-SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "rate": rate}
+SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "tolerance": tolerance,
+            "rate": rate}
 
 
 def main(arguments=None) -> None:
@@ -116,6 +141,7 @@ def main(arguments=None) -> None:
     parser.add_argument("--integrators", type=lambda text: text.split(","), default=["field"])
     parser.add_argument("--spp", type=int, default=8)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--tolerance", type=float, default=0.03)
     parser.add_argument("--resolution", type=lambda text: tuple(int(n) for n in text.split("x")), default=RESOLUTION)
     parser.add_argument("--device", type=resolve_device, default="cpu")
     parser.add_argument("--json", type=Path)
