@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.light import measure, references, scores
+from benchmarks.light import many_seeds, measure, references, scores
 from benchmarks.light.scenes import SCENES, build
 from benchmarks.light.scores import Estimate
 from varos_warp.errors import InputError
@@ -31,6 +31,28 @@ def test_scenes_build_and_are_lit(name):
                                                                   integrator="path").A
     assert image.radiance.shape == (14, 24, 3)
     assert image.radiance.mean() > 0.0
+
+
+@pytest.mark.parametrize("name", ["coastal", "closed_room"])
+def test_no_block_is_off_by_half(name, tmp_path):
+    """Of 12 denoised images; benchmarks/light/many_seeds.py looks at 1000 (docs/transport.md)."""
+    kept = tmp_path / "holes.json"
+    many_seeds.main(["holes", "--scenes", name, "--seeds", "12", "--resolution", "48x28", "--json", str(kept)])
+    row = json.loads(kept.read_text())["rows"][name]
+    assert row["images_half_off"] == 0.0
+    assert row["blocks_beyond_ten_times"] == 0.0
+    assert row["reference_blocks"] < 0.1
+
+
+def test_error_bars_and_times_of_many_seeds(capsys):
+    """Each subject tells of each scene what its name says."""
+    small = ["--scenes", "paper_room", "--resolution", "24x14", "--seeds", "3", "--spp", "4"]
+    expected = {"bars": "field z_variance", "means": "off_percent", "choice": "over_best", "rate": "2"}
+    for subject, key in expected.items():
+        many_seeds.main([subject, *small])
+        name, row = capsys.readouterr().out.strip().splitlines()[-1].split(" ", 1)
+        assert name == "paper_room"
+        assert key in json.loads(row)
 
 
 def test_an_unknown_scene_is_refused():
