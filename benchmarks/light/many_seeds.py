@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.light import scores
+from benchmarks.light.measure import render_seeds
 from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
@@ -28,25 +29,18 @@ from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
 """The tolerance: beyond it only one block in 10 000 may be."""
+FIRST_JUDGE, JUDGES = 100_001, 8
+"""Seeds of the images that are the reference; none is measured."""
 
 
-def rendered(renderer: FrameRenderer, built: Built, integrator: str, spp: int, seeds, denoise: str = "none") -> dict:
-    """Raw and denoised images and standard errors [n, H, W, 3], and the median time of an image."""
-    made, times = {"raw": [], "denoised": [], "stderr": []}, []
-    renderer.render(built.T_w_v, outputs="A", integrator=integrator, spp=spp, denoise=denoise, seed=0)  # compiles
-    for seed in seeds:
-        watch = Stopwatch()
-        image = renderer.render(built.T_w_v, outputs="A", integrator=integrator, spp=spp, denoise=denoise, seed=seed).A
-        times.append(watch.seconds)
-        made["raw"].append(image.radiance)
-        made["stderr"].append(image.stderr)
-        made["denoised"].append(image.radiance if image.denoised is None else image.denoised)
-    return {name: np.array(images) for name, images in made.items()} | {"seconds": float(np.median(times))}
+def judge(renderer, built: Built, spp: int) -> Estimate:
+    """The reference, of images of the field."""
+    return Estimate(render_seeds(renderer, built, "field", spp, JUDGES, "none", FIRST_JUDGE)["raw"])
 
 
 def holes(renderer, built: Built, options) -> dict:
     """Blocks of denoised images against the mean of all raw ones; the tolerance is their own RMSE."""
-    made = rendered(renderer, built, "field", options.spp, range(1, options.seeds + 1), "oidn")
+    made = render_seeds(renderer, built, "field", options.spp, options.seeds, "oidn")
     reference = Estimate(made["raw"])
     errors = np.abs(scores.worst_channel(scores.block_errors(made["denoised"], reference)))
     tolerance = float(scores.relative_rmse(made["denoised"], reference).max())
@@ -60,7 +54,7 @@ def bars(renderer, built: Built, options) -> dict:
     """Variance of z, and spread of image means over the claimed one, of each integrator asked for."""
     told = {}
     for integrator in options.integrators:
-        made = rendered(renderer, built, integrator, options.spp, range(1, options.seeds + 1))
+        made = render_seeds(renderer, built, integrator, options.spp, options.seeds, "none")
         row = scores.calibration(made["raw"], made["stderr"])
         told |= {f"{integrator} {name}": row[name] for name in ("z_variance", "z_trimmed", "z_pooled", "beyond_4")}
         told[f"{integrator} spread"] = scores.spread_over_claimed(made["raw"], made["stderr"]).tolist()
@@ -71,7 +65,7 @@ def means(renderer, built: Built, options) -> dict:
     """Means of images of the field over those of paths, which get ten times the samples [%]."""
     whole = {}
     for integrator, spp in (("field", options.spp), ("path", 10 * options.spp)):
-        images = rendered(renderer, built, integrator, spp, range(1, options.seeds + 1))["raw"]
+        images = render_seeds(renderer, built, integrator, spp, options.seeds, "none")["raw"]
         whole[integrator] = Estimate(images).whole
     (mean, stderr), (truth, unsure) = whole["field"], whole["path"]
     return {"off_percent": (100 * (mean / truth - 1)).tolist(),
@@ -80,13 +74,12 @@ def means(renderer, built: Built, options) -> dict:
 
 def choice(renderer, built: Built, options) -> dict:
     """Square of the error of denoised images x time, of paths over the field; and what the planner expects of it."""
-    seeds = range(1, options.seeds + 1)
-    truth = rendered(renderer, built, "field", 32 * options.spp, range(101, 101 + options.seeds))
-    reference, work = Estimate(truth["raw"]), {}
+    reference, work = judge(renderer, built, 32 * options.spp), {}
     for integrator in ("field", "path"):
-        made = rendered(renderer, built, integrator, options.spp, seeds, "oidn")
+        made = render_seeds(renderer, built, integrator, options.spp, options.seeds, "oidn")
         error = scores.relative_rmse(made["denoised"], reference).max()
-        work[integrator] = (float(error), made["seconds"], float(error**2 * made["seconds"]))
+        seconds = float(np.median(made["wall"]))
+        work[integrator] = (float(error), seconds, float(error**2 * seconds))
     planner = _Planner(built.scene, renderer, [built.T_w_v], [])
     gain = planner.work("path") / planner.work("field")
     by_hand = work["path"][2] / work["field"][2]
@@ -105,7 +98,7 @@ def tolerance(renderer, built: Built, options) -> dict:
     watch = Stopwatch()
     plan = plan_render(scene, own, [built.T_w_v])
     took, chosen = watch.seconds, planned_renderer(own, plan.to_dict(), [built.T_w_v])
-    reference = Estimate(rendered(renderer, built, "field", 512, range(1001, 1009))["raw"])
+    reference = judge(renderer, built, 512)
     made = [chosen.render(built.T_w_v, outputs="A", integrator=plan.integrator, spp=plan.spp, denoise="oidn", seed=seed,
                           max_scatterings=plan.max_scatterings, max_bounces=plan.max_bounces,
                           tolerance=plan.tile_tolerance).A.denoised for seed in range(1, options.seeds + 1)]
@@ -120,17 +113,17 @@ def tolerance(renderer, built: Built, options) -> dict:
 
 def rate(renderer, built: Built, options) -> dict:
     """Error of denoised images and seconds at 2, 4, ... samples up to ``--spp``."""
-    reference = Estimate(rendered(renderer, built, "field", 32 * options.spp, range(101, 109))["raw"])
+    reference = judge(renderer, built, 32 * options.spp)
     spp, told = 2, {}
     while spp <= options.spp:
-        made = rendered(renderer, built, "field", spp, range(1, options.seeds + 1), "oidn")
-        told[str(spp)] = [float(scores.relative_rmse(made["denoised"], reference).max()), made["seconds"]]
+        made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn")
+        told[str(spp)] = [float(scores.relative_rmse(made["denoised"], reference).max()),
+                          float(np.median(made["wall"]))]
         spp *= 2
     return told
 
 
-SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "tolerance": tolerance,
-            "rate": rate}
+SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "tolerance": tolerance, "rate": rate}
 
 
 def main(arguments=None) -> None:

@@ -41,12 +41,12 @@ HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise
         f"{'ref':>5}")
 
 
-def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str) -> dict:
-    """Raw and denoised images and standard errors [n, H, W, 3], and the time that each took [n]."""
+def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str, first: int = 1) -> dict:
+    """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n]."""
     how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise}
     renderer.render(built.T_w_v, seed=0, **how)  # compiles, makes tables, learns how to denoise
     made = {"raw": [], "stderr": [], "denoised": [], "cpu": [], "wall": []}
-    for seed in range(1, seeds + 1):
+    for seed in range(first, first + seeds):
         watch = Stopwatch()
         image = renderer.render(built.T_w_v, seed=seed, **how).A
         for name, value in (("cpu", watch.cpu_seconds), ("wall", watch.seconds), ("raw", image.radiance),

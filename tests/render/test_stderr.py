@@ -101,11 +101,8 @@ def test_image_means_differ_by_what_their_standard_errors_say(renderings):
 def test_the_two_halves_of_samples_are_independent(monkeypatch, integrator):
     """Correlation over the seeds, pixel by pixel: its variance is 1/(seeds - 1), whatever the distribution.
 
-    With the same virtual lights in all images: pixels share these, and so do both halves.
+    Virtual lights too: each half has its own.
     """
-    lights = radiance.RadianceRenderer._virtual_lights
-    monkeypatch.setattr(radiance.RadianceRenderer, "_virtual_lights",
-                        lambda self, scene, view, key: lights(self, scene, view, 1))
     monkeypatch.setattr(radiance, "share_out", evenly)
     even, odd = (half - half.mean(axis=0) for half in rendered(integrator).halves)
     r = (even * odd).sum(axis=0) / np.sqrt((even**2).sum(axis=0) * (odd**2).sum(axis=0))

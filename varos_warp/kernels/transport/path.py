@@ -270,7 +270,9 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 T = transmittance(scene.medium, hit.t)
                 u = draw(key, pixel, sample, group)
                 v = draw(key, pixel, sample, group + 1)
-                w = draw(key, pixel, sample, group + 2)
+                w = wp.vec4(0.0)
+                if wp.static(spec.field):
+                    w = draw(key, pixel, sample, group + 2)
                 group += 3
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end
