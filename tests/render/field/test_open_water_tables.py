@@ -256,7 +256,7 @@ def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
 @pytest.mark.parametrize("g", [0.0, 0.5, 0.8, 0.9, 0.95])
 def test_scattering_keeps_the_power_and_turns_lobes_into_wider_ones(g):
     """A lobe of Henyey and Greenstein of mean cosine b becomes one of g b; the first harmonic shrinks by g."""
-    arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(41, 7, power=2)
+    arriving, leaving = Directions.quadrature(80, 32, power=2), Directions.ends(41, 19, power=2)
     scatter = scattering_matrix(HenyeyGreenstein(g), arriving, leaving)
 
     def lobe(b, cosine):

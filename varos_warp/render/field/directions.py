@@ -59,13 +59,13 @@ class Directions:
         Linear interpolation of the latter is nearest to the former, in the mean square over solid angle, so it keeps
         their integral. Values that are exact at the ends of the steps would be too large between them where they peak.
         """
-        x, w = np.polynomial.legendre.leggauss(nodes)
-        step = np.diff(self.s)[:, None]
-        s = (self.s[:-1, None] + step * (1.0 + x) / 2.0).ravel()
-        between = Directions(s, self.phi, self.power, (step * w / 2.0).ravel())
-        hats = np.array([np.interp(s, self.s, one) for one in np.eye(len(self.s))])
-        weighted = hats * between._ring
-        return between, np.linalg.solve(weighted @ hats.T, weighted)
+        s, weights = _between(self.s, nodes)
+        between = Directions(s, self.phi, self.power, weights)
+        phi, weights = _between(self.phi, nodes)
+        m = np.arange(len(self.phi))
+        # values at these phi are a cosine series, which tells those between
+        series = np.cos(np.outer(phi, m)) @ np.linalg.inv(np.cos(np.outer(self.phi, m)))
+        return between, np.kron(_nearest(self.s, s, between._ring), _nearest(self.phi, phi, weights) @ series)
 
     def interpolation(self, others: "Directions", shape=np.ones_like) -> np.ndarray:
         """Matrix [others, n] from values at these of a quadrature: splines in gamma, a cosine series in phi.
@@ -78,6 +78,20 @@ class Directions:
         m = np.arange(1, len(self.phi))
         series = 1.0 + 2.0 * np.cos(np.outer(others.phi, m)) @ np.cos(np.outer(m, self.phi))
         return np.kron(along, series / len(self.phi))
+
+
+def _between(ends: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss-Legendre in each step between ``ends``."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    step = np.diff(ends)[:, None]
+    return (ends[:-1, None] + step * (1.0 + x) / 2.0).ravel(), (step * w / 2.0).ravel()
+
+
+def _nearest(ends: np.ndarray, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Matrix [ends, at]: values at ``ends`` between which linear interpolation is nearest to values ``at``."""
+    hats = np.array([np.interp(at, ends, one) for one in np.eye(len(ends))])
+    weighted = hats * weights
+    return np.linalg.solve(weighted @ hats.T, weighted)
 
 
 def irradiance_matrix(arriving: Directions, normals: Directions) -> np.ndarray:

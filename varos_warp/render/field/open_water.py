@@ -24,7 +24,7 @@ from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 7
+TABLES_VERSION = 8
 """Raise it when the numbers in the tables change: those on disk are then made again."""
 VEIL = (64, 19, 33)
 """Nodes of the distance along the camera's rays, of rows and columns of the image."""

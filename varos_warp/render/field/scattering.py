@@ -23,7 +23,7 @@ BETWEEN = 2
 
 
 def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Directions) -> np.ndarray:
-    """Matrix [leaving, arriving]: the mean of radiance over the phase function, for linear interpolation in gamma."""
+    """Matrix [leaving, arriving]: the mean of radiance over the phase function, for linear interpolation between."""
     between, fit = leaving.fit(BETWEEN)
     s, weights = _rings(phase)
     shape = _shape(phase)
@@ -36,8 +36,7 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
         near.append(_near(w, s, weights, shape, arriving, knots))
     near = np.einsum("jbm,bi,mk->jik", np.array(near), collocation, series / len(arriving.phi), optimize=True)
     near /= shape(arriving.gamma)[:, None]
-    matrix = np.array(far) + near.reshape(len(far), -1)
-    return (fit @ matrix.reshape(len(between.s), -1)).reshape(-1, matrix.shape[1])
+    return fit @ (np.array(far) + near.reshape(len(far), -1))
 
 
 def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
