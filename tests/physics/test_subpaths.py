@@ -57,7 +57,7 @@ def set_out(scene: SceneData, p: wp.vec3, d: wp.vec3):
     walk.alive = 1
     walk.vertex = water_vertex(p, d)
     walk.throughput = wp.vec3(1.0)
-    walk.expected_at_start = expected_light(scene, walk)
+    walk.expected_at_start = expected_light(walk)
     return walk
 
 
@@ -199,7 +199,7 @@ def survive(scene: SceneData, vertices: int, brightness: float, u: wp.array(dtyp
     path = set_out(scene, wp.vec3(1.0), wp.vec3(0.0, 0.0, 1.0))
     path.scatterings = vertices
     path.expected_at_start /= brightness
-    path = roulette(scene, path, u[i])
+    path = roulette(path, u[i])
     after[i] = wp.where(path.alive == 1, path.throughput[0], 0.0)
 
 

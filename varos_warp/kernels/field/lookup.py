@@ -11,6 +11,9 @@ from varos_warp.kernels.world.medium import transmittance
 
 wp.set_module_options({"enable_backward": False})
 
+STRAIGHT_SHARE = wp.constant(0.5)
+"""Share of places on a ray that are even on the way to the light."""
+
 
 @wp.func
 def reflected_field(scene: SceneData, field: Tables, vertex: Vertex):
@@ -48,6 +51,25 @@ def near_light(table: LampTable, light: Light, o: wp.vec3, d: wp.vec3, t_max: fl
 
 
 @wp.func
+def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
+    """A place on the ray and the inverse of its density: even in `NearLight`'s measure, or on the way to the light.
+
+    Light that is scattered little comes straight from the light, and falls off in no other way there.
+    """
+    ahead = wp.min(ray.foot, t_max)
+    share = wp.where(ahead > 0.0, STRAIGHT_SHARE, 0.0)
+    x = wp.lerp(ray.low, ray.high, v)
+    t = wp.max(ray.foot + 0.5 * ray.h * (wp.exp(x) - wp.exp(-x)), 0.0)
+    if u < share:
+        t = v * ahead
+    y = t - ray.foot
+    pdf = (1.0 - share) / ((ray.high - ray.low) * wp.sqrt(ray.h * ray.h + y * y))
+    if t < ahead:
+        pdf += share / ahead
+    return wp.vec2(t, 1.0 / pdf)
+
+
+@wp.func
 def sample_field(scene: SceneData, field: Tables, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
     """Estimate of the radiance of light scattered twice or more that open water adds to a ray up to ``t_max``.
 
@@ -68,9 +90,8 @@ def sample_field(scene: SceneData, field: Tables, o: wp.vec3, d: wp.vec3, t_max:
             ray = candidate
     if pick.index < 0:
         return wp.vec3(0.0)
-    x = wp.lerp(ray.low, ray.high, v)
-    y = 0.5 * ray.h * (wp.exp(x) - wp.exp(-x))
-    t = wp.max(ray.foot + y, 0.0)
-    weight = (ray.high - ray.low) * wp.sqrt(ray.h * ray.h + y * y) * total / pick.weight
+    place = sample_near_light(ray, t_max, pick.u, v)
+    weight = place[1] * total / pick.weight
+    t = place[0]
     S = scattered_again(field.lamp[pick.index], scene.lights[pick.index], o + t * d, d)
     return weight * wp.cw_mul(transmittance(scene.medium, t), S)

@@ -17,13 +17,13 @@ from varos_warp.kernels.world.light import (
     light_beam,
     light_sample,
 )
-from varos_warp.kernels.world.medium import Medium, log1p, transmittance
-from varos_warp.kernels.world.phase import phase_eval
+from varos_warp.kernels.world.medium import Medium, transmittance
+from varos_warp.kernels.world.phase import beam_cdf, beam_cell, phase_eval, sample_beam
 
 wp.set_module_options({"enable_backward": False})
 
-FORWARD_SHARE = wp.constant(0.5)
-"""Times the mean cosine of the phase function: share of scatterings that are even in the logarithm of their angle."""
+LEAST_CHANGE = wp.constant(1.0e-3)
+"""Of the cdf of scattering angles over a part of a ray: below that it has no digits, and the density no change."""
 
 
 @wp.struct
@@ -46,30 +46,59 @@ def irradiance(medium: Medium, sample: LightSample):
     return share * wp.cw_mul(sample.intensity, transmittance(medium, sample.distance))
 
 
+@wp.struct
+class Beam:
+    """A light's light along the part of a ray that it lights, by the angle in which it is scattered into the ray."""
+
+    lit: LitInterval
+    low: float
+    high: float
+    """`beam_cdf` at its ends."""
+    peaked: int
+    """1 if the phase function changes along it, more than rounding of the cdf does."""
+    total: float
+    """Integral of the phase function over the squared distance, about [1/m]."""
+
+
 @wp.func
-def sample_scattering(medium: Medium, lit: LitInterval, u: float, v: float):
-    """A point y of the lit interval, and 1/(pdf distance^2): even in the scattering angle, or in its logarithm.
+def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """The part of a ray up to ``t_max`` that a light lights."""
+    beam = Beam()
+    beam.lit = light_beam(light, o, d, t_max)
+    if beam.lit.angle > 0.0:
+        theta = wp.atan2(beam.lit.h, -beam.lit.ya)
+        i = beam_cell(medium.phase, theta)
+        beam.total = beam.lit.angle * medium.phase.beam_density[i]
+        if beam.lit.ya < 0.0:
+            beam.low = beam_cdf(medium.phase, theta)
+            beam.high = beam_cdf(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))
+            if beam.high - beam.low > LEAST_CHANGE * wp.abs(beam.low):
+                beam.peaked = 1
+                beam.total = (beam.high - beam.low) / beam.lit.h
+    return beam
+
+
+@wp.func
+def sample_scattering(medium: Medium, beam: Beam, u: float):
+    """A point y of the lit interval, and 1/(pdf distance^2): by the phase function of its angle, or even in the angle.
 
     Along a ray the scattering angle is the equiangular one (Kulla and Fajardo 2012), in which the distance law is a
-    constant. Phase functions peak ahead as powers of the angle, and its logarithm follows them.
+    constant.
     """
-    near = wp.atan2(lit.h, -lit.ya)
-    spread = lit.angle * lit.h
-    octaves = log1p(spread / near)
-    peaked = wp.where(lit.ya < 0.0, FORWARD_SHARE * wp.max(medium.phase.g, 0.0), 0.0)
-    if u < peaked:
-        y = wp.clamp(-lit.h / wp.tan(near * wp.exp(v * octaves)), lit.ya, lit.yb)
-    else:
-        y = sample_equiangular(lit.h, lit.ya, lit.yb, v)
-    angle = wp.atan2(lit.h, -y)
-    return wp.vec2(y, lit.angle / (1.0 - peaked + peaked * spread / (angle * octaves)))
+    lit = beam.lit
+    if beam.peaked == 1:
+        drawn = sample_beam(medium.phase, beam.low, beam.high, u)
+        y = wp.clamp(-lit.h / wp.tan(drawn[0]), lit.ya, lit.yb)
+        return wp.vec2(y, 1.0 / (drawn[1] * lit.h))
+    return wp.vec2(sample_equiangular(lit.h, lit.ya, lit.yb, u), lit.angle)
 
 
 @wp.func
-def in_scattered(medium: Medium, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3, u: float, v: float):
+def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec3, u: float):
     """Estimate by one sample of the radiance that a light adds to a ray by scattering once in the lit interval."""
     scattered = LightConnection()
-    place = sample_scattering(medium, lit, u, v)
+    lit = beam.lit
+    place = sample_scattering(medium, beam, u)
     y = place[0]
     t = wp.max(lit.foot + y, 0.0)
     scattered.p = o + t * d
@@ -84,22 +113,22 @@ def in_scattered(medium: Medium, light: Light, lit: LitInterval, o: wp.vec3, d: 
 
 @wp.func
 def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """in_scattered of one light, chosen by the integral of 1/d^2 over the interval it lights."""
+    """in_scattered of one light, chosen by about what it adds."""
     total = float(0.0)
     pick = Pick()
     pick.u = u
     pick.index = -1
-    lit = LitInterval()
+    beam = Beam()
     for i in range(scene.lights.shape[0]):
-        candidate = light_beam(scene.lights[i], o, d, t_max)
-        weight = candidate.angle * brightest(scene.lights[i].intensity)
+        candidate = beam_of(scene.medium, scene.lights[i], o, d, t_max)
+        weight = candidate.total * brightest(scene.lights[i].intensity)
         total += weight
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:
-            lit = candidate
+            beam = candidate
     scattered = LightConnection()
     if total > 0.0:
-        scattered = in_scattered(scene.medium, scene.lights[pick.index], lit, o, d, pick.u, v)
+        scattered = in_scattered(scene.medium, scene.lights[pick.index], beam, o, d, v)
         scattered.L *= total / pick.weight
     scattered.light = pick.index
     return scattered

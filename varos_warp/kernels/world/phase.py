@@ -25,6 +25,12 @@ class Phase:
     log_first: float
     """log s of the first node; the density is constant below."""
     log_step: float
+    angle: wp.array(dtype=float)
+    """Scattering angles [rad]: 0, then even in the logarithm, up to pi."""
+    beam: wp.array(dtype=float)
+    """Minus the integral of the density over the angles beyond these: what of a light's light each part of a ray gets."""
+    beam_density: wp.array(dtype=float)
+    """Mean density [1/sr] from each angle to the next; differences of ``beam`` would lack digits."""
 
 
 @wp.func
@@ -86,3 +92,37 @@ def phase_sample(phase: Phase, d: wp.vec3, u: float, v: float):
     """Direction after scattering of a ray that travels along ``d``."""
     x = wp.clamp(phase_sample_one_minus_cos(phase, u), 0.0, 2.0)
     return from_polar(d, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
+
+
+# ------------------------------------------------------------------- angles along a ray that a light lights from aside
+
+
+@wp.func
+def beam_cell(phase: Phase, theta: float):
+    """Which two of ``phase.angle`` are around ``theta``: the first of them."""
+    last = phase.angle.shape[0] - 1
+    if theta < phase.angle[1]:
+        return 0
+    log_step = wp.log(phase.angle[last] / phase.angle[1]) / float(last - 1)
+    return wp.min(1 + int(wp.log(theta / phase.angle[1]) / log_step), last - 1)
+
+
+@wp.func
+def beam_cdf(phase: Phase, theta: float):
+    """``phase.beam`` at any angle, linear in between."""
+    i = beam_cell(phase, theta)
+    return phase.beam[i] + phase.beam_density[i] * (theta - phase.angle[i])
+
+
+@wp.func
+def sample_beam(phase: Phase, low: float, high: float, u: float):
+    """Angle between those with the `beam_cdf` ``low`` and ``high``, and its density: as the phase function is there.
+
+    Along a ray through a light's light, angle x distance to the ray's line takes the place of length (Kulla and Fajardo
+    2012). There the light falls off as the phase function alone.
+    """
+    at = wp.lerp(low, high, u)
+    i = wp.clamp(wp.lower_bound(phase.beam, at) - 1, 0, phase.beam.shape[0] - 2)
+    density = phase.beam_density[i]
+    theta = wp.min(phase.angle[i] + (at - phase.beam[i]) / density, phase.angle[i + 1])
+    return wp.vec2(theta, density / (high - low))

@@ -20,6 +20,9 @@ from varos_warp.scene.water.phase.power_table import LOG_S, LOG_STEP, S_CUT, Pow
 SMALLEST_S = 1e-18
 """Where a density that is infinite ahead ends: a cosine in float64 does not tell such angles from 0."""
 
+SMALLEST_ANGLE, BEAM_NODES = 1e-6, 256
+"""Of the table by which angles along a ray are drawn; it need not be right, for what it gives counts by its density."""
+
 
 @dataclass(frozen=True)
 class Origin:
@@ -165,19 +168,32 @@ class PhaseFunction(ABC):
         return PowerTable(log_p)
 
     @cached_property
-    def _on_devices(self) -> dict[str, tuple[wp.array, wp.array]]:
+    def _on_devices(self) -> dict[str, list[wp.array]]:
         return {}
+
+    @cached_property
+    def _beam(self) -> tuple[np.ndarray, ...]:
+        """Angles [rad], minus the integral of the density over the angles beyond each of them, and means between."""
+        angle = np.append(0.0, np.geomspace(SMALLEST_ANGLE, np.pi, BEAM_NODES - 1))
+        x, w = np.polynomial.legendre.leggauss(8)
+        step = np.diff(angle)[:, None]
+        theta = angle[:-1, None] + step * (1.0 + x) / 2.0
+        density = self.eval_s(np.sin(theta / 2.0) ** 2) @ w / 2.0
+        density = np.maximum(density, 1e-12 * density.max())  # any angle may be drawn
+        return angle, -np.append(np.cumsum((density * step[:, 0])[::-1])[::-1], 0.0), density
 
     def device_record(self, device: str) -> Phase:
         """What kernels know of it. The arrays live as long as this object does: who keeps the record keeps it too."""
         record = Phase()
         record.g = self.mean_cosine
-        if self.is_henyey_greenstein:
-            return record
         device = str(device)
         if device not in self._on_devices:
-            self._on_devices[device] = tuple(wp.array(values.astype(np.float32), dtype=float, device=device)
-                                             for values in (self.table.log_p, self.table.cdf))
-        record.log_p, record.cdf = self._on_devices[device]
+            density = () if self.is_henyey_greenstein else (self.table.log_p, self.table.cdf)
+            self._on_devices[device] = [wp.array(values.astype(np.float32), dtype=float, device=device)
+                                        for values in (*self._beam, *density)]
+        record.angle, record.beam, record.beam_density, *density = self._on_devices[device]
+        if not density:
+            return record
+        record.log_p, record.cdf = density
         record.log_first, record.log_step = float(LOG_S[0]), float(LOG_STEP)
         return record
