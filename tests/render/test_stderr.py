@@ -21,9 +21,6 @@ PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 SEEDS, SPP, SHAPE = 24, 8, (32, 48)
 BIAS = 3e-3
 """Stated bound on the field's bias, as a share of the light."""
-SHARED_BIAS = 0.1
-"""Bound on the bias of squared standard errors where samples are shared out: how many a pixel gets follows from what
-the pixels around have shown of their noise, and so does what it claims. 3 to 5 % in 96 images."""
 
 
 def boxed(extents, centre, reflectance, name):
@@ -47,7 +44,7 @@ def evenly(noise, taken, spp):
 
 @pytest.fixture(scope="module", params=["path", "field", "field, shared out"])
 def renderings(request):
-    """Images of a box on a floor: radiance, standard errors, samples, and means of the two halves [seeds, H, W, 3]."""
+    """Images of a box on a floor: radiance, errors, sides of tiles, and means of the two halves [seeds, H, W, 3]."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "field":
             patch.setattr(radiance, "share_out", evenly)
@@ -70,8 +67,10 @@ def rendered(integrator):
     count = np.array([per_pixel(count) for count, _ in films])[..., None]
     odd = np.array([sums[4] for _, sums in films])
     total = np.array([sums[:3].sum(axis=0) for _, sums in films])
-    return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
+    return SimpleNamespace(sides=films[0][0].shape[0],
+                           radiance=np.array([image.radiance for image in images], float),
                            stderr=np.array([image.stderr for image in images], float),
+                           block_error=np.array([image.block_error for image in images], float),
                            halves=((total - odd) / ((count + 1) // 2), odd / (count // 2)))
 
 
@@ -83,9 +82,8 @@ def per_pixel(count):
 
 @pytest.mark.parametrize("ratio", [absolute, relative])
 def test_standard_errors_are_what_images_with_other_random_numbers_differ_by(renderings, ratio):
-    """Pixel by pixel, as means over the squares of 7 x 7; beside its bias where samples are shared out."""
-    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
-    assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.count, bias=bias)
+    """Pixel by pixel, as means over the pixels of a tile and side."""
+    assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.sides)
 
 
 def test_image_means_differ_by_what_their_standard_errors_say(renderings):
@@ -95,6 +93,22 @@ def test_image_means_differ_by_what_their_standard_errors_say(renderings):
     chi2 = (SEEDS - 1) * spread / (np.square(renderings.stderr).mean((0, 1, 2)) / pixels)
     low, high = stats.chi2.ppf([ALPHA / 6, 1 - ALPHA / 6], SEEDS - 1)
     assert np.all((low < chi2) & (chi2 < high)), chi2 / (SEEDS - 1)
+
+
+def test_block_means_differ_by_what_their_errors_say(renderings):
+    """As a mean over all blocks; the jackknife over the seeds tells how well that is known."""
+    rows, cols = (side // int(TILE) for side in SHAPE)
+    means = renderings.radiance.reshape(SEEDS, rows, TILE, cols, TILE, 3).mean((2, 4))
+    every = np.arange(SEEDS)
+
+    def log_ratio(kept):
+        claimed = np.square(renderings.block_error[kept]).mean((0, 1, 2))
+        return np.log(claimed / means[kept].var(axis=0, ddof=1).mean((0, 1)))
+
+    pseudo = SEEDS * log_ratio(every) - (SEEDS - 1) * np.array([log_ratio(every != k) for k in every])
+    error = pseudo.std(axis=0, ddof=1) / np.sqrt(SEEDS)
+    assert error.max() < 0.25
+    assert_plausible(2.0 * stats.t.sf(np.abs(pseudo.mean(axis=0)) / error, SEEDS - 1))
 
 
 @pytest.mark.parametrize("integrator", ["path", "field"])

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 
 @dataclass(frozen=True)
@@ -12,6 +13,9 @@ class RadianceImage:
     radiance: np.ndarray | None
     stderr: np.ndarray | None
     """Standard error of the mean; inf for one sample."""
+    block_error: np.ndarray | None = None
+    """Standard error of the means of blocks of 8 x 8 pixels, float32 [H/8, W/8, 3], the last ones cut by the edge.
+    What neighbours have in common of their errors counts here, and not in ``stderr``."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
     correction: np.ndarray | None = None
@@ -29,6 +33,18 @@ class RadianceImage:
     """Samples per pixel, mean over the image."""
     lost_samples: int = 0
     """Samples that were infinite or not a number, at least so many; they count as black. A warning tells of any."""
+
+
+BLOCKS_AROUND = 5
+"""Side [blocks] of the squares over which the variance of blocks is averaged: 25 estimates tell it to a fifth."""
+
+
+def block_error(variance: np.ndarray) -> np.ndarray:
+    """Standard errors of blocks from single estimates of their variance [h, w, 3] (kernels/film `tile_variances`)."""
+    if not np.isfinite(variance).all():
+        return np.full(variance.shape, np.inf, np.float32)
+    mean = uniform_filter(variance, (BLOCKS_AROUND, BLOCKS_AROUND, 1), mode="reflect")
+    return np.sqrt(np.maximum(mean, 0.0)).astype(np.float32)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import warp as wp
 
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Tables
-from varos_warp.kernels.film.film import Film, develop, sample_variances
+from varos_warp.kernels.film.film import Film, develop, tile_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
@@ -21,7 +21,7 @@ from varos_warp.render.adapt import FEWEST_FIRST_SHARED, first_samples, more_sam
 from varos_warp.render.denoise import check_finite, denoise_image
 from varos_warp.render.field.open_water import OpenWater, along_camera
 from varos_warp.render.films import Films, tile_pixels
-from varos_warp.render.images import RadianceImage
+from varos_warp.render.images import RadianceImage, block_error
 from varos_warp.render.launch import Steps
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -70,7 +70,7 @@ class RadianceRenderer:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
-            image = RadianceImage(black, black.copy(), {layer: black.copy() for layer in options.layers})
+            image = RadianceImage(black, black.copy(), layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
         bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
@@ -162,8 +162,8 @@ class RadianceRenderer:
         shape = film.sums.shape[1:]
         names = (*LAYERS, "correction", "metal_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        variance = self.films.buffer(*shape)
-        self.launcher.run(sample_variances, shape, [film], [variance])
+        variance, blocks = self.films.buffer(*film.count.shape), self.films.buffer(*film.count.shape[1:])
+        self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
         self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device
         of_field = ("correction", "metal_variance") if corrected else ()
@@ -171,7 +171,7 @@ class RadianceRenderer:
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:
-            wanted = work | {name: images[name] for name in ("stderr", *wanted_layers)}
+            wanted = work | {name: images[name] for name in ("stderr", *wanted_layers)} | {"block_error": blocks}
         lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
         self.films.keep(film)
         on_host = dict(zip(wanted, arrays, strict=True))
@@ -180,6 +180,8 @@ class RadianceRenderer:
                           "and the image is darker there", stacklevel=7)
         spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
         facts = {"lost_samples": int(lost[0]), "spp": spp}
+        if "block_error" in on_host:
+            on_host["block_error"] = block_error(on_host["block_error"])
         if "denoised" in on_host:
             return RadianceImage(None, None, **on_host, **facts)
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}

@@ -6,6 +6,7 @@ import warp as wp
 from chance import run
 
 from varos_warp.kernels.film import film as kernel
+from varos_warp.render.films import tile_pixels
 
 
 @wp.kernel(enable_backward=False)
@@ -53,13 +54,20 @@ def exposed(samples, most, takes, sides=1, lot=1000):
 def developed(film):
     """direct, single, multiple, correction, radiance, stderr [H, W, 3]; without metal no variance of it is known."""
     shape = film.sums.shape[1:]
-    variance = wp.empty(shape, dtype=wp.vec3d, device="cpu")
-    wp.launch(kernel.sample_variances, dim=shape, inputs=[film], outputs=[variance], device="cpu")
+    variance, _ = tile_variances(film)
     out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(7)]
     wp.launch(kernel.develop, dim=shape, inputs=[film, variance], outputs=out, device="cpu")
     *layers, metal_variance, radiance, stderr = (image.numpy() for image in out)
     assert (metal_variance < 0.0).all()
     return [*layers, radiance, stderr]
+
+
+def tile_variances(film):
+    """Of pixels [side, tile row, tile column], and of blocks [tile row, tile column]."""
+    shapes = film.count.shape, film.count.shape[1:]
+    pixels, blocks = (wp.empty(shape, dtype=wp.vec3d, device="cpu") for shape in shapes)
+    wp.launch(kernel.tile_variances, dim=blocks.shape, inputs=[film], outputs=[pixels, blocks], device="cpu")
+    return pixels, blocks
 
 
 def develop(samples, most):
@@ -109,10 +117,10 @@ def test_the_squared_error_is_unbiased(spp):
     samples[:2] = np.random.default_rng(spp).normal(size=(2, *samples.shape[1:])) * np.array([1.0, 2.0])[
         :, None, None, None, None]
     film = exposed(samples, 3, [spp], lot=100_000)
-    variance = wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu")
-    wp.launch(kernel.sample_variances, dim=variance.shape, inputs=[film], outputs=[variance], device="cpu")
-    variance = variance.numpy()
-    assert abs(variance.mean() - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / variance.size)
+    variance = spp * tile_variances(film)[0].numpy()
+    size = np.prod(samples.shape[2:])
+    pixels = tile_pixels(*samples.shape[2:4])[None, ..., None]
+    assert abs((variance * pixels).sum() / size - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / size)
 
 
 @pytest.mark.parametrize(("spp", "most"), [(1, 1), (8, 3), (13, 5)])
@@ -124,15 +132,16 @@ def test_every_second_sample_is_of_the_other_half(spp, most):
     np.testing.assert_allclose(sums[5], samples[3, 1::2].sum(0), rtol=1e-12)
 
 
-def test_a_standard_error_is_averaged_over_the_pixels_around():
-    """A pixel among equals that met one rare bright sample, and its neighbours, claim the same; far away none does."""
+@pytest.mark.parametrize("sides", [1, 2])
+def test_a_standard_error_is_that_of_the_pixels_of_a_tile_and_side(sides):
+    """A pixel among equals that met one rare bright sample, and those with it, claim the same; others do not."""
     samples = np.zeros((4, 8, 20, 20, 3))
     samples[0, 3, 10, 10] = 8.0
-    stderr = develop(samples, 8)[5]
-    assert stderr[10, 10] == pytest.approx(np.sqrt(2.0 * 4.0 / 49 / 8), rel=1e-6)
-    assert stderr[8, 12] == pytest.approx(stderr[10, 10])
-    assert not stderr[10, 14].any()
-    assert not stderr[0, 0].any()
+    stderr = developed(exposed(samples, 8, [8], sides=sides))[5]
+    row, col = np.indices((20, 20))
+    alike = (row // 8 == 1) & (col // 8 == 1) & ((row + col) % sides == 0)
+    np.testing.assert_allclose(stderr[alike], np.sqrt(2.0 * 4.0 / (64 / sides) / 8), rtol=1e-6)
+    assert not stderr[~alike].any()
 
 
 def test_the_mean_does_not_stall_however_many_samples_there_are():
@@ -198,3 +207,29 @@ def test_samples_that_are_not_numbers_are_counted_and_black(bad):
     radiance = developed(film)[4]
     assert film.lost.numpy()[0] == 2
     np.testing.assert_allclose(radiance, samples[:3].sum(axis=0).mean(axis=0), rtol=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------------------- blocks
+
+
+@pytest.mark.parametrize("shared", [0.0, 1.0])
+def test_block_variances_are_those_of_block_means_shared_errors_included(shared):
+    """Over many films: noise of each pixel, and the same in all pixels of a half. The last block is 3 x 4 pixels."""
+    rng, spp, films = np.random.default_rng(5), 5, 400
+    estimates, means = [], []
+    for _ in range(films):
+        samples = np.zeros((4, spp, 11, 12, 3))
+        samples[0] = 5.0 + rng.normal(size=samples.shape[1:])
+        for half in (0, 1):
+            samples[0, half::2] += shared * rng.normal()
+        film = exposed(samples, 3, [spp])
+        image = developed(film)[4]
+        estimates.append(tile_variances(film)[1].numpy()[[0, 1], [0, 1]])
+        means.append([image[:8, :8].mean((0, 1)), image[8:, 8:].mean((0, 1))])
+    # estimates are chi-square with one degree of freedom; channels have what is shared in common
+    ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
+    assert np.abs(np.log(ratio)).max() < 4.0 * np.sqrt(2.0 / films + 2.0 / films)
+
+
+def test_block_variances_are_unknown_after_one_sample():
+    assert np.isinf(tile_variances(exposed(samples_of("even", 1), 4, [1]))[1].numpy()).all()

@@ -123,7 +123,8 @@ def test_angles_along_a_ray_follow_the_phase_function(name, ends):
     assert np.mean(1.0 / density) == pytest.approx(ends[1] - ends[0], rel=2e-3)
 
 
-@pytest.mark.parametrize(("foot", "h", "t_max"), [(2.0, 0.01, 9.0), (2.0, 0.01, 1.0), (-1.0, 0.5, 9.0), (3.0, 2.0, 4.0)])
+@pytest.mark.parametrize(("foot", "h", "t_max"),
+                         [(2.0, 0.01, 9.0), (2.0, 0.01, 1.0), (-1.0, 0.5, 9.0), (3.0, 2.0, 4.0)])
 def test_places_on_a_ray_keep_what_comes_straight_from_a_light_bounded(foot, h, t_max):
     """Both what falls off as the inverse distance and what does not fall off on the way to the light."""
     n = 1 << 17

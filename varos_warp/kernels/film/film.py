@@ -11,8 +11,6 @@ TILE = wp.constant(8)
 """Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
 TELLING_SAMPLES = wp.constant(4)
 """So many samples tell a variance well enough."""
-AROUND = wp.constant(7)
-"""Side [pixels] of the squares over which errors are averaged."""
 
 
 SUMS = 6
@@ -114,12 +112,18 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 
 @wp.func
-def squared_error(total: wp.vec3d, odd: wp.vec3d, count: int):
-    """Estimate of the variance of one sample, from the means of every second of ``count`` samples and of the others."""
+def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int):
+    """What is between the means of every second of ``count`` samples and of the others, of the variance of the mean."""
     evens = wp.float64((count + 1) / 2)
     odds = wp.float64(count / 2)
-    apart = (total - odd) / evens - odd / odds
-    return wp.cw_mul(apart, apart) * (evens * odds / (evens + odds))
+    return ((total - odd) / evens - odd / odds) * (wp.sqrt(evens * odds) / (evens + odds))
+
+
+@wp.func
+def squared_error(total: wp.vec3d, odd: wp.vec3d, count: int):
+    """Estimate of the variance of one sample."""
+    apart = half_difference(total, odd, count)
+    return wp.cw_mul(apart, apart) * wp.float64(count)
 
 
 @wp.func
@@ -231,40 +235,45 @@ def note_samples(film: Film):
 
 
 @wp.kernel(enable_backward=False)
-def sample_variances(
+def tile_variances(
     film: Film,
     # out
-    variance: wp.array2d(dtype=wp.vec3d),
+    pixels: wp.array3d(dtype=wp.vec3d),  # [side, tile row, tile column], of the mean of a pixel
+    blocks: wp.array2d(dtype=wp.vec3d),  # [tile row, tile column], of the mean of all pixels
 ):
-    """Estimates of the variance of one sample of each pixel; they tell something as means over many."""
-    row, col = wp.tid()
-    sums = sums_of(film, row, col)
-    total = sums.direct + sums.single + sums.multiple
-    count = of_tile(film.count, row, col)
-    variance[row, col] = wp.vec3d(wp.float64(0.0))
-    if count > 1:
-        variance[row, col] = squared_error(total, sums.odd, count)
+    """Estimates of variances; infinite for one sample. That of blocks tells something as a mean over several.
 
-
-@wp.func
-def mean_around(image: wp.array2d(dtype=wp.vec3d), row: int, col: int):
-    """Mean over the square of AROUND pixels that is centred on a pixel, or pushed inside by the image's edge."""
+    Half of what is between the two halves of a pixel's samples is as wrong as their mean is, with either sign; what all
+    pixels of a block share stays in its mean. Pixels of one side have equally many samples: a variance is not
+    in proportion to that where samples are evenly spread.
+    """
+    tile_row, tile_col = wp.tid()
     total = wp.vec3d(wp.float64(0.0))
-    height, width = image.shape[0], image.shape[1]
-    top = wp.clamp(row - AROUND / 2, 0, wp.max(height - AROUND, 0))
-    left = wp.clamp(col - AROUND / 2, 0, wp.max(width - AROUND, 0))
-    bottom = wp.min(top + AROUND, height)
-    right = wp.min(left + AROUND, width)
-    for i in range(top, bottom):
-        for j in range(left, right):
-            total += image[i, j]
-    return total / wp.float64((bottom - top) * (right - left))
+    all_pixels = wp.float64(0.0)
+    for side in range(pixels.shape[0]):
+        squares = wp.vec3d(wp.float64(0.0))
+        number = wp.float64(0.0)
+        count = film.count[side, tile_row, tile_col]
+        for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
+            for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
+                if side_of(pixels.shape[0], row, col) == side:
+                    sums = sums_of(film, row, col)
+                    off = wp.vec3d(wp.float64(wp.inf))
+                    if count > 1:
+                        off = half_difference(sums.direct + sums.single + sums.multiple, sums.odd, count)
+                    squares += wp.cw_mul(off, off)
+                    total += off
+                    number += wp.float64(1.0)
+        pixels[side, tile_row, tile_col] = squares / wp.max(number, wp.float64(1.0))
+        all_pixels += number
+    mean = total / all_pixels
+    blocks[tile_row, tile_col] = wp.cw_mul(mean, mean)
 
 
 @wp.kernel(enable_backward=False)
 def develop(
     film: Film,
-    variance: wp.array2d(dtype=wp.vec3d),  # of sample_variances
+    variance: wp.array3d(dtype=wp.vec3d),  # pixels of tile_variances
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
@@ -276,8 +285,8 @@ def develop(
 ):
     """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
-    The standard error is that of the pixels around: a pixel's own samples that missed what is rare and bright would
-    claim too little. ``metal_variance`` is that of the mean where there is metal, and else negative.
+    The standard error is that of all pixels of a tile's side: a pixel's own samples that missed what is rare and bright
+    would claim too little. ``metal_variance`` is that of the mean where there is metal, and else negative.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
@@ -289,10 +298,10 @@ def develop(
     correction[row, col] = wp.vec3(sums.correction / n)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    mean_variance = mean_around(variance, row, col) / n
+    mean_variance = variance[side_of(variance.shape[0], row, col), row / TILE, col / TILE]
     metal_variance[row, col] = wp.vec3(-1.0)
     if film.metal.shape[0] > 0 and count >= TELLING_SAMPLES:
         if film.metal[row, col] == 1:
             metal_variance[row, col] = wp.vec3(mean_variance)
     for c in range(3):
-        stderr[row, col][c] = wp.where(count > 1, float(wp.sqrt(mean_variance[c])), wp.inf)
+        stderr[row, col][c] = float(wp.sqrt(mean_variance[c]))

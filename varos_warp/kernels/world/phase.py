@@ -28,7 +28,7 @@ class Phase:
     angle: wp.array(dtype=float)
     """Scattering angles [rad]: 0, then even in the logarithm, up to pi."""
     beam: wp.array(dtype=float)
-    """Minus the integral of the density over the angles beyond these: what of a light's light each part of a ray gets."""
+    """Minus the integral of the density over the angles beyond these."""
     beam_density: wp.array(dtype=float)
     """Mean density [1/sr] from each angle to the next; differences of ``beam`` would lack digits."""
 
