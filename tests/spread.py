@@ -7,50 +7,60 @@ from scipy import stats
 from varos_warp.kernels.film.film import TILE
 
 
-def alike(image, sides):
-    """Means [H, W, 3] over the pixels that standard errors are averaged over: those of a tile and side."""
-    row, col = np.indices(image.shape[:2])
-    group = (row // TILE * image.shape[1] + col // TILE) * sides + (row + col) % sides
-    number = np.bincount(group.ravel())
-    sums = np.stack([np.bincount(group.ravel(), channel.ravel()) for channel in np.moveaxis(image, -1, 0)], -1)
-    return (sums / np.maximum(number, 1)[:, None])[group]
+def tile_means(image):
+    """Means [H, W, 3] over the tiles that standard errors are averaged over."""
+    row, col = np.indices(image.shape[:2]) // TILE
+    tile = row * image.shape[1] + col
+    number = np.maximum(np.bincount(tile.ravel()), 1)
+    sums = np.stack([np.bincount(tile.ravel(), channel.ravel()) for channel in np.moveaxis(image, -1, 0)], -1)
+    return (sums / number[:, None])[tile]
 
 
-def absolute(radiance, claimed, sides, where):
+def spread_and_expected(radiance, count):
+    """Variance of images [seeds, H, W, 3], and what it makes their claims be on average [H, W, 3]."""
+    spread, inverse = radiance.var(axis=0, ddof=1), np.mean(1.0 / count, axis=0)
+    return spread, inverse * tile_means(spread / inverse)
+
+
+def absolute(radiance, claimed, count, where):
     """Mean of what is claimed over what is to be expected [3]: noisy pixels count most."""
-    return claimed.mean(axis=0)[where].mean(0) / alike(radiance.var(axis=0, ddof=1), sides)[where].mean(0)
+    _, expected = spread_and_expected(radiance, count)
+    return claimed.mean(axis=0)[where].mean(0) / expected[where].mean(0)
 
 
-def relative(radiance, claimed, sides, where):
+def relative(radiance, claimed, count, where):
     """The same of the mean of squares of (pixel - mean)/stderr, n/(n - 1) times: quiet pixels count as much.
 
     These squares are more than 1 where a noisy pixel has quiet ones around, and less beside it: alike in both.
     """
-    spread = radiance.var(axis=0, ddof=1)
-    spread, expected, claimed = spread[where], alike(spread, sides)[where], claimed.mean(axis=0)[where]
+    spread, expected = spread_and_expected(radiance, count)
+    spread, expected, claimed = spread[where], expected[where], claimed.mean(axis=0)[where]
     return (spread / claimed).mean(0) / (spread / expected).mean(0)
 
 
-def assert_honest(ratio, radiance, stderr, sides=1, where=None, precision=0.1):
+def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, precision=0.1):
     """Is a ratio 1? A t-test of the jackknife over the seeds, in three channels.
 
     Args:
         ratio: `absolute` or `relative`.
         radiance: Images [seeds, H, W, 3].
         stderr: What they claim.
-        sides: Of the tiles.
+        count: Samples of the pixels [seeds, H, W, 1], where not alike.
         where: Pixels that count [H, W].
+        bias: Stated bound of the ratio's bias.
         precision: The jackknife's error must be smaller.
     """
     n = len(radiance)
+    count = np.ones((n, *radiance.shape[1:3], 1)) if count is None else count
     where = np.ones(radiance.shape[1:3], bool) if where is None else where
     radiance, claimed = np.asarray(radiance, float), np.square(stderr, dtype=float)
 
     def log_ratio(kept):
-        return np.log(ratio(radiance[kept], claimed[kept], sides, where))
+        return np.log(ratio(radiance[kept], claimed[kept], count[kept], where))
 
     every = np.arange(n)
     pseudo = n * log_ratio(every) - (n - 1) * np.array([log_ratio(every != k) for k in every])
     error = pseudo.std(axis=0, ddof=1) / np.sqrt(n)
     assert error.max() < precision, f"too noisy to tell: {error}"
-    assert_plausible(2.0 * stats.t.sf(np.abs(pseudo.mean(axis=0)) / error, n - 1))
+    off = np.maximum(np.abs(pseudo.mean(axis=0)) - bias, 0.0)
+    assert_plausible(2.0 * stats.t.sf(off / error, n - 1))

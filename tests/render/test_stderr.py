@@ -21,6 +21,9 @@ PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 SEEDS, SPP, SHAPE = 24, 8, (32, 48)
 BIAS = 3e-3
 """Stated bound on the field's bias, as a share of the light."""
+SHARED_BIAS = 0.1
+"""Bound on the bias of squared standard errors where samples are shared out: how many a pixel gets follows from what
+the pixels around have shown of their noise, and so does what it claims. 3 to 5 % in 96 images."""
 
 
 def boxed(extents, centre, reflectance, name):
@@ -44,7 +47,7 @@ def evenly(noise, taken, spp):
 
 @pytest.fixture(scope="module", params=["path", "field", "field, shared out"])
 def renderings(request):
-    """Images of a box on a floor: radiance, errors, sides of tiles, and means of the two halves [seeds, H, W, 3]."""
+    """Images of a box on a floor: radiance, errors, samples, and means of the two halves [seeds, H, W, 3]."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "field":
             patch.setattr(radiance, "share_out", evenly)
@@ -67,8 +70,7 @@ def rendered(integrator):
     count = np.array([per_pixel(count) for count, _ in films])[..., None]
     odd = np.array([sums[4] for _, sums in films])
     total = np.array([sums[:3].sum(axis=0) for _, sums in films])
-    return SimpleNamespace(sides=films[0][0].shape[0],
-                           radiance=np.array([image.radiance for image in images], float),
+    return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
                            stderr=np.array([image.stderr for image in images], float),
                            block_error=np.array([image.block_error for image in images], float),
                            halves=((total - odd) / ((count + 1) // 2), odd / (count // 2)))
@@ -82,8 +84,9 @@ def per_pixel(count):
 
 @pytest.mark.parametrize("ratio", [absolute, relative])
 def test_standard_errors_are_what_images_with_other_random_numbers_differ_by(renderings, ratio):
-    """Pixel by pixel, as means over the pixels of a tile and side."""
-    assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.sides)
+    """Pixel by pixel, as means over tiles; beside its bias where samples are shared out."""
+    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
+    assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.count, bias=bias)
 
 
 def test_image_means_differ_by_what_their_standard_errors_say(renderings):

@@ -162,7 +162,7 @@ class RadianceRenderer:
         shape = film.sums.shape[1:]
         names = (*LAYERS, "correction", "metal_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        variance, blocks = self.films.buffer(*film.count.shape), self.films.buffer(*film.count.shape[1:])
+        variance, blocks = (self.films.buffer(*film.count.shape[1:]) for _ in "vb")
         self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
         self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device

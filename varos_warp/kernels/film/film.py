@@ -237,43 +237,38 @@ def note_samples(film: Film):
 @wp.kernel(enable_backward=False)
 def tile_variances(
     film: Film,
-    # out
-    pixels: wp.array3d(dtype=wp.vec3d),  # [side, tile row, tile column], of the mean of a pixel
-    blocks: wp.array2d(dtype=wp.vec3d),  # [tile row, tile column], of the mean of all pixels
+    # out, [tile row, tile column]
+    samples: wp.array2d(dtype=wp.vec3d),  # of one sample
+    blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels
 ):
     """Estimates of variances; infinite for one sample. That of blocks tells something as a mean over several.
 
     Half of what is between the two halves of a pixel's samples is as wrong as their mean is, with either sign; what all
-    pixels of a block share stays in its mean. Pixels of one side have equally many samples: a variance is not
-    in proportion to that where samples are evenly spread.
+    pixels of a block share stays in its mean.
     """
     tile_row, tile_col = wp.tid()
+    squares = wp.vec3d(wp.float64(0.0))
     total = wp.vec3d(wp.float64(0.0))
-    all_pixels = wp.float64(0.0)
-    for side in range(pixels.shape[0]):
-        squares = wp.vec3d(wp.float64(0.0))
-        number = wp.float64(0.0)
-        count = film.count[side, tile_row, tile_col]
-        for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
-            for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
-                if side_of(pixels.shape[0], row, col) == side:
-                    sums = sums_of(film, row, col)
-                    off = wp.vec3d(wp.float64(wp.inf))
-                    if count > 1:
-                        off = half_difference(sums.direct + sums.single + sums.multiple, sums.odd, count)
-                    squares += wp.cw_mul(off, off)
-                    total += off
-                    number += wp.float64(1.0)
-        pixels[side, tile_row, tile_col] = squares / wp.max(number, wp.float64(1.0))
-        all_pixels += number
-    mean = total / all_pixels
+    pixels = wp.float64(0.0)
+    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
+        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
+            sums = sums_of(film, row, col)
+            count = of_tile(film.count, row, col)
+            off = wp.vec3d(wp.float64(wp.inf))
+            if count > 1:
+                off = half_difference(sums.direct + sums.single + sums.multiple, sums.odd, count)
+            squares += wp.cw_mul(off, off) * wp.float64(count)
+            total += off
+            pixels += wp.float64(1.0)
+    mean = total / pixels
+    samples[tile_row, tile_col] = squares / pixels
     blocks[tile_row, tile_col] = wp.cw_mul(mean, mean)
 
 
 @wp.kernel(enable_backward=False)
 def develop(
     film: Film,
-    variance: wp.array3d(dtype=wp.vec3d),  # pixels of tile_variances
+    variance: wp.array2d(dtype=wp.vec3d),  # of samples, of tile_variances
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
@@ -285,7 +280,7 @@ def develop(
 ):
     """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
-    The standard error is that of all pixels of a tile's side: a pixel's own samples that missed what is rare and bright
+    The standard error is by the samples of all pixels of a tile: a pixel's own that missed what is rare and bright
     would claim too little. ``metal_variance`` is that of the mean where there is metal, and else negative.
     """
     row, col = wp.tid()
@@ -298,7 +293,7 @@ def develop(
     correction[row, col] = wp.vec3(sums.correction / n)
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    mean_variance = variance[side_of(variance.shape[0], row, col), row / TILE, col / TILE]
+    mean_variance = variance[row / TILE, col / TILE] / n
     metal_variance[row, col] = wp.vec3(-1.0)
     if film.metal.shape[0] > 0 and count >= TELLING_SAMPLES:
         if film.metal[row, col] == 1:
