@@ -40,8 +40,9 @@ MOST_DEPTH = 100.0
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
-CONES_DEG = (10.0, 179.0)
-"""Cones, full angle, that the grids resolve, and that have one convex nappe."""
+CONES_DEG = (20.0, 179.0)
+"""Cones, full angle, that the grids resolve, and that have one convex nappe. In sea water a cone of 20 degrees loses
+0.2 % of the light within two free paths, of 10 degrees 1 %, of 5 degrees 3 %: narrow beams are seen as thin lines."""
 
 
 def unavailable(scene: Scene, view: Camera) -> str | None:
