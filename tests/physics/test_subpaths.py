@@ -232,7 +232,7 @@ def key_of(*parameters):
 def crossed(albedo, tau, g, *, cos_in=1.0, lamp_share=0.0, lamp=(0.0, 0.0, -10.0), n=1 << 19):
     """Of walks through a slab 1 m thick: weights reflected, transmitted [n, 3], cosine out [n], radiance along -z.
 
-    Roulette ends walks that leave the light of the lamp; this one is far, so that all parts of a layer are alike to it.
+    The lamp is far, so that all parts of a layer are alike to it.
     """
     albedo, tau = np.broadcast_to(albedo, 3), np.broadcast_to(tau, 3)
     scene = scene_of(albedo * tau, tau, g, lamp)

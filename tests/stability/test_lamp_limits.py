@@ -48,9 +48,9 @@ def test_spots_fail_right_beyond(cone, blend, error):
     assert flux_error(cone, blend) > error
 
 
-@pytest.mark.parametrize(("cone", "expected"), [(1.0, "path"), (9.9, "path"), (10.0, "field"), (179.0, "field"),
+@pytest.mark.parametrize(("cone", "expected"), [(1.0, "path"), (19.9, "path"), (20.0, "field"), (179.0, "field"),
                                                 (179.1, "path"), (359.0, "path"), (360.0, "field")])
-def test_cones_are_tables_from_10_to_179_degrees_and_paths_beyond(cone, expected):
+def test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond(cone, expected):
     scene = Scene(water={"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}},
                   vehicle={"lights": [spot((0.1, 0, 0), cone_deg=cone)]},
                   trajectory={"poses": [{"position": (0, 0, 0)}]})

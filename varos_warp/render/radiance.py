@@ -21,7 +21,7 @@ from varos_warp.render.adapt import FEWEST_FIRST_SHARED, first_samples, more_sam
 from varos_warp.render.denoise import check_finite, denoise_image
 from varos_warp.render.field.open_water import OpenWater, along_camera
 from varos_warp.render.films import Films, tile_pixels
-from varos_warp.render.images import RadianceImage, block_error
+from varos_warp.render.images import RadianceImage, block_error, without_noise
 from varos_warp.render.launch import Steps
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -70,7 +70,7 @@ class RadianceRenderer:
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
-            image = RadianceImage(black, black.copy(), layers={layer: black.copy() for layer in options.layers})
+            image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
         bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
@@ -137,8 +137,7 @@ class RadianceRenderer:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, self.world
         if not world.has_surfaces:
-            shape = (*resolution[::-1], 3)
-            image = RadianceImage(np.ones(shape, np.float32), np.zeros(shape, np.float32))
+            image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures)
@@ -171,7 +170,7 @@ class RadianceRenderer:
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:
-            wanted = work | {name: images[name] for name in ("stderr", *wanted_layers)} | {"block_error": blocks}
+            wanted = work | {"block_error": blocks} | {name: images[name] for name in ("stderr", *wanted_layers)}
         lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
         self.films.keep(film)
         on_host = dict(zip(wanted, arrays, strict=True))
@@ -181,7 +180,7 @@ class RadianceRenderer:
         spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
         facts = {"lost_samples": int(lost[0]), "spp": spp}
         if "block_error" in on_host:
-            on_host["block_error"] = block_error(on_host["block_error"])
+            on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
         if "denoised" in on_host:
             return RadianceImage(None, None, **on_host, **facts)
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}

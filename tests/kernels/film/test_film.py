@@ -139,6 +139,14 @@ def test_a_standard_error_is_that_of_the_pixels_of_a_tile():
     assert np.count_nonzero(stderr) == 3 * 64
 
 
+def test_a_tile_that_the_edge_cuts_takes_pixels_before_it():
+    """Of a single pixel the half difference would tell next to nothing."""
+    samples = np.random.default_rng(3).normal(size=(4, 8, 9, 9, 3))
+    film = exposed(samples, 8, [8])
+    alone = developed(exposed(samples[:, :, 1:, 1:], 8, [8]))[5]
+    np.testing.assert_allclose(developed(film)[5][8, 8], alone[0, 0], rtol=1e-6)
+
+
 def test_of_a_tile_with_two_sides_those_with_more_samples_claim_less():
     samples = np.random.default_rng(2).normal(size=(4, 32, 8, 8, 3))
     film = exposed(samples, 8, [np.array([[[8]], [[32]]])], sides=2)

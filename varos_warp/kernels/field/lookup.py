@@ -73,8 +73,8 @@ def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
 def sample_field(scene: SceneData, field: Tables, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
     """Estimate of the radiance of light scattered twice or more that open water adds to a ray up to ``t_max``.
 
-    One light and one place on the ray are taken with a density in proportion to the intensity over the distance, as
-    the field falls off; so the weights are bounded.
+    One light is taken by its intensity over the distance, and one place on the ray as the field falls off or on the
+    way to the light; so the weights are bounded.
     """
     total = float(0.0)
     pick = Pick()

@@ -244,24 +244,31 @@ def tile_variances(
     """Estimates of variances; infinite for one sample. That of blocks tells something as a mean over several.
 
     Half of what is between the two halves of a pixel's samples is as wrong as their mean is, with either sign; what all
-    pixels of a block share stays in its mean.
+    pixels of a block share stays in its mean (halves that differ by a sample tell a little less of that).
     """
     tile_row, tile_col = wp.tid()
+    height, width = film.sums.shape[1], film.sums.shape[2]
+    # a tile that the image's edge cuts takes pixels before it for the variance of samples
+    top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
+    left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
     squares = wp.vec3d(wp.float64(0.0))
+    around = wp.float64(0.0)
     total = wp.vec3d(wp.float64(0.0))
     pixels = wp.float64(0.0)
-    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
-        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
+    for row in range(top, wp.min((tile_row + 1) * TILE, height)):
+        for col in range(left, wp.min((tile_col + 1) * TILE, width)):
             sums = sums_of(film, row, col)
             count = of_tile(film.count, row, col)
             off = wp.vec3d(wp.float64(wp.inf))
             if count > 1:
                 off = half_difference(sums.direct + sums.single + sums.multiple, sums.odd, count)
-            squares += wp.cw_mul(off, off) * wp.float64(count)
-            total += off
-            pixels += wp.float64(1.0)
+            squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
+            around += wp.float64(1.0)
+            if row >= tile_row * TILE and col >= tile_col * TILE:
+                total += off
+                pixels += wp.float64(1.0)
     mean = total / pixels
-    samples[tile_row, tile_col] = squares / pixels
+    samples[tile_row, tile_col] = squares / around
     blocks[tile_row, tile_col] = wp.cw_mul(mean, mean)
 
 

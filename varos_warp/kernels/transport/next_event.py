@@ -79,6 +79,18 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 
 @wp.func
+def foot_at(h: float, theta: float):
+    """Where on a line at distance ``h`` from a light its light is scattered by ``theta``, from the light's foot.
+
+    Approximate tangents of a GPU have no digits at small angles, where phase functions peak.
+    """
+    behind = theta > 0.5 * wp.pi
+    x = wp.where(behind, wp.max(wp.pi - theta, 0.0), theta)
+    tangent = wp.where(x < 0.03, x * (1.0 + x * x / 3.0), wp.tan(x))
+    return wp.where(behind, 1.0, -1.0) * h / wp.max(tangent, 1.0e-30)
+
+
+@wp.func
 def sample_scattering(medium: Medium, beam: Beam, u: float):
     """A point y of the lit interval, and 1/(pdf distance^2): by the phase function of its angle, or even in the angle.
 
@@ -88,7 +100,7 @@ def sample_scattering(medium: Medium, beam: Beam, u: float):
     lit = beam.lit
     if beam.peaked == 1:
         drawn = sample_beam(medium.phase, beam.low, beam.high, u)
-        y = wp.clamp(-lit.h / wp.tan(drawn[0]), lit.ya, lit.yb)
+        y = wp.clamp(foot_at(lit.h, drawn[0]), lit.ya, lit.yb)
         return wp.vec2(y, 1.0 / (drawn[1] * lit.h))
     return wp.vec2(sample_equiangular(lit.h, lit.ya, lit.yb, u), lit.angle)
 

@@ -302,7 +302,7 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
 def roulette(path: Subpath, u: float):
     """Let a subpath live on with a probability that follows the light it may still find, and weigh it accordingly.
 
-    Unbiased, and ends every subpath. No survivor weighs more than at the start, but for the bounds: at least 0.3, so
+    Unbiased, and ends every subpath. It raises no weight above that at the start, but for its bounds: at least 0.3, so
     that few weigh much more than the rest, and 1 - 2/n at most, which nears 1 so that weights grow as a power of the
     vertices n, while expected lengths stay finite.
     """
