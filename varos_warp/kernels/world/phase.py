@@ -118,8 +118,8 @@ def beam_cdf(phase: Phase, theta: float):
 def sample_beam(phase: Phase, low: float, high: float, u: float):
     """Angle between those with the `beam_cdf` ``low`` and ``high``, and its density: as the phase function is there.
 
-    Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so what is scattered into
-    it varies over theta as the phase function alone.
+    Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so what is scattered
+    into it varies over theta as the phase function alone.
     """
     at = wp.lerp(low, high, u)
     i = wp.clamp(wp.lower_bound(phase.beam, at) - 1, 0, phase.beam.shape[0] - 2)
