@@ -9,11 +9,12 @@ from varos_warp.kernels.film.film import TILE
 
 def tile_means(image):
     """Means [H, W, 3] over the tiles that standard errors are averaged over."""
-    row, col = np.indices(image.shape[:2]) // TILE
-    tile = row * image.shape[1] + col
-    number = np.maximum(np.bincount(tile.ravel()), 1)
-    sums = np.stack([np.bincount(tile.ravel(), channel.ravel()) for channel in np.moveaxis(image, -1, 0)], -1)
-    return (sums / number[:, None])[tile]
+    means, (height, width), side = np.empty_like(image), image.shape[:2], int(TILE)
+    for row in range(0, height, side):
+        for col in range(0, width, side):
+            top, left = max(min(row, height - side), 0), max(min(col, width - side), 0)  # at the edge: those before it
+            means[row:row + side, col:col + side] = image[top:row + side, left:col + side].mean((0, 1))
+    return means
 
 
 def spread_and_expected(radiance, count):

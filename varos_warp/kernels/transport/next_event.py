@@ -69,7 +69,8 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
         theta = wp.atan2(beam.lit.h, -beam.lit.ya)
         i = beam_cell(medium.phase, theta)
         beam.total = beam.lit.angle * medium.phase.beam_density[i]
-        if beam.lit.ya < 0.0:
+        # a peak behind lies far along the ray, where thick water leaves nothing of it
+        if beam.lit.ya < 0.0 and medium.phase.g >= 0.0:
             beam.low = beam_cdf(medium.phase, theta)
             beam.high = beam_cdf(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))
             if beam.high - beam.low > LEAST_CHANGE * wp.abs(beam.low):
