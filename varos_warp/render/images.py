@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import uniform_filter
 
+from varos_warp.render.films import tile_pixels
+
 
 @dataclass(frozen=True)
 class RadianceImage:
@@ -37,12 +39,10 @@ class RadianceImage:
 
 def without_noise(radiance: np.ndarray, layers: dict[str, np.ndarray] | None = None) -> RadianceImage:
     """An image that is known."""
-    blocks = np.zeros((*(-(-side // BLOCK) for side in radiance.shape[:2]), 3), np.float32)
+    blocks = np.zeros((*tile_pixels(*radiance.shape[:2]).shape, 3), np.float32)
     return RadianceImage(radiance, np.zeros_like(radiance), blocks, layers or {})
 
 
-BLOCK = 8
-"""Side [pixels] of a block: a tile of the film."""
 BLOCKS_AROUND = 5
 """Side [blocks] of the squares over which the variance of blocks is averaged: 25 estimates tell an error to 14 %."""
 
