@@ -57,7 +57,8 @@ def set_out(scene: SceneData, p: wp.vec3, d: wp.vec3):
     walk.alive = 1
     walk.vertex = water_vertex(p, d)
     walk.throughput = wp.vec3(1.0)
-    walk.expected_at_start = expected_light(walk)
+    walk.reach = FAR
+    walk.expected_at_start = expected_light(scene, walk)
     return walk
 
 
@@ -193,13 +194,18 @@ def growth(most: float, weights: wp.array(dtype=float)):
 
 
 @wp.kernel(enable_backward=False)
-def survive(scene: SceneData, vertices: int, brightness: float, u: wp.array(dtype=float), after: wp.array(dtype=float)):
-    """Throughput after roulette of a subpath of 1 whose expected light is ``brightness`` of that at the start."""
+def survive(scene: SceneData, vertices: int, brightness: float, reach: float, u: wp.array(dtype=float),
+            after: wp.array(dtype=float)):
+    """Throughput after roulette of a subpath of 1 whose expected light is ``brightness`` of that at the start.
+
+    It is 1 m from the lamp.
+    """
     i = wp.tid()
-    path = set_out(scene, wp.vec3(1.0), wp.vec3(0.0, 0.0, 1.0))
+    path = set_out(scene, wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0, 0.0, 1.0))
     path.scatterings = vertices
+    path.reach = reach
     path.expected_at_start /= brightness
-    path = roulette(path, u[i])
+    path = roulette(scene, path, u[i])
     after[i] = wp.where(path.alive == 1, path.throughput[0], 0.0)
 
 
@@ -437,24 +443,34 @@ def test_weights_grow_no_faster_than_the_vertices_however_many(most):
 @pytest.mark.parametrize("vertices", [1, 2, 10, 100, 1000])
 @pytest.mark.parametrize("brightness", [1e-6, 0.3, 0.6, 1.0, 1e6])
 def test_roulette_keeps_the_mean_and_its_bounds(vertices, brightness):
-    """Survival is the light's share of that at the start, between 0.3 and the larger of 0.95 and 1 - 2/n."""
+    """Survival is the light's share of that at the start, between 0.3 and the larger of 0.9 and 1 - 4/n."""
     n = 1 << 16
     u = (np.arange(n) + 0.5) / n
-    after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), vertices, brightness, u], [float]).astype(float)
-    most = max(0.95, 1 - 2 / vertices)
+    after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), vertices, brightness, FAR, u], [float]).astype(float)
+    most = max(0.9, 1 - 4 / vertices)
     survival = min(max(brightness, 0.3), most)
     assert (after > 0).mean() == pytest.approx(survival, abs=1 / n)
     np.testing.assert_allclose(after[after > 0], 1 / survival, rtol=1e-6)
     assert after.mean() == pytest.approx(1.0, abs=2 / n / survival)
 
 
+@pytest.mark.parametrize(("reach", "expected"), [(2.0, 1.0), (1.0, 1.0), (0.9, 0.9**4), (0.5, 0.3)])
+def test_roulette_ends_what_is_out_of_the_reach_of_the_lights(reach, expected):
+    """With the fourth power of the distance, and the same bounds; the mean is kept."""
+    n = 1 << 16
+    u = (np.arange(n) + 0.5) / n
+    after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), 1, 1.0, reach, u], [float]).astype(float)
+    assert (after > 0).mean() == pytest.approx(min(expected, 0.9), abs=1 / n)
+    assert after.mean() == pytest.approx(1.0, abs=2 / n / 0.3)
+
+
 def test_weights_of_survivors_grow_as_a_power_of_the_vertices():
-    """The product of 1/(1 - 2/n) is about (n/40)^2 times 0.95^-40, where light stays as bright as at the start."""
+    """The product of 1/(1 - 4/n) is about (n/40)^4 times 0.9^-40, where light stays as bright as at the start."""
     n = np.arange(1, 1001)
     u = np.zeros(1)
     scene = scene_of((1.0,) * 3, (1.0,) * 3, 0.0)
-    weights = np.cumprod([float(run(survive, [scene, int(k), 1e6, u], [float])[0]) for k in n])
-    assert np.all(weights[40:] <= 0.95**-40 * (n[40:] / 39.0) ** 2 * (1 + 2e-7 * n[40:]))
+    weights = np.cumprod([float(run(survive, [scene, int(k), 1e6, FAR, u], [float])[0]) for k in n])
+    assert np.all(weights[40:] <= 0.9**-40 * (n[40:] / 36.0) ** 4 * (1 + 2e-7 * n[40:]))
 
 
 @pytest.mark.parametrize(("t_max", "near_share"), [(0.1, 0.5), (1.0, 0.5), (5.0, 0.5), (1.0, 0.1), (1.0, 0.0)])

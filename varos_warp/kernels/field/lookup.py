@@ -6,7 +6,7 @@ from varos_warp.kernels.field.open_water import LampTable, Tables, node_distance
 from varos_warp.kernels.sampling import Pick, asinh, reservoir
 from varos_warp.kernels.transport.subpath import Vertex
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light, brightest
+from varos_warp.kernels.world.light import Light, light_centre, light_strength
 from varos_warp.kernels.world.medium import transmittance
 
 wp.set_module_options({"enable_backward": False})
@@ -41,7 +41,7 @@ class NearLight:
 def near_light(table: LampTable, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     """A ray from ``o`` up to ``t_max`` as a light sees it."""
     ray = NearLight()
-    to_light = light.position - o
+    to_light = light_centre(light) - o
     ray.foot = wp.dot(to_light, d)
     ray.h = wp.max(wp.length(to_light - ray.foot * d), 1.0e-3 * wp.length(to_light) + 1.0e-6)
     reach = wp.min(t_max, wp.max(ray.foot, 0.0) + node_distance(table.grid, table.grid.distances - 1))
@@ -83,7 +83,7 @@ def sample_field(scene: SceneData, field: Tables, o: wp.vec3, d: wp.vec3, t_max:
     ray = NearLight()
     for i in range(scene.lights.shape[0]):
         candidate = near_light(field.lamp[i], scene.lights[i], o, d, t_max)
-        weight = brightest(scene.lights[i].intensity) * (candidate.high - candidate.low)
+        weight = light_strength(scene.lights[i]) * (candidate.high - candidate.low)
         total += weight
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:

@@ -11,7 +11,17 @@ import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
 from varos_warp.kernels.sampling import equiangular_angle, equiangular_point, one_minus_cos_at
-from varos_warp.kernels.world.light import Light, LitInterval, brightest, falloff, light_beam
+from varos_warp.kernels.world.light import (
+    Light,
+    LitInterval,
+    brightest,
+    light_axis,
+    light_beam,
+    light_centre,
+    light_core,
+    light_intensity,
+    light_towards,
+)
 from varos_warp.kernels.world.medium import Medium, transmittance
 from varos_warp.kernels.world.phase import Phase, phase_eval
 
@@ -125,12 +135,13 @@ class Seen:
 def see_lamp(light: Light, p: wp.vec3):
     """The lamp as it is seen from ``p``."""
     seen = Seen()
-    offset = light.position - p
+    offset = light_centre(light) - p
     seen.distance = wp.max(wp.length(offset), NEAR)
     seen.to_light = offset / seen.distance
-    along = wp.dot(seen.to_light, light.axis)
+    axis = light_axis(light)
+    along = wp.dot(seen.to_light, axis)
     seen.theta = wp.acos(wp.clamp(-along, -1.0, 1.0))
-    seen.across = (light.axis - along * seen.to_light) / wp.sqrt(wp.max(1.0 - along * along, 1.0e-12))
+    seen.across = (axis - along * seen.to_light) / wp.sqrt(wp.max(1.0 - along * along, 1.0e-12))
     return seen
 
 
@@ -170,7 +181,7 @@ def scattered_irradiance(table: LampTable, light: Light, p: wp.vec3, n: wp.vec3)
     seen = see_lamp(light, p)
     normal = gamma_phi(seen, n)
     E = interpolate(table.irradiance, grid_place(table.grid, seen.distance, seen.theta), normal[0], normal[1])
-    E = wp.cw_mul(wp.cw_mul(E, scale_at(table.grid, seen.distance)), light.intensity)
+    E = wp.cw_mul(wp.cw_mul(E, scale_at(table.grid, seen.distance)), light_intensity(light))
     return wp.max(E, wp.vec3(0.0))
 
 
@@ -183,7 +194,7 @@ def scattered_again(table: LampTable, light: Light, p: wp.vec3, d: wp.vec3):
     seen = see_lamp(light, p)
     ray = gamma_phi(seen, d)
     S = interpolate(table.source, grid_place(table.grid, seen.distance, seen.theta), wp.sqrt(ray[0]), ray[1])
-    return wp.cw_mul(wp.cw_mul(S, scale_at(table.grid, seen.distance)), light.intensity)
+    return wp.cw_mul(wp.cw_mul(S, scale_at(table.grid, seen.distance)), light_intensity(light))
 
 
 # ------------------------------------------------------------------------------------------------ along a camera's ray
@@ -323,11 +334,9 @@ def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit:
         distance = wp.sqrt(lit.h * lit.h + y * y)
         t = wp.max(lit.foot + y, 0.0)
         weight = node[1] * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
-        weight *= falloff(light, wp.dot(o + t * d - light.position, light.axis) / distance)
-        L += weight * transmittance(medium, t + distance)
+        L += weight * wp.cw_mul(light_towards(light, o + t * d, distance), transmittance(medium, t + distance))
         k += 1
-    L *= angle
-    return wp.cw_mul(wp.cw_mul(medium.sigma_s, light.intensity), L)
+    return angle * wp.cw_mul(medium.sigma_s, L)
 
 
 @wp.func
@@ -347,11 +356,7 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
     lit = light_beam(light, o, d, t_max)
     if lit.angle <= 0.0:
         return L
-    inner = LitInterval()
-    if light.blend > 0.0 and light.cos_half > -1.0:
-        core = light
-        core.cos_half = light.cos_half + light.blend * (1.0 - light.cos_half)
-        inner = light_beam(core, o, d, t_max)
+    inner = light_core(light, o, d, t_max)
     y = lit.ya
     while y < lit.yb:
         end = next_break(y, 0.0, lit.yb)

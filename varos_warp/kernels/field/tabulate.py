@@ -21,7 +21,7 @@ from varos_warp.kernels.field.open_water import (
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.light import Light, light_centre
 from varos_warp.kernels.world.medium import Medium, transmittance
 
 wp.set_module_options({"enable_backward": False})
@@ -73,8 +73,9 @@ def light_along(medium: Medium, table: LampTable, light: Light, p: wp.vec3, d: w
     The source falls off about as the inverse of the distance from the lamp, so it is even in the area hyperbolic sine;
     at the lamp's foot, where it changes its side, the ray is taken apart.
     """
-    foot = wp.dot(light.position - p, d)
-    h = wp.max(wp.length(light.position - p - foot * d), 1.0e-3 * wp.length(light.position - p))
+    to_light = light_centre(light) - p
+    foot = wp.dot(to_light, d)
+    h = wp.max(wp.length(to_light - foot * d), 1.0e-3 * wp.length(to_light))
     reach = node_distance(table.grid, table.grid.distances - 1)
     start = asinh(-foot / h)
     L = wp.vec3(0.0)

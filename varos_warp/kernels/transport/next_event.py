@@ -13,12 +13,14 @@ from varos_warp.kernels.world.light import (
     LightSample,
     LitInterval,
     brightest,
-    falloff,
     light_beam,
+    light_centre,
     light_sample,
+    light_strength,
+    light_towards,
 )
 from varos_warp.kernels.world.medium import Medium, transmittance
-from varos_warp.kernels.world.phase import beam_cdf, beam_cell, phase_eval, sample_beam
+from varos_warp.kernels.world.phase import beam_at, phase_eval, sample_beam
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,7 +55,7 @@ class Beam:
     lit: LitInterval
     low: float
     high: float
-    """`beam_cdf` at its ends."""
+    """`beam_at` of its ends."""
     peaked: int
     """1 if the phase function changes along it, more than rounding of the cdf does."""
     total: float
@@ -66,13 +68,12 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     beam = Beam()
     beam.lit = light_beam(light, o, d, t_max)
     if beam.lit.angle > 0.0:
-        theta = wp.atan2(beam.lit.h, -beam.lit.ya)
-        i = beam_cell(medium.phase, theta)
-        beam.total = beam.lit.angle * medium.phase.beam_density[i]
+        start = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.ya))
+        beam.total = beam.lit.angle * start[1]
         # a peak behind lies far along the ray, where thick water leaves nothing of it
         if beam.lit.ya < 0.0 and medium.phase.g >= 0.0:
-            beam.low = beam_cdf(medium.phase, theta)
-            beam.high = beam_cdf(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))
+            beam.low = start[0]
+            beam.high = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))[0]
             if beam.high - beam.low > LEAST_CHANGE * wp.abs(beam.low):
                 beam.peaked = 1
                 beam.total = (beam.high - beam.low) / beam.lit.h
@@ -115,12 +116,11 @@ def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec
     y = place[0]
     t = wp.max(lit.foot + y, 0.0)
     scattered.p = o + t * d
-    scattered.q = light.position
+    scattered.q = light_centre(light)
     distance = wp.sqrt(lit.h * lit.h + y * y)
     weight = place[1] * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
-    weight *= falloff(light, wp.dot(scattered.p - light.position, light.axis) / distance)
-    T = transmittance(medium, t + distance)
-    scattered.L = weight * wp.cw_mul(wp.cw_mul(medium.sigma_s, light.intensity), T)
+    sent = wp.cw_mul(light_towards(light, scattered.p, distance), transmittance(medium, t + distance))
+    scattered.L = weight * wp.cw_mul(medium.sigma_s, sent)
     return scattered
 
 
@@ -134,7 +134,7 @@ def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
     beam = Beam()
     for i in range(scene.lights.shape[0]):
         candidate = beam_of(scene.medium, scene.lights[i], o, d, t_max)
-        weight = candidate.total * brightest(scene.lights[i].intensity)
+        weight = candidate.total * light_strength(scene.lights[i])
         total += weight
         pick = reservoir(pick, i, weight, total)
         if pick.index == i:

@@ -40,6 +40,7 @@ from varos_warp.kernels.transport.subpath import (
     advance,
     first_scattering_pdf,
     light_distance,
+    light_reach,
     light_share,
     lobe_reaches_lights,
     own_lobe_pdf,
@@ -132,12 +133,12 @@ def camera_segment(ray: Ray):
 
 
 @wp.func
-def start_in_water(scene: SceneData, eye: Vertex, t_max: float, u: float, v: float):
+def start_in_water(scene: SceneData, eye: Vertex, t_max: float, reach: float, u: float, v: float):
     """Subpath that turns first in the water, on the camera's segment of length ``t_max`` from ``eye``."""
     near = light_distance(scene, eye.p)
     t = sample_first_scattering(scene.medium, near, NEAR_SHARE, t_max, u, v)
     pdf = first_scattering_pdf(scene.medium, near, NEAR_SHARE, t_max, t)
-    return subpath_from_water(scene, eye.p, eye.d, t, pdf)
+    return subpath_from_water(scene, eye.p, eye.d, t, pdf, reach)
 
 
 @cache
@@ -239,6 +240,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         before = Vertex()
         eye = Vertex()
         eye_t = float(0.0)
+        reach = float(0.0)
         waits = bool(False)
         while sample < part.end:
             # a ray: through the pixel, or on from the vertex where a subpath turns
@@ -328,9 +330,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     eye_t = hit.t
                     path.alive = 0
                     if wp.static(spec.multiple and (spec.surfaces or not spec.field)):
+                        reach = light_reach(scene, wp.where(hit.face >= 0, hit.p, o))
                         waits = bounds.scatterings > 0
                         if hit.face >= 0 and bounds.bounces > 0:
-                            path = subpath_from_surface(scene, end, hit.t)
+                            path = subpath_from_surface(scene, end, hit.t, reach)
                 else:
                     if wp.static(spec.field and spec.medium):
                         if whole:
@@ -340,7 +343,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
             if path.alive == 0 and waits:
                 u = draw(key, pixel, sample, IN_WATER)
-                path = start_in_water(scene, eye, eye_t, u[0], u[1])
+                path = start_in_water(scene, eye, eye_t, reach, u[0], u[1])
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:

@@ -212,20 +212,36 @@ class Subpath:
     bounces: int
     expected_at_start: float
     """What roulette compares the light still to be expected with."""
+    reach: float
+    """Distance from the lights up to which light may be expected everywhere alike [m]."""
 
 
 @wp.func
-def expected_light(path: Subpath):
+def light_reach(scene: SceneData, p: wp.vec3):
+    """Distance from the lights within which a subpath stays that comes from a camera's ray that ends at ``p`` [m].
+
+    As far as the ray's end, and three mean free paths at least: what stands there sends light back and forth.
+    """
+    sigma = scene.medium.sigma_t
+    least = wp.min(sigma[0], wp.min(sigma[1], sigma[2]))
+    return wp.max(light_distance(scene, p), 3.0 / wp.max(least, 1.0 / FAR))
+
+
+@wp.func
+def expected_light(scene: SceneData, path: Subpath):
     """How much light a subpath may still find, for roulette: its throughput, and what its vertex reflects of it.
 
-    Not the light of the lights at the vertex: subpaths that leave a lamp for the walls find more there than on the way.
+    Within reach of the lights their light at the vertex tells nothing: subpaths that leave a lamp for the walls find
+    more there than on the way. Far outside there is hardly any; in water that absorbs little the throughput alone would
+    let subpaths wander on for kilometres.
     """
     albedo = wp.where(path.vertex.on_surface == 1, brightest(surface_albedo(path.vertex.surface)), 1.0)
-    return albedo * brightest(path.throughput)
+    near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
+    return albedo * brightest(path.throughput) * wp.pow(near, 4.0)
 
 
 @wp.func
-def subpath_from_surface(scene: SceneData, vertex: Vertex, t: float):
+def subpath_from_surface(scene: SceneData, vertex: Vertex, t: float, reach: float):
     """Subpath that starts with a reflection at the end of the camera's ray of length ``t``."""
     path = Subpath()
     path.vertex = vertex
@@ -233,19 +249,21 @@ def subpath_from_surface(scene: SceneData, vertex: Vertex, t: float):
     path.throughput = transmittance(scene.medium, t)
     reflected = wp.cw_mul(path.throughput, surface_albedo(vertex.surface))
     path.alive = wp.where(brightest(reflected) > 0.0, 1, 0)
-    path.expected_at_start = expected_light(path)
+    path.reach = reach
+    path.expected_at_start = expected_light(scene, path)
     return path
 
 
 @wp.func
-def subpath_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: float):
+def subpath_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: float, reach: float):
     """Subpath that starts with a scattering at ``t`` on the camera's ray."""
     path = Subpath()
     path.vertex = water_vertex(o + t * d, d)
     path.scatterings = 1
     path.throughput = wp.cw_mul(scene.medium.sigma_s, transmittance(scene.medium, t)) / pdf
     path.alive = wp.where(brightest(path.throughput) > 0.0, 1, 0)
-    path.expected_at_start = expected_light(path)
+    path.reach = reach
+    path.expected_at_start = expected_light(scene, path)
     return path
 
 
@@ -299,16 +317,16 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
 
 
 @wp.func
-def roulette(path: Subpath, u: float):
+def roulette(scene: SceneData, path: Subpath, u: float):
     """Let a subpath live on with a probability that follows the light it may still find, and weigh it accordingly.
 
     Unbiased, and ends every subpath. It raises no weight above that at the start, but for its bounds: at least 0.3, so
-    that few weigh much more than the rest, and 1 - 2/n at most, which nears 1 so that weights grow as a power of the
-    vertices n, while expected lengths stay finite.
+    that few weigh much more than the rest, and 0.9 or 1 - 4/n at most, which nears 1 so that weights grow as a power of
+    the vertices n, while few subpaths are long: the threads of a GPU's warp wait for the longest.
     """
     after = path
-    most = wp.max(0.95, 1.0 - 2.0 / float(path.scatterings + path.bounces))
-    survival = wp.clamp(expected_light(path) / path.expected_at_start, 0.3, most)
+    most = wp.max(0.9, 1.0 - 4.0 / float(path.scatterings + path.bounces))
+    survival = wp.clamp(expected_light(scene, path) / path.expected_at_start, 0.3, most)
     after.alive = wp.where(u < survival, 1, 0)
     after.throughput /= survival
     return after
@@ -337,4 +355,4 @@ def advance(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, max_scatteri
             return moved
         moved.vertex = end
         moved.bounces += 1
-    return roulette(moved, u[2])
+    return roulette(scene, moved, u[2])

@@ -83,8 +83,9 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
             total += weight
             pick = reservoir(pick, i, weight, total)
         light = scene.lights[pick.index]
-        d = light_emit(light, u[0], u[1])
-        hit = first_hit(scene, light.position, d)
+        ray = light_emit(light, u[0], u[1])
+        d = ray.d
+        hit = first_hit(scene, ray.o, d)
         point = VirtualLight()
         if hit.face >= 0:
             n = shading_normal(scene, hit)

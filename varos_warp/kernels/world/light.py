@@ -1,15 +1,24 @@
 """Lights: spots and points. What other files know of a light they know by the functions at the end of this one.
 
-`light_sample` finds a place on a light and what it sends to a point, `light_beam` the part of a ray that it lights,
-`light_importance` what it is worth near a point, `light_emit` a ray that leaves it.
+`light_sample` finds a place on a light and what it sends to a point, `light_beam` and `light_core` the part of a ray
+that it lights, `light_importance` what it is worth near a point, `light_emit` a ray that leaves it. The field of open
+water, which is known for lights with an axis, asks for `light_centre`, `light_axis` and `light_intensity`. No kernel
+elsewhere reads the members of `Light`.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
 from varos_warp.kernels.sampling import equiangular_angle, from_polar
+from varos_warp.kernels.world.camera import Ray
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def brightest(c: wp.vec3):
+    """Largest channel."""
+    return wp.max(c[0], wp.max(c[1], c[2]))
 
 
 @wp.struct
@@ -22,6 +31,24 @@ class Light:
     """Cosine of the half angle of the cone; -1 shines everywhere."""
     blend: float
     intensity: wp.vec3
+
+
+@wp.func
+def light_centre(light: Light):
+    """Where the light is."""
+    return light.position
+
+
+@wp.func
+def light_axis(light: Light):
+    """Unit direction about which its light is symmetric."""
+    return light.axis
+
+
+@wp.func
+def light_intensity(light: Light):
+    """Radiant intensity on its axis [W/sr]."""
+    return light.intensity
 
 
 @wp.func
@@ -107,9 +134,14 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 
 @wp.func
-def brightest(c: wp.vec3):
-    """Largest channel."""
-    return wp.max(c[0], wp.max(c[1], c[2]))
+def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """Of `light_beam` the part inside the soft edge, which begins with a kink; empty where there is no edge."""
+    part = LitInterval()
+    if light.blend > 0.0 and light.cos_half > -1.0:
+        core = light
+        core.cos_half = light.cos_half + light.blend * (1.0 - light.cos_half)
+        part = light_beam(core, o, d, t_max)
+    return part
 
 
 @wp.struct
@@ -141,6 +173,18 @@ def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
 
 
 @wp.func
+def light_towards(light: Light, p: wp.vec3, distance: float):
+    """Radiant intensity towards a point [W/sr], of which the distance is known with all digits."""
+    return falloff(light, wp.dot(p - light.position, light.axis) / distance) * light.intensity
+
+
+@wp.func
+def light_strength(light: Light):
+    """Brightest channel of its intensity [W/sr]."""
+    return brightest(light.intensity)
+
+
+@wp.func
 def light_importance(light: Light, p: wp.vec3):
     """How much a light matters near ``p``, wherever its cone points: intensity over squared distance."""
     offset = light.position - p
@@ -161,6 +205,9 @@ def light_flux(light: Light):
 
 @wp.func
 def light_emit(light: Light, u: float, v: float):
-    """A direction that the light shines in, even over its cone; its density is 1 / light_solid_angle."""
+    """A ray that leaves the light, in directions even over its cone: their density is 1 / light_solid_angle."""
     x = u * (1.0 - light.cos_half)
-    return from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
+    ray = Ray()
+    ray.o = light.position
+    ray.d = from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
+    return ray

@@ -27,6 +27,7 @@ class Phase:
     log_step: float
     angle: wp.array(dtype=float)
     """Scattering angles [rad]: 0, then even in the logarithm, up to pi."""
+    angle_log_step: float
     beam: wp.array(dtype=float)
     """Minus the integral of the density over the angles beyond these."""
     beam_density: wp.array(dtype=float)
@@ -98,25 +99,19 @@ def phase_sample(phase: Phase, d: wp.vec3, u: float, v: float):
 
 
 @wp.func
-def beam_cell(phase: Phase, theta: float):
-    """Which two of ``phase.angle`` are around ``theta``: the first of them."""
-    last = phase.angle.shape[0] - 1
-    if theta < phase.angle[1]:
-        return 0
-    log_step = wp.log(phase.angle[last] / phase.angle[1]) / float(last - 1)
-    return wp.min(1 + int(wp.log(theta / phase.angle[1]) / log_step), last - 1)
-
-
-@wp.func
-def beam_cdf(phase: Phase, theta: float):
-    """``phase.beam`` at any angle, linear in between."""
-    i = beam_cell(phase, theta)
-    return phase.beam[i] + phase.beam_density[i] * (theta - phase.angle[i])
+def beam_at(phase: Phase, theta: float):
+    """``phase.beam`` at any angle, linear in between, and the mean density there."""
+    i = int(0)
+    if theta >= phase.angle[1]:
+        i = 1 + int(wp.log(theta / phase.angle[1]) / phase.angle_log_step)
+    i = wp.min(i, phase.angle.shape[0] - 2)
+    density = phase.beam_density[i]
+    return wp.vec2(phase.beam[i] + density * (theta - phase.angle[i]), density)
 
 
 @wp.func
 def sample_beam(phase: Phase, low: float, high: float, u: float):
-    """Angle between those with the `beam_cdf` ``low`` and ``high``, and its density: as the phase function is there.
+    """Angle between those with the `beam_at` ``low`` and ``high``, and its density: as the phase function is there.
 
     Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so what is scattered
     into it varies over theta as the phase function alone.

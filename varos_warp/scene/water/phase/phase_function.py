@@ -21,7 +21,9 @@ SMALLEST_S = 1e-18
 """Where a density that is infinite ahead ends: a cosine in float64 does not tell such angles from 0."""
 
 SMALLEST_ANGLE, BEAM_NODES = 1e-6, 256
-"""Of the table by which angles along a ray are drawn; it need not be right, for what it gives counts by its density."""
+ANGLE_LOG_STEP = np.log(np.pi / SMALLEST_ANGLE) / (BEAM_NODES - 2)
+"""Of the table by which angles along a ray are drawn; it need not be right, for what it gives counts by its density.
+The step is of the logarithm."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,7 @@ class PhaseFunction(ABC):
             self._on_devices[device] = [wp.array(values.astype(np.float32), dtype=float, device=device)
                                         for values in (*self._beam, *density)]
         record.angle, record.beam, record.beam_density, *density = self._on_devices[device]
+        record.angle_log_step = float(ANGLE_LOG_STEP)
         if not density:
             return record
         record.log_p, record.cdf = density
