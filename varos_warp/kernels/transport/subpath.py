@@ -28,6 +28,10 @@ from varos_warp.kernels.world.texture import Surface
 
 wp.set_module_options({"enable_backward": False})
 
+FAR_FROM_LIGHTS = wp.constant(10.0)
+"""Beyond this, or three mean free paths if they are less, lights send little back that the camera's ray does not reach
+[m]. Without it subpaths in the paper's blue water, which absorbs nothing, went on for hundreds of vertices."""
+
 
 @wp.struct
 class Vertex:
@@ -220,11 +224,11 @@ class Subpath:
 def light_reach(scene: SceneData, p: wp.vec3):
     """Distance from the lights within which a subpath stays that comes from a camera's ray that ends at ``p`` [m].
 
-    As far as the ray's end, and three mean free paths at least: what stands there sends light back and forth.
+    What stands as far away as the ray's end sends light back and forth.
     """
     sigma = scene.medium.sigma_t
-    least = wp.min(sigma[0], wp.min(sigma[1], sigma[2]))
-    return wp.max(light_distance(scene, p), 3.0 / wp.max(least, 1.0 / FAR))
+    free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
+    return wp.max(light_distance(scene, p), wp.min(free, FAR_FROM_LIGHTS))
 
 
 @wp.func
