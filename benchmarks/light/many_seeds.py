@@ -80,8 +80,7 @@ def choice(renderer, built: Built, options) -> dict:
         error = scores.relative_rmse(made["denoised"], reference).max()
         seconds = float(np.median(made["wall"]))
         work[integrator] = (float(error), seconds, float(error**2 * seconds))
-    planner = _Planner(built.scene, renderer, [built.T_w_v], [])
-    gain = planner.work("path") / planner.work("field")
+    gain = _Planner(built.scene, renderer, [built.T_w_v], []).gain_of_field()
     by_hand = work["path"][2] / work["field"][2]
     best = "field" if by_hand > 1.0 else "path"
     chosen = "field" if gain >= PATHS_PAY else "path"

@@ -6,7 +6,7 @@ another one tells, on average, how far that one is from the truth.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,12 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
             made = renderer.render(poses[frame], camera, "AD", **how)
             twin = renderer.render(poses[frame], camera, "A", seed=TWIN_SEED, **how).A
             yield View(frame, camera, poses[frame], made.A, twin, made.D.range, given)
+
+
+def twins(renderer, view: View, **how) -> View:
+    """A view with two images of A of its own."""
+    image, twin = (renderer.render(view.T_w_v, view.camera, "A", seed=SEED + k, **how).A for k in range(2))
+    return replace(view, image=image, twin=twin)
 
 
 RARE = 1e-3

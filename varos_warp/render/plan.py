@@ -47,8 +47,9 @@ every machine, so that machines that share the work choose alike."""
 PATHS_PAY = 0.8
 """Paths alone are taken where they need at most this share of the work: a pilot sees the noise that denoising leaves,
 not what it blurs, and of images with the field it blurs less."""
-COMPARED_SPP = 8
-"""Samples per pixel of the images by which integrators are compared."""
+COMPARED_SPP, RARE_COUNTS = 8, 2.0
+"""Samples per pixel of the images by which integrators are compared; and how many times less the work that noise before
+denoising asks for counts, for a denoiser takes most of it."""
 NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 12e-9}
 """Of a sample of a pixel with the field, two cores or a large GPU: what `max_seconds_per_frame` is told by, for the
 same reason."""
@@ -265,7 +266,7 @@ class _Planner:
         if asked == "auto":
             why = "light in open water is known beforehand"
             if self.lit and self.renderer.world.has_surfaces:
-                gain = self.work("path") / max(self.work("field"), 1e-30)
+                gain = self.gain_of_field()
                 if gain < PATHS_PAY:
                     self.integrator = "path"
                     return self.decide("integrator", "path", "in this scene the field of open water helps little: "
@@ -273,14 +274,22 @@ class _Planner:
                 why = f"{why}: {gain:.2g} times less work than without, for the same noise"
         return self.decide("integrator", words, why, np.full(3, FIELD_ERROR))
 
-    def work(self, name: str) -> float:
-        """Square of the noise that a denoiser leaves, times the time, in the noisiest view with an integrator."""
-        view, method = self.worst, available_method(self.render.denoise)
-        images = [self.renderer.render(view.T_w_v, view.camera, "A", spp=COMPARED_SPP, integrator=name,
-                                       max_bounces=self.max_bounces, layers=tuple(self.render.layers),
-                                       seed=pilot.SEED + k).A for k in range(2)]
-        noise = pilot.scouted_noise(replace(view, image=images[0], twin=images[1]), method, rare=0.0)
-        return float(noise.max() ** 2 * images[0].spp * SAMPLE_COST[name])
+    def gain_of_field(self) -> float:
+        """How many times the work of the field paths alone need, in the noisiest view.
+
+        By the noise that a denoiser leaves; but two denoised images seldom show what rare bright samples do, and then
+        the noise before it tells (with a lamp in view, it is paths alone that have them).
+        """
+        after, before = self.work("path") / np.maximum(self.work("field"), 1e-30)
+        return float(max(after, before / RARE_COUNTS))
+
+    def work(self, name: str) -> np.ndarray:
+        """Squares of the noise after and before denoising, times the time, in the noisiest view with an integrator."""
+        pair = pilot.twins(self.renderer, self.worst, spp=COMPARED_SPP, integrator=name, max_bounces=self.max_bounces,
+                           layers=tuple(self.render.layers))
+        noise = np.array([pilot.scouted_noise(pair, method, rare=0.0).max()
+                          for method in (available_method(self.render.denoise), "none")])
+        return noise**2 * pair.image.spp * SAMPLE_COST[name]
 
     def why_no_field(self) -> str:
         """In words."""
