@@ -7,7 +7,7 @@ from varos_warp.render import cost, pilot, truncation
 from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
 from varos_warp.render.pilot import View, judged_pixels, pilot_camera
-from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, circle_of_confusion, plan_render
+from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, RARE_COUNTS, _Planner, circle_of_confusion, plan_render
 from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -471,3 +471,15 @@ def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
     found = pilot.error([image], judges, sigmas=0.0)
     light = 0.05 / np.sqrt(64 * 4800 * 1e-3)  # standard error of the rare light's mean
     np.testing.assert_allclose(found, 0.05, atol=5.0 * light)
+
+
+@pytest.mark.parametrize(("paths", "field", "gain"), [
+    ((4.0, 3.0), (2.0, 3.0), 2.0),
+    ((0.4, 1.3), (1.0, 1.0), 1.3 / RARE_COUNTS),
+    ((0.3, 17.0), (1.0, 1.0), 17.0 / RARE_COUNTS),
+])
+def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
+    """Work after and before denoising: the latter tells where paths alone have rare bright samples (a lamp in view)."""
+    work = {"path": np.array(paths), "field": np.array(field)}
+    monkeypatch.setattr(_Planner, "work", lambda self, name: work[name])
+    assert _Planner.__new__(_Planner).gain_of_field() == pytest.approx(gain)
