@@ -6,8 +6,8 @@ import pytest
 from varos_warp.render import cost, pilot, truncation
 from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
-from varos_warp.render.pilot import View, judged_pixels, pilot_camera
-from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, RARE_COUNTS, _Planner, circle_of_confusion, plan_render
+from varos_warp.render.pilot import View, circle_of_confusion, judged_pixels, pilot_camera
+from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, RARE_COUNTS, _Planner, plan_render
 from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera

@@ -137,3 +137,11 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres"}
     return {letter: how for letter, how in words.items() if letter in render.outputs}
+
+
+def in_words(seconds: float) -> str:
+    """A time for people."""
+    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {name}"
+    return f"{seconds:.2g} seconds"

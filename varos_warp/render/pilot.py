@@ -16,6 +16,7 @@ from varos_warp.render.adapt import DARK, brightness
 from varos_warp.render.denoise import denoise_image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.frames import intrinsics
 
 SCOUT_POSES = 5
 SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4
@@ -231,6 +232,16 @@ def blur_error(radiance: np.ndarray, diameter: float) -> np.ndarray:
     """
     bend = laplace(radiance.astype(np.float64), axes=(0, 1), mode="nearest")
     return _relative(((diameter**2 / 32.0 * bend) ** 2).mean((0, 1)), radiance[None].astype(np.float64))
+
+
+def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
+    """Largest diameter [pixels] of the image of a point at the distances [m] that a camera sees; 0 for a pinhole."""
+    seen = distance[np.isfinite(distance)]
+    if not camera.f_stop or not seen.size:
+        return 0.0
+    aperture = 1e-3 * camera.focal_mm / camera.f_stop
+    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
+    return float(aperture * defocus * intrinsics(camera)[0, 0])
 
 
 def _relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:

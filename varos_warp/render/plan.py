@@ -16,7 +16,7 @@ import numpy as np
 from varos_warp.render import by_frame, pilot
 from varos_warp.render.adapt import brightness
 from varos_warp.render.cost import sequence_cost, timed
-from varos_warp.render.decisions import Decision, Plan, mesh_decisions, models_in_words
+from varos_warp.render.decisions import Decision, Plan, in_words, mesh_decisions, models_in_words
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.field.open_water import unavailable
@@ -25,9 +25,8 @@ from varos_warp.render.pilot import View, pilot_camera
 from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
 from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import kind_of
-from varos_warp.scene.frames import intrinsics, pinhole
+from varos_warp.scene.frames import pinhole
 from varos_warp.scene.water import optical_properties
 
 CHANNELS = ("red", "green", "blue")
@@ -50,7 +49,7 @@ not what it blurs, and of images with the field it blurs less."""
 COMPARED_SPP, RARE_COUNTS = 8, 2.0
 """Samples per pixel of the images by which integrators are compared; and how many times less the work that noise before
 denoising asks for counts, for a denoiser takes most of it."""
-NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 12e-9}
+NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 50e-9}
 """Of a sample of a pixel with the field, two cores or a large GPU: what `max_seconds_per_frame` is told by, for the
 same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
@@ -323,9 +322,8 @@ class _Planner:
         bound = next((n for n, error in enumerate(worst) if self.affordable(error)), None)
         allowed = MODEL_SHARE * self.render.tolerance
         if bound is None:
-            why = (f"light of more than {MOST_SCATTERINGS} scatterings counts here: more than the {allowed:.2%} of the "
-                   "light that a bound may lose")
-            return self.decide("max_scatterings", None, why, np.zeros(3))
+            return self.decide("max_scatterings", None, f"light of more than {MOST_SCATTERINGS} scatterings counts "
+                               f"here: more than the {allowed:.2%} of the light that a bound may lose", np.zeros(3))
         self.max_scatterings = bound
         fewer = f"; {bound - 1} might lose {worst[bound - 1].max():.2%}" if bound else ""
         return self.decide("max_scatterings", bound, f"loses at most {worst[bound].max():.2%} of the light anywhere, "
@@ -335,7 +333,7 @@ class _Planner:
         """A pinhole where the depth of field would hardly be missed."""
         error, widest = np.zeros(3), 0.0
         for view in self.views:
-            blur = circle_of_confusion(view.given_camera, view.range)
+            blur = pilot.circle_of_confusion(view.given_camera, view.range)
             error = np.maximum(error, pilot.blur_error(view.image.radiance, blur))
             widest = max(widest, blur)
         if widest == 0.0:
@@ -500,24 +498,6 @@ class _Planner:
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
 
 
-def in_words(seconds: float) -> str:
-    """A time for people."""
-    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {name}"
-    return f"{seconds:.2g} seconds"
-
-
 def _round(x: float) -> float:
     """To two digits: machines that round differently agree on them nearly always."""
     return float(f"{x:.2g}")
-
-
-def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
-    """Largest diameter [pixels] of the image of a point at the distances [m] that a camera sees; 0 for a pinhole."""
-    seen = distance[np.isfinite(distance)]
-    if not camera.f_stop or not seen.size:
-        return 0.0
-    aperture = 1e-3 * camera.focal_mm / camera.f_stop
-    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
-    return float(aperture * defocus * intrinsics(camera)[0, 0])
