@@ -209,6 +209,24 @@ def survive(scene: SceneData, vertices: int, brightness: float, reach: float, u:
     after[i] = wp.where(path.alive == 1, path.throughput[0], 0.0)
 
 
+@wp.kernel(enable_backward=False)
+def wander_off(scene: SceneData, reach: float, key: wp.uint32, vertices: wp.array(dtype=int)):
+    """How many vertices a subpath has in water without end, from 1 m beside the lamp on."""
+    i = wp.tid()
+    path = set_out(scene, wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0, 0.0, 1.0))
+    path.reach = reach
+    hit = Hit()
+    hit.face = -1
+    hit.t = FAR
+    dimension = int(0)
+    while path.alive == 1:
+        path = advance(scene, path, hit, path.vertex, ALL, 0, uniforms(key, i, 0, dimension))
+        if path.alive == 1:
+            path = turned(scene, path, 0.0, key, i, dimension)
+        dimension += 1
+    vertices[i] = dimension
+
+
 # ------------------------------------------------------------------------------------------------------------- helpers
 
 
@@ -462,6 +480,16 @@ def test_roulette_ends_what_is_out_of_the_reach_of_the_lights(reach, expected):
     after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), 1, 1.0, reach, u], [float]).astype(float)
     assert (after > 0).mean() == pytest.approx(min(expected, 0.9), abs=1 / n)
     assert after.mean() == pytest.approx(1.0, abs=2 / n / 0.3)
+
+
+def test_subpaths_end_soon_in_open_water_that_absorbs_nothing():
+    """Blue of the paper's water: the threads of a GPU wait for the longest of them."""
+    n = 1 << 16
+    scene = scene_of((0.043125,) * 3, (0.043125,) * 3, 0.8)
+    near, everywhere = (launched(wander_off, n, [scene, reach, key_of(reach)], (int, n))[0] for reach in (10.0, FAR))
+    assert near.mean() < 4.0
+    assert np.quantile(near, 0.999) < 30.0
+    assert everywhere.mean() > 3.0 * near.mean()  # what it would be without
 
 
 def test_weights_of_survivors_grow_as_a_power_of_the_vertices():
