@@ -29,6 +29,7 @@ from varos_warp.kernels.transport.subpath import (
     expected_light,
     first_scattering_pdf,
     light_distance,
+    light_reach,
     light_share,
     roulette,
     sample_direction,
@@ -69,7 +70,7 @@ def turned(scene: SceneData, walk: Subpath, lamp_share: float, key: wp.uint32, i
 
 
 @wp.kernel(enable_backward=False)
-def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, key: wp.uint32,
+def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, reach: float, key: wp.uint32,
           left: wp.array(dtype=wp.vec3), cos_out: wp.array(dtype=float), head_on: wp.array(dtype=wp.vec3)):
     """A walk through a slab 0 < z < thickness: its weight where it leaves (0: never), and its radiance along -z.
 
@@ -81,6 +82,7 @@ def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, 
     if cos_in == 0.0:
         d = sample_cosine(wp.vec3(0.0, 0.0, 1.0), u[0], u[1])
     walk = set_out(scene, wp.vec3(0.0), d)
+    walk.reach = reach
     L = wp.vec3(0.0)
     dimension = int(1)
     while walk.alive == 1:
@@ -210,6 +212,13 @@ def survive(scene: SceneData, vertices: int, brightness: float, reach: float, u:
 
 
 @wp.kernel(enable_backward=False)
+def reaches(scene: SceneData, p: wp.array(dtype=wp.vec3), reach: wp.array(dtype=float)):
+    """`light_reach` of camera's rays that end at places."""
+    i = wp.tid()
+    reach[i] = light_reach(scene, p[i])
+
+
+@wp.kernel(enable_backward=False)
 def wander_off(scene: SceneData, reach: float, key: wp.uint32, vertices: wp.array(dtype=int)):
     """How many vertices a subpath has in water without end, from 1 m beside the lamp on."""
     i = wp.tid()
@@ -253,14 +262,14 @@ def key_of(*parameters):
     return wp.uint32(zlib.crc32(repr(parameters).encode()))
 
 
-def crossed(albedo, tau, g, *, cos_in=1.0, lamp_share=0.0, lamp=(0.0, 0.0, -10.0), n=1 << 19):
+def crossed(albedo, tau, g, *, cos_in=1.0, lamp_share=0.0, reach=FAR, lamp=(0.0, 0.0, -10.0), n=1 << 19):
     """Of walks through a slab 1 m thick: weights reflected, transmitted [n, 3], cosine out [n], radiance along -z.
 
     The lamp is far, so that all parts of a layer are alike to it.
     """
     albedo, tau = np.broadcast_to(albedo, 3), np.broadcast_to(tau, 3)
     scene = scene_of(albedo * tau, tau, g, lamp)
-    inputs = [scene, 1.0, cos_in, lamp_share, key_of(albedo.tolist(), tau.tolist(), g, cos_in, lamp_share)]
+    inputs = [scene, 1.0, cos_in, lamp_share, reach, key_of(albedo.tolist(), tau.tolist(), g, cos_in, lamp_share)]
     left, cos_out, head_on = launched(cross, n, inputs, (wp.vec3, n), (float, n), (wp.vec3, n))
     return left * (cos_out < 0)[:, None], left * (cos_out > 0)[:, None], cos_out, head_on
 
@@ -310,11 +319,14 @@ def test_slabs_of_any_water_reflect_and_transmit_what_doubling_says(truth, name,
                   **estimate(through[:, c]))
 
 
-def test_roulette_loses_no_light_in_a_slab_that_absorbs_nothing(truth):
-    """Each walk leaves with some weight or is ended; on average 1 is left."""
-    back, through, *_ = crossed((1.0, 1.0, 1.0), (0.5, 2.0, 4.0), 0.5)
+@pytest.mark.parametrize("reach", [FAR, 0.75])
+def test_roulette_loses_no_light_in_a_slab_that_absorbs_nothing(truth, reach):
+    """Each walk leaves with some weight or is ended; on average 1 is left. The second lamp is next to the slab."""
+    where = {"lamp": (0.0, 0.0, -0.2)} if reach < FAR else {}
+    back, through, *_ = crossed((1.0, 1.0, 1.0), (0.5, 2.0, 4.0), 0.5, reach=reach, **where)
+    near = ", out of reach of the lamp beyond 0.75 m" if where else ""
     for c, tau in enumerate((0.5, 2.0, 4.0)):
-        truth(f"R + T, albedo 1, g = 0.5, tau = {tau}", source="energy is conserved", expected=1.0,
+        truth(f"R + T, albedo 1, g = 0.5, tau = {tau}{near}", source="energy is conserved", expected=1.0,
               **estimate((back + through)[:, c]))
 
 
@@ -480,6 +492,18 @@ def test_roulette_ends_what_is_out_of_the_reach_of_the_lights(reach, expected):
     after = run(survive, [scene_of((1.0,) * 3, (1.0,) * 3, 0.0), 1, 1.0, reach, u], [float]).astype(float)
     assert (after > 0).mean() == pytest.approx(min(expected, 0.9), abs=1 / n)
     assert after.mean() == pytest.approx(1.0, abs=2 / n / 0.3)
+
+
+@pytest.mark.parametrize(("sigma_t", "distance", "expected"), [
+    ((1.0, 2.0, 3.0), 1.0, 3.0),  # three mean free paths of the clearest channel
+    ((1.0, 2.0, 3.0), 5.0, 5.0),  # as far as what the camera sees
+    ((0.05, 2.0, 3.0), 1.0, 10.0),  # but no more than ten metres of water
+    ((0.0, 2.0, 3.0), 1.0, 10.0),
+    ((0.0, 2.0, 3.0), 50.0, 50.0),
+])
+def test_the_reach_of_the_lights(sigma_t, distance, expected):
+    p = np.array([[0.0, 0.0, distance]])
+    assert run(reaches, [scene_of((0.0,) * 3, sigma_t, 0.0), p], [float])[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_subpaths_end_soon_in_open_water_that_absorbs_nothing():

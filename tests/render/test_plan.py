@@ -1,5 +1,7 @@
 """The planner: a bound and a number of samples that keep the tolerance, from the scene alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from varos_warp.render import cost, pilot, truncation
 from varos_warp.render.adapt import brightness
 from varos_warp.render.frame import FrameRenderer, RadianceImage
 from varos_warp.render.pilot import View, circle_of_confusion, judged_pixels, pilot_camera
-from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, RARE_COUNTS, _Planner, plan_render
+from varos_warp.render.plan import FEWEST_SPP, MODEL_SHARE, RARE_COUNTS, SAMPLE_COST, _Planner, plan_render
 from varos_warp.render.truncation import kappa, surface_path, truncated_light, volume_path
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -479,7 +481,12 @@ def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
     ((0.3, 17.0), (1.0, 1.0), 17.0 / RARE_COUNTS),
 ])
 def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
-    """Work after and before denoising: the latter tells where paths alone have rare bright samples (a lamp in view)."""
-    work = {"path": np.array(paths), "field": np.array(field)}
-    monkeypatch.setattr(_Planner, "work", lambda self, name: work[name])
-    assert _Planner.__new__(_Planner).gain_of_field() == pytest.approx(gain)
+    """Squares of the noise after and before denoising: the latter tells where paths have rare bright samples."""
+    square = {"path": paths, "field": field}
+    monkeypatch.setattr(pilot, "twins", lambda renderer, view, integrator, spp, **how: SimpleNamespace(
+        image=SimpleNamespace(spp=spp), integrator=integrator))
+    monkeypatch.setattr(pilot, "scouted_noise", lambda pair, method, rare: np.sqrt(
+        [0.0, square[pair.integrator][method == "none"], 0.0]))
+    planner = _Planner(make_scene(denoise="oidn"), None, [], [])
+    planner.worst = None
+    assert planner.gain_of_field() == pytest.approx(gain * SAMPLE_COST["path"] / SAMPLE_COST["field"])

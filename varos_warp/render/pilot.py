@@ -93,9 +93,10 @@ scout's two images would else decide, by chance, and it says little of what the 
 
 
 def scouted_noise(view: View, method: str, rare: float = RARE) -> np.ndarray:
-    """Relative RMS [3] of the noise that a denoiser leaves in an image of the scout, for comparing views.
+    """Relative RMS [3] of the noise that a denoiser leaves in an image of the scout.
 
-    Not that before it: what is noisy in many pixels at once, a denoiser finds easy, and rare pixels it does not.
+    Views are compared by it, not by that before it: what is noisy in many pixels at once, a denoiser finds easy, and
+    rare pixels it does not.
 
     Args:
         view: Two images.

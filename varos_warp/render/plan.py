@@ -44,8 +44,8 @@ SAMPLE_COST = {"field": 1.7, "path": 1.0}
 """Time of a sample of the one integrator over that of the other: about as measured in unlike scenes, and the same on
 every machine, so that machines that share the work choose alike."""
 PATHS_PAY = 0.8
-"""Paths alone are taken where they need at most this share of the work: a pilot sees the noise that denoising leaves,
-not what it blurs, and of images with the field it blurs less."""
+"""Paths alone are taken where they need at most this share of the work: noise does not show what a denoiser blurs, and
+of images with the field it blurs less."""
 COMPARED_SPP, RARE_COUNTS = 8, 2.0
 """Samples per pixel of the images by which integrators are compared; and how many times less the work that noise before
 denoising asks for counts, for a denoiser takes most of it."""
@@ -270,14 +270,14 @@ class _Planner:
                     self.integrator = "path"
                     return self.decide("integrator", "path", "in this scene the field of open water helps little: "
                                        f"paths alone take {gain:.2g} of the time for the same noise", np.zeros(3))
-                why = f"{why}: {gain:.2g} times less work than without, for the same noise"
+                why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
         return self.decide("integrator", words, why, np.full(3, FIELD_ERROR))
 
     def gain_of_field(self) -> float:
         """How many times the work of the field paths alone need, in the noisiest view.
 
-        By the noise that a denoiser leaves; but two denoised images seldom show what rare bright samples do, and then
-        the noise before it tells (with a lamp in view, it is paths alone that have them).
+        By the noise that a denoiser leaves. But two denoised images seldom show rare bright samples, of which paths
+        alone have more, with a lamp in view most: so they are not taken where they are much noisier before it.
         """
         after, before = self.work("path") / np.maximum(self.work("field"), 1e-30)
         return float(max(after, before / RARE_COUNTS))

@@ -55,7 +55,7 @@ class Beam:
     lit: LitInterval
     low: float
     high: float
-    """`beam_at` of its ends."""
+    """The first of `beam_at` at its ends."""
     peaked: int
     """1 if the phase function changes along it, more than rounding of the cdf does."""
     total: float

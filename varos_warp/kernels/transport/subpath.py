@@ -222,9 +222,10 @@ class Subpath:
 
 @wp.func
 def light_reach(scene: SceneData, p: wp.vec3):
-    """Distance from the lights within which a subpath stays that comes from a camera's ray that ends at ``p`` [m].
+    """Distance from the lights up to which roulette lets subpaths go unhindered; the camera's ray ends at ``p`` [m].
 
-    What stands as far away as the ray's end sends light back and forth.
+    What stands as far away as the ray's end sends light back and forth, and so does water within three mean free paths
+    of its clearest channel.
     """
     sigma = scene.medium.sigma_t
     free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
@@ -237,11 +238,13 @@ def expected_light(scene: SceneData, path: Subpath):
 
     Within reach of the lights their light at the vertex tells nothing: subpaths that leave a lamp for the walls find
     more there than on the way. Far outside there is hardly any; in water that absorbs little the throughput alone would
-    let subpaths wander on for kilometres.
+    let subpaths wander on for kilometres. With the square of the distance the paper's water would take half as long
+    again, with the fourth power no scene is noticeably noisier than with the square.
     """
     albedo = wp.where(path.vertex.on_surface == 1, brightest(surface_albedo(path.vertex.surface)), 1.0)
     near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
-    return albedo * brightest(path.throughput) * wp.pow(near, 4.0)
+    near *= near
+    return albedo * brightest(path.throughput) * near * near
 
 
 @wp.func
@@ -324,9 +327,9 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
 def roulette(scene: SceneData, path: Subpath, u: float):
     """Let a subpath live on with a probability that follows the light it may still find, and weigh it accordingly.
 
-    Unbiased, and ends every subpath. It raises no weight above that at the start, but for its bounds: at least 0.3, so
-    that few weigh much more than the rest, and 0.9 or 1 - 4/n at most, which nears 1 so that weights grow as a power of
-    the vertices n, while few subpaths are long: the threads of a GPU's warp wait for the longest.
+    Unbiased, and ends every subpath. It raises no expected light above that at the start, but for its bounds: at least
+    0.3, so that few weigh much more than the rest, and 0.9 or 1 - 4/n at most, which nears 1 so that weights grow as a
+    power of the vertices n, while few subpaths are long: the threads of a GPU's warp wait for the longest.
     """
     after = path
     most = wp.max(0.9, 1.0 - 4.0 / float(path.scatterings + path.bounces))

@@ -1,9 +1,9 @@
-"""Lights: spots and points. What other files know of a light they know by the functions at the end of this one.
+"""Lights: spots and points. What other kernels know of a light they know by the functions of this file.
 
-`light_sample` finds a place on a light and what it sends to a point, `light_beam` and `light_core` the part of a ray
-that it lights, `light_importance` what it is worth near a point, `light_emit` a ray that leaves it. The field of open
-water, which is known for lights with an axis, asks for `light_centre`, `light_axis` and `light_intensity`. No kernel
-elsewhere reads the members of `Light`.
+`light_sample` finds a place on a light and what it sends to a point (`light_towards`: that alone), `light_beam` and
+`light_core` the part of a ray that it lights, `light_importance` and `light_strength` what it is worth near a point and
+in all, `light_emit` a ray that leaves it, one of those in `light_solid_angle` that share `light_flux`. The field of
+open water, which is known for lights with an axis, asks for `light_centre`, `light_axis` and `light_intensity`.
 """
 
 import warp as wp

@@ -111,7 +111,7 @@ def beam_at(phase: Phase, theta: float):
 
 @wp.func
 def sample_beam(phase: Phase, low: float, high: float, u: float):
-    """Angle between those with the `beam_at` ``low`` and ``high``, and its density: as the phase function is there.
+    """Angle between those with the first of `beam_at` ``low`` and ``high``, and its density: as the phase function is.
 
     Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so what is scattered
     into it varies over theta as the phase function alone.
