@@ -262,9 +262,9 @@ def quarters(renderer, integrator, spp, seed, **bounds):
     return np.array([layers[name].astype(float).reshape(2, 12, 2, 16, 3).mean(axis=(1, 3)) for name in LAYERS])
 
 
-def two_integrators(device, spp, spp_reference, **bounds):
+def two_integrators(device, spp, spp_reference, water=RICH["water"], **bounds):
     """Independent batches of the reference and of the path integrator, [batch, layer, 2, 2, 3] each."""
-    scene = scene_from_dict(RICH)
+    scene = scene_from_dict(RICH | {"water": water})
     renderer = FrameRenderer(scene, device, parts=rich_parts(scene.materials["sand"]))
     samples = {"reference": spp_reference, "path": spp}
     return [np.array([quarters(renderer, name, n, 1000 * k + seed, **bounds) for seed in range(BATCHES)])
@@ -291,9 +291,9 @@ def difference(reference, path):
     return reference.mean(axis=0) - path.mean(axis=0), path.mean(axis=0), np.sqrt(variance)
 
 
-def assert_same_multiple_scattering(device, spp, spp_reference, precision):
+def assert_same_multiple_scattering(device, spp, spp_reference, precision, **water):
     """Light of all orders, which the reference finds with a heavy tail."""
-    reference, path = two_integrators(device, spp, spp_reference)
+    reference, path = two_integrators(device, spp, spp_reference, **water)
     off, mean, error = difference(*(batches[:, 2].mean(axis=(1, 2)) for batches in (reference, path)))
     assert_agrees_with_heavy_tail((mean + off, error), mean, precision=precision)
 
@@ -301,6 +301,24 @@ def assert_same_multiple_scattering(device, spp, spp_reference, precision):
 def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies():
     assert_same_layers("cpu", 8, 48, 0.03)
     assert_same_multiple_scattering("cpu", 8, 96, 0.05)
+
+
+WATERS = {
+    "of the paper": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
+                                      "phase": {"g": 0.8}}},
+    "Jerlov 1C, Fournier-Forand": {"jerlov": {"type": "1C"}},
+    "clear, Petzold": {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
+                                        "phase": {"kind": "petzold"}}},
+    "turbid, backward": {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
+                                          "phase": {"g": -0.4}}},
+    "clear and Rayleigh": {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
+                                            "phase": {"kind": "rayleigh"}}},
+}
+
+
+@pytest.mark.parametrize("name", WATERS)
+def test_the_path_integrator_is_the_reference_in_unlike_waters(name):
+    assert_same_multiple_scattering("cpu", 16, 160, 0.08, water=WATERS[name])
 
 
 @pytest.mark.gpu
