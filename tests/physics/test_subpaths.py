@@ -212,10 +212,13 @@ def survive(scene: SceneData, vertices: int, brightness: float, reach: float, u:
 
 
 @wp.kernel(enable_backward=False)
-def reaches(scene: SceneData, p: wp.array(dtype=wp.vec3), reach: wp.array(dtype=float)):
+def reaches(scene: SceneData, face: int, p: wp.array(dtype=wp.vec3), reach: wp.array(dtype=float)):
     """`light_reach` of camera's rays that end at places."""
     i = wp.tid()
-    reach[i] = light_reach(scene, p[i])
+    hit = Hit()
+    hit.face = face
+    hit.p = p[i]
+    reach[i] = light_reach(scene, hit)
 
 
 @wp.kernel(enable_backward=False)
@@ -495,15 +498,15 @@ def test_roulette_ends_what_is_out_of_the_reach_of_the_lights(reach, expected):
 
 
 @pytest.mark.parametrize(("sigma_t", "distance", "expected"), [
-    ((1.0, 2.0, 3.0), 1.0, 3.0),  # three mean free paths of the clearest channel
+    ((1.0, 2.0, 3.0), 1.5, 3.0),  # three mean free paths of the clearest channel
     ((1.0, 2.0, 3.0), 5.0, 5.0),  # as far as what the camera sees
-    ((0.05, 2.0, 3.0), 1.0, 10.0),  # but no more than ten metres of water
-    ((0.0, 2.0, 3.0), 1.0, 10.0),
-    ((0.0, 2.0, 3.0), 50.0, 50.0),
+    ((1.0, 2.0, 3.0), 0.5, 1.5),  # but at most three times as far
+    ((0.0, 2.0, 3.0), 0.5, 1.5),
+    ((0.5, 2.0, 3.0), None, 6.0),  # water alone
 ])
 def test_the_reach_of_the_lights(sigma_t, distance, expected):
-    p = np.array([[0.0, 0.0, distance]])
-    assert run(reaches, [scene_of((0.0,) * 3, sigma_t, 0.0), p], [float])[0] == pytest.approx(expected, rel=1e-6)
+    p, face = np.array([[0.0, 0.0, distance or 1.0]]), -1 if distance is None else 0
+    assert run(reaches, [scene_of((0.0,) * 3, sigma_t, 0.0), face, p], [float])[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_subpaths_end_soon_in_open_water_that_absorbs_nothing():

@@ -330,7 +330,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     eye_t = hit.t
                     path.alive = 0
                     if wp.static(spec.multiple and (spec.surfaces or not spec.field)):
-                        reach = light_reach(scene, wp.where(hit.face >= 0, hit.p, o))
+                        reach = light_reach(scene, hit)
                         waits = bounds.scatterings > 0
                         if hit.face >= 0 and bounds.bounces > 0:
                             path = subpath_from_surface(scene, end, hit.t, reach)

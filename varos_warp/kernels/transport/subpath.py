@@ -28,10 +28,6 @@ from varos_warp.kernels.world.texture import Surface
 
 wp.set_module_options({"enable_backward": False})
 
-FAR_FROM_LIGHTS = wp.constant(10.0)
-"""Beyond this, or three mean free paths if they are less, lights send little back that the camera's ray does not reach
-[m]. Without it subpaths in the paper's blue water, which absorbs nothing, went on for hundreds of vertices."""
-
 
 @wp.struct
 class Vertex:
@@ -221,15 +217,18 @@ class Subpath:
 
 
 @wp.func
-def light_reach(scene: SceneData, p: wp.vec3):
-    """Distance from the lights up to which roulette lets subpaths go unhindered; the camera's ray ends at ``p`` [m].
+def light_reach(scene: SceneData, hit: Hit):
+    """Distance from the lights up to which roulette lets subpaths go unhindered [m], by the camera's ray's end.
 
-    What stands as far away as the ray's end sends light back and forth, and so does water within three mean free paths
-    of its clearest channel.
+    What stands as far away as that sends light back and forth, and so does water within three mean free paths of the
+    clearest channel, but not much further off than the ray goes. No length is a constant: worlds of any size are alike.
     """
     sigma = scene.medium.sigma_t
     free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
-    return wp.max(light_distance(scene, p), wp.min(free, FAR_FROM_LIGHTS))
+    if hit.face < 0:
+        return free
+    end = light_distance(scene, hit.p)
+    return wp.clamp(free, end, 3.0 * end)
 
 
 @wp.func
