@@ -115,16 +115,9 @@ def rate(renderer, built: Built, options) -> dict:
     reference = judge(renderer, built, 32 * options.spp)
     spp, told = 2, {}
     while spp <= options.spp:
-        how = {"outputs": "A", "integrator": "field", "spp": spp, "denoise": "oidn", "denoised_only": True}
-        renderer.render(built.T_w_v, seed=0, **how)
-        images, wall, cpu = [], [], []
-        for seed in range(1, options.seeds + 1):
-            watch = Stopwatch()
-            images.append(renderer.render(built.T_w_v, seed=seed, **how).A.denoised)
-            wall.append(watch.seconds)
-            cpu.append(watch.cpu_seconds)
-        told[str(spp)] = {"rmse": float(scores.relative_rmse(np.array(images), reference).max()),
-                          "seconds": float(np.median(wall)), "cpu_seconds": float(np.median(cpu))}
+        made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", denoised_only=True)
+        told[str(spp)] = {"rmse": float(scores.relative_rmse(made["denoised"], reference).max()),
+                          "seconds": float(np.median(made["wall"])), "cpu_seconds": float(np.median(made["cpu"]))}
         spp *= 2
     return told
 

@@ -41,9 +41,13 @@ HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise
         f"{'ref':>5}")
 
 
-def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str, first: int = 1) -> dict:
-    """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n]."""
-    how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise}
+def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str, first: int = 1,
+                 denoised_only: bool = False) -> dict:
+    """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n].
+
+    ``denoised_only``, as a run copies them: the others are None.
+    """
+    how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise, "denoised_only": denoised_only}
     renderer.render(built.T_w_v, seed=0, **how)  # compiles, makes tables, learns how to denoise
     made = {"raw": [], "stderr": [], "denoised": [], "cpu": [], "wall": []}
     for seed in range(first, first + seeds):

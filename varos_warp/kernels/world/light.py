@@ -188,7 +188,7 @@ def light_strength(light: Light):
 def light_importance(light: Light, p: wp.vec3):
     """How much a light matters near ``p``, wherever its cone points: intensity over squared distance."""
     offset = light.position - p
-    return (brightest(light.intensity) + 1.0e-30) / wp.max(wp.dot(offset, offset), NEAR)
+    return (light_strength(light) + 1.0e-30) / wp.max(wp.dot(offset, offset), NEAR)
 
 
 @wp.func
@@ -200,7 +200,7 @@ def light_solid_angle(light: Light):
 @wp.func
 def light_flux(light: Light):
     """Brightest channel of what a light sends [W], its soft edge counted in full."""
-    return brightest(light.intensity) * light_solid_angle(light)
+    return light_strength(light) * light_solid_angle(light)
 
 
 @wp.func
