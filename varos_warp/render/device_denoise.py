@@ -5,8 +5,8 @@ import weakref
 import warp as wp
 
 from varos_warp.kernels.film import denoise as kernels
-from varos_warp.kernels.film.denoise import add_scaled, clip_negative, mix, positive_part, scale_to_unit, subtract
-from varos_warp.render.denoise import CORRECTION_QUALITY, FAR, NEAR, QUALITY
+from varos_warp.kernels.film.denoise import add_mixed, add_scaled, clip_negative, positive_part, scale_to_unit, subtract
+from varos_warp.render.denoise import FAR, NEAR, PART_QUALITY, QUALITY
 
 
 class DeviceDenoiser:
@@ -30,13 +30,13 @@ class DeviceDenoiser:
         # before the arrays that the filters point to, and before the interpreter takes the library down
         self._release = weakref.finalize(self, _release, self._networks, self._oidn)
 
-    def denoise(self, radiance, correction=None, metal_variance=None, albedo=None, normal=None) -> wp.array:
+    def denoise(self, radiance, correction=None, base_variance=None, albedo=None, normal=None) -> wp.array:
         """Linear radiance with less noise, not negative; all arrays are of vec3 [H, W] on this device.
 
         Args:
             radiance: The image.
             correction: Its noisy part, where only that is to be denoised; may be negative.
-            metal_variance: Of the correction, to mix the two by; negative where it is not known.
+            base_variance: Of all but the correction, given with it: what is mixed by.
             albedo: Guide for what is denoised, in [0, 1].
             normal: Guide for it; given with ``albedo`` or not at all.
 
@@ -49,13 +49,13 @@ class DeviceDenoiser:
             if correction is None:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
-                wp.launch(subtract, dim=radiance.shape, inputs=[radiance, correction], outputs=[result])
+                base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
+                wp.launch(subtract, dim=radiance.shape, inputs=[radiance, correction], outputs=[base])
+                self._add_denoised(clean, base, 1.0, PART_QUALITY, guides)
+                inputs = [clean, base, base_variance, NEAR, FAR]
+                wp.launch(add_mixed, dim=radiance.shape, inputs=inputs, outputs=[result])
                 for sign in (1.0, -1.0):
-                    self._add_denoised(result, correction, sign, CORRECTION_QUALITY, guides)
-                if metal_variance is not None:
-                    inputs = [result, radiance, metal_variance, NEAR, FAR]
-                    result = wp.empty_like(result)
-                    wp.launch(mix, dim=result.shape, inputs=inputs, outputs=[result])
+                    self._add_denoised(result, correction, sign, PART_QUALITY, guides)
             wp.launch(clip_negative, dim=result.shape, outputs=[result])
         return result
 

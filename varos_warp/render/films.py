@@ -39,28 +39,26 @@ class Films:
         self.launcher, self.device = launcher, launcher.device
         self._unused: dict[tuple, list[Film]] = defaultdict(list)
 
-    def black(self, resolution, adapts: bool = False, metal: bool = False) -> Film:
+    def black(self, resolution, adapts: bool = False) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
 
         Args:
             resolution: Width and height.
             adapts: Whether tiles have two sides, see render/adapt.py.
-            metal: Whether it notes where metal is seen.
         """
-        kind = (adapts, metal, *resolution[::-1])
+        kind = (adapts, *resolution[::-1])
         film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
-        for buffer in (film.sums, film.count, film.metal, film.lost):
+        for buffer in (film.sums, film.count, film.lost):
             buffer.zero_()
         return film
 
     def keep(self, film: Film):
         """Take a film back for another image."""
-        self._unused[len(film.count) == 2, len(film.metal) > 0, *film.sums.shape[1:]].append(film)
+        self._unused[len(film.count) == 2, *film.sums.shape[1:]].append(film)
 
-    def _new(self, adapts: bool, metal: bool, height: int, width: int) -> Film:
+    def _new(self, adapts: bool, height: int, width: int) -> Film:
         film = Film()
         film.sums = self.buffer(SUMS, height, width)
-        film.metal = wp.empty((height, width) if metal else (0, 0), dtype=int, device=self.device)
         tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
         film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
         film.lost = wp.empty(1, dtype=int, device=self.device)

@@ -23,8 +23,9 @@ class RadianceImage:
     correction: np.ndarray | None = None
     """Of A made with the field of open water: what surfaces change of it, the only part with much noise. It may be
     negative, and is contained in the layers single and multiple."""
-    metal_variance: np.ndarray | None = None
-    """Of the mean where there is metal, for denoising: what it mirrors is sharp; negative elsewhere."""
+    base_variance: np.ndarray | None = None
+    """Estimate from each pixel's own samples of the variance of the mean of all but the correction, for denoising; inf
+    for one sample."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
     """Guides for denoising B, or the correction of A, at the centres of the pixels: what the surface reflects, and its

@@ -98,7 +98,7 @@ class RadianceRenderer:
         shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
         spp = options.spp
         first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED)) if with_field else first_samples(spp)
-        film = self.films.black(view.resolution, adapts=shares, metal=with_field and world.has_textures)
+        film = self.films.black(view.resolution, adapts=shares)
         before = [scene, world.camera(view, shot.T_w_v)]
         after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
         self.films.take(film, kernel, before, after, first if shares else spp, paths=True)
@@ -159,13 +159,13 @@ class RadianceRenderer:
                  ) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
         shape = film.sums.shape[1:]
-        names = (*LAYERS, "correction", "metal_variance", "radiance", "stderr")
+        names = (*LAYERS, "correction", "base_variance", "radiance", "stderr")
         images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
         variance, blocks = (self.films.buffer(*film.count.shape[1:]) for _ in "vb")
         self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
         self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device
-        of_field = ("correction", "metal_variance") if corrected else ()
+        of_field = ("correction", "base_variance") if corrected else ()
         work = {name: images[name] for name in ("radiance", *of_field)} | (guides or {})
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import TILE, Film, of_tile, side_of, squared_error, sums_of
+from varos_warp.kernels.film.film import TILE, Film, of_tile, side_of, squared_error, sums_of, total_radiance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,7 +22,7 @@ def pixel_statistics(
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
-    total = sums.direct + sums.single + sums.multiple
+    total = total_radiance(sums)
     known = squared_error(total - sums.correction, sums.odd - sums.odd_correction, count)
     correction = squared_error(sums.correction, sums.odd_correction, count)
     mean[row, col] = total / wp.float64(count)

@@ -65,47 +65,45 @@ def add_scaled(
 
 
 @wp.func
-def known_mean(
+def mean_around(
     smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), variance: wp.array2d(dtype=wp.vec3), side: int,
     row: int, col: int,
 ):
-    """Means over a square, where the variance is known: of it, and of the square of what is between the images."""
+    """Means over a square: of the square of what is between the images, and of the variance."""
     apart = wp.vec3d(wp.float64(0.0))
     noise = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)
     reach = side / 2
     for i in range(wp.max(row - reach, 0), wp.min(row + reach + 1, smooth.shape[0])):
         for j in range(wp.max(col - reach, 0), wp.min(col + reach + 1, smooth.shape[1])):
-            if variance[i, j][0] >= 0.0:
-                difference = wp.vec3d(noisy[i, j] - smooth[i, j])
-                apart += wp.cw_mul(difference, difference)
-                noise += wp.vec3d(variance[i, j])
-                count += wp.float64(1.0)
+            difference = wp.vec3d(noisy[i, j] - smooth[i, j])
+            apart += wp.cw_mul(difference, difference)
+            noise += wp.vec3d(variance[i, j])
+            count += wp.float64(1.0)
     return apart / count, noise / count
 
 
 @wp.kernel(enable_backward=False)
-def mix(
+def add_mixed(
     smooth: wp.array2d(dtype=wp.vec3),
     noisy: wp.array2d(dtype=wp.vec3),
     variance: wp.array2d(dtype=wp.vec3),
     near: int,
     far: int,
-    # out
-    mixed: wp.array2d(dtype=wp.vec3),
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
 ):
-    """As `render.denoise.mix` does, over squares with the sides ``near`` and ``far``."""
+    """Add what `render.denoise.mix` makes of the two, over squares with the sides ``near`` and ``far``."""
     row, col = wp.tid()
-    mixed[row, col] = smooth[row, col]
-    if variance[row, col][0] < 0.0:
-        return
-    apart, noise = known_mean(smooth, noisy, variance, near, row, col)
-    _, noise_far = known_mean(smooth, noisy, variance, far, row, col)
+    apart, noise = mean_around(smooth, noisy, variance, near, row, col)
+    _, noise_far = mean_around(smooth, noisy, variance, far, row, col)
     noise = wp.max(noise, noise_far)
+    mixed = smooth[row, col]
     for c in range(3):
         if apart[c] > noise[c]:
             share = wp.float64(1.0) - noise[c] / apart[c]
-            mixed[row, col][c] += float(share) * (noisy[row, col][c] - smooth[row, col][c])
+            mixed[c] += float(share) * (noisy[row, col][c] - smooth[row, col][c])
+    image[row, col] += mixed
 
 
 @wp.kernel(enable_backward=False)

@@ -9,9 +9,6 @@ wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
 """Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
-TELLING_SAMPLES = wp.constant(4)
-"""So many samples tell a variance well enough."""
-
 
 SUMS = 6
 """Sums of a pixel: those of `Sums`, but for ``lost``."""
@@ -63,8 +60,6 @@ class Film:
     """What threads take, and their sums [SUMS, parts]."""
     sums: wp.array3d(dtype=wp.vec3d)
     """Those of all samples [SUMS, height, width]."""
-    metal: wp.array2d(dtype=int)
-    """1 where a sample of the pixel met metal, else 0, [height, width]; empty without a field."""
     lost: wp.array(dtype=int)
     """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
 
@@ -206,6 +201,12 @@ def sums_of(film: Film, row: int, col: int):
     return sums
 
 
+@wp.func
+def total_radiance(sums: Sums):
+    """Sum of the layers."""
+    return sums.direct + sums.single + sums.multiple
+
+
 @wp.kernel(enable_backward=False)
 def add_parts(
     ends: wp.array(dtype=int),
@@ -261,7 +262,7 @@ def tile_variances(
             count = of_tile(film.count, row, col)
             off = wp.vec3d(wp.float64(wp.inf))
             if count > 1:
-                off = half_difference(sums.direct + sums.single + sums.multiple, sums.odd, count)
+                off = half_difference(total_radiance(sums), sums.odd, count)
             squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
             around += wp.float64(1.0)
             if row >= tile_row * TILE and col >= tile_col * TILE:
@@ -281,14 +282,15 @@ def develop(
     single: wp.array2d(dtype=wp.vec3),
     multiple: wp.array2d(dtype=wp.vec3),
     correction: wp.array2d(dtype=wp.vec3),
-    metal_variance: wp.array2d(dtype=wp.vec3),
+    base_variance: wp.array2d(dtype=wp.vec3),
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
     """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
     The standard error is by the samples of all pixels of a tile: a pixel's own that missed what is rare and bright
-    would claim too little. ``metal_variance`` is that of the mean where there is metal, and else negative.
+    would claim too little. ``base_variance`` is the pixel's own, of what is not
+    correction: of edges, textures and the lens's blur, mostly.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
@@ -301,9 +303,9 @@ def develop(
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     mean_variance = variance[row / TILE, col / TILE] / n
-    metal_variance[row, col] = wp.vec3(-1.0)
-    if film.metal.shape[0] > 0 and count >= TELLING_SAMPLES:
-        if film.metal[row, col] == 1:
-            metal_variance[row, col] = wp.vec3(mean_variance)
+    off = wp.vec3d(wp.float64(wp.inf))
+    if count > 1:
+        off = half_difference(total_radiance(sums) - sums.correction, sums.odd - sums.odd_correction, count)
+    base_variance[row, col] = wp.vec3(wp.cw_mul(off, off))
     for c in range(3):
         stderr[row, col][c] = float(wp.sqrt(mean_variance[c]))

@@ -313,9 +313,6 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     if wp.static(spec.direct):
                         L_direct = L_surface
                     L_single = L_water
-                    if wp.static(spec.field and spec.textures):
-                        if end.surface.metal > 0.0 and film.metal.shape[0] > 0:
-                            film.metal[part.row, part.col] = 1
                     if wp.static(spec.field):
                         correction = L_water
                         if wp.static(spec.single):
