@@ -21,8 +21,8 @@ class RadianceImage:
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
     correction: np.ndarray | None = None
-    """Of A made with the field of open water: what surfaces change of it, the only part with much noise. It may be
-    negative, and is contained in the layers single and multiple."""
+    """Of A: what subpaths carry, and with the field of open water what is blocked of single scattering; nearly all of
+    the noise. With the field it may be negative. It is contained in the layers single and multiple."""
     base_variance: np.ndarray | None = None
     """Estimate from each pixel's own samples of the variance of the mean of all but the correction, for denoising; inf
     for one sample."""

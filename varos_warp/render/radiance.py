@@ -106,9 +106,9 @@ class RadianceRenderer:
             more = yield from self._more_samples(film, options, first, with_field)
             self.films.take(film, kernel, before, after, more, paths=True)
         # plain reflectances need no guides (render/denoise.py)
-        guided = with_field and world.has_textures and options.denoise != "none"
+        guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
-        return (yield from self._develop(film, shot, options.layers, options.denoise, guides, corrected=with_field))
+        return (yield from self._develop(film, shot, options.layers, options.denoise, guides, by_paths=True))
 
     def _path_spec(self, shot: Shot, bounds: PathBounds, with_field: bool) -> PathSpec:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
@@ -117,7 +117,7 @@ class RadianceRenderer:
 
     def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
         """Samples of each tile after the ``first``, by the noise of these."""
-        filtered = (options.denoise or self.scene.render.denoise) != "none"
+        filtered = with_field and (options.denoise or self.scene.render.denoise) != "none"
         noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if filtered else 1.0)))
         if with_field:
             return share_out(noise, first, options.spp)
@@ -155,7 +155,7 @@ class RadianceRenderer:
         self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
         return guides
 
-    def _develop(self, film: Film, shot: Shot, wanted_layers, method: str | None, guides=None, corrected: bool = False
+    def _develop(self, film: Film, shot: Shot, wanted_layers, method: str | None, guides=None, by_paths: bool = False
                  ) -> Steps[RadianceImage]:
         """The `RadianceImage` of a film."""
         shape = film.sums.shape[1:]
@@ -165,8 +165,8 @@ class RadianceRenderer:
         self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
         self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device
-        of_field = ("correction", "base_variance") if corrected else ()
-        work = {name: images[name] for name in ("radiance", *of_field)} | (guides or {})
+        apart = ("correction", "base_variance") if by_paths else ()
+        work = {name: images[name] for name in ("radiance", *apart)} | (guides or {})
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:

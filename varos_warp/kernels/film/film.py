@@ -23,7 +23,7 @@ class Sums:
     multiple: wp.vec3d
     """The layers."""
     correction: wp.vec3d
-    """What of their sum is not known from the precomputed field: all that has much noise, beside edges."""
+    """What subpaths carry of their sum, and what the field did not know: all that has much noise, beside edges."""
     odd: wp.vec3d
     odd_correction: wp.vec3d
     """The same total, and correction, of every second sample. These have random numbers of their own, so the two halves

@@ -344,9 +344,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:
-                if wp.static(spec.field):
-                    correction += L_paths
-                sums = add_sample(sums, sample, L_direct, L_single, L_field + L_paths, correction)
+                sums = add_sample(sums, sample, L_direct, L_single, L_field + L_paths, correction + L_paths)
                 L_field = black
                 L_paths = black
                 correction = black
