@@ -134,20 +134,27 @@ def test_every_second_sample_is_of_the_other_half(spp, most):
 
 
 def test_a_standard_error_is_that_of_the_pixels_of_a_tile():
-    """A pixel among equals that met one rare bright sample, and those of its tile, claim the same; others do not."""
-    samples = np.zeros((4, 8, 20, 20, 3))
+    """A pixel among equals that met one rare bright sample, and those of its tile, claim the same.
+
+    A tenth of what a tile claims is the mean over it and the tiles around: nine, and six or four at the corner.
+    """
+    samples = np.zeros((4, 8, 36, 36, 3))
     samples[0, 3, 10, 10] = 8.0
-    stderr = develop(samples, 8)["stderr"]
-    np.testing.assert_allclose(stderr[8:16, 8:16], np.sqrt(2.0 * 4.0 / 64 / 8), rtol=1e-6)
-    assert np.count_nonzero(stderr) == 3 * 64
+    variance = 2.0 * 4.0 / 64 / 8
+    squares = develop(samples, 8)["stderr"] ** 2
+    np.testing.assert_allclose(squares[8:16, 8:16], variance * (0.9 + 0.1 / 9), rtol=1e-6)
+    np.testing.assert_allclose(squares[16:24, 8:24], variance * 0.1 / 9, rtol=1e-6)
+    np.testing.assert_allclose(squares[:8, 8:16], variance * 0.1 / 6, rtol=1e-6)
+    np.testing.assert_allclose(squares[:8, :8], variance * 0.1 / 4, rtol=1e-6)
+    assert not squares[24:].any()
+    assert not squares[:, 24:].any()
 
 
 def test_a_tile_that_the_edge_cuts_takes_pixels_before_it():
     """Of a single pixel the half difference would tell next to nothing."""
     samples = np.random.default_rng(3).normal(size=(4, 8, 9, 9, 3))
-    film = exposed(samples, 8, [8])
-    alone = developed(exposed(samples[:, :, 1:, 1:], 8, [8]))["stderr"]
-    np.testing.assert_allclose(developed(film)["stderr"][8, 8], alone[0, 0], rtol=1e-6)
+    whole, alone = (tile_variances(exposed(part, 8, [8]))[0].numpy() for part in (samples, samples[:, :, 1:, 1:]))
+    np.testing.assert_allclose(whole[1, 1], alone[0, 0], rtol=1e-12)
 
 
 def test_of_a_tile_with_two_sides_those_with_more_samples_claim_less():
