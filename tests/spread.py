@@ -4,17 +4,22 @@ import numpy as np
 from chance import assert_plausible
 from scipy import stats
 
-from varos_warp.kernels.film.film import TILE
+from varos_warp.kernels.film.film import SHARE_AROUND, TILE
 
 
 def tile_means(image):
-    """Means [H, W, 3] over the tiles that standard errors are averaged over."""
-    means, (height, width), side = np.empty_like(image), image.shape[:2], int(TILE)
-    for row in range(0, height, side):
-        for col in range(0, width, side):
+    """Means [H, W, 3] over the tiles that standard errors are averaged over, with a share of those of tiles around."""
+    (height, width), side = image.shape[:2], int(TILE)
+    tops, lefts = range(0, height, side), range(0, width, side)
+    means = np.empty((len(tops), len(lefts), 3))
+    for i, row in enumerate(tops):
+        for j, col in enumerate(lefts):
             top, left = max(min(row, height - side), 0), max(min(col, width - side), 0)  # at the edge: those before it
-            means[row:row + side, col:col + side] = image[top:row + side, left:col + side].mean((0, 1))
-    return means
+            means[i, j] = image[top:row + side, left:col + side].mean((0, 1))
+    around = np.array([[means[max(i - 1, 0):i + 2, max(j - 1, 0):j + 2].mean((0, 1)) for j in range(len(lefts))]
+                       for i in range(len(tops))])
+    mixed = (1.0 - SHARE_AROUND) * means + SHARE_AROUND * around
+    return mixed.repeat(side, axis=0).repeat(side, axis=1)[:height, :width]
 
 
 def spread_and_expected(radiance, count):
