@@ -16,7 +16,11 @@ REACH = 3
 
 @dataclass(frozen=True)
 class ErrorLaw:
-    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel."""
+    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel.
+
+    What a denoiser leaves falls steeply at first and slower then. So beyond the most samples that were judged, the
+    exponent is half-way to that between the last two numbers of them, if that is slower; they alone tell it roughly.
+    """
 
     spp: list[int]
     measured: np.ndarray
@@ -34,10 +38,19 @@ class ErrorLaw:
         exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), self.steepest, FLATTEST)
         return np.exp(y.mean(0) - exponent * x.mean()), exponent
 
+    def _beyond(self) -> np.ndarray:
+        """Exponents [3] beyond the most samples that were judged."""
+        *_, before, last = np.log(np.maximum(self.measured, 1e-12))
+        slope = (last - before) / np.log(self.spp[-1] / self.spp[-2])
+        _, exponent = self._fit(self.measured)
+        return 0.5 * (exponent + np.clip(slope, exponent, FLATTEST))
+
     def error(self, spp: float) -> np.ndarray:
         """Error [3] with a number of samples."""
         one, exponent = self._fit(self.measured)
-        return np.where(self.measured.any(0), one * float(spp) ** exponent, 0.0)
+        judged = min(float(spp), self.spp[-1])
+        found = one * judged**exponent * (float(spp) / judged) ** self._beyond()
+        return np.where(self.measured.any(0), found, 0.0)
 
     def noise(self, spp: int) -> np.ndarray:
         """Error [3] before denoising."""
@@ -47,7 +60,10 @@ class ErrorLaw:
     def samples(self, target: float) -> int:
         """The fewest samples whose error is below ``target`` in every channel."""
         one, exponent = self._fit(self.measured)
-        needed = np.where(self.measured.any(0), (target / one) ** (1.0 / exponent), 0.0)
+        needed = (target / one) ** (1.0 / exponent)
+        most = self.spp[-1]
+        farther = most * (target / (one * most**exponent)) ** (1.0 / self._beyond())
+        needed = np.where(self.measured.any(0), np.where(needed > most, farther, needed), 0.0)
         return int(np.ceil(min(needed.max(), 1e9)))
 
     def whole_samples(self, target: float) -> int:

@@ -44,8 +44,8 @@ SAMPLE_COST = {"field": 1.7, "path": 1.0}
 """Time of a sample of the one integrator over that of the other: about as measured in unlike scenes, and the same on
 every machine, so that machines that share the work choose alike."""
 PATHS_PAY = 0.8
-"""Paths alone are taken where they need at most this share of the work: noise does not show what a denoiser blurs, and
-of images with the field it blurs less."""
+"""Paths alone are taken where they need at most this share of the work: two images tell it only so well, and of about
+equal ones those with the field have fewer rare bright samples."""
 COMPARED_SPP, RARE_COUNTS = 8, 2.0
 """Samples per pixel of the images by which integrators are compared; and how many times less the work that noise before
 denoising asks for counts, for a denoiser takes most of it."""
