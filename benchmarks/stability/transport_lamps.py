@@ -41,7 +41,7 @@ SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
 def lamp_beside_the_ray() -> Sweep:
     """A lamp in view, 2 m ahead."""
     return Sweep(
-        key="lamp_beside_the_ray", title="a lamp in view", method="tables, path, reference",
+        key="lamp_beside_the_ray", title="a lamp in view", method="field, path, reference",
         parameter="distance of the lamp from the ray [m]", values=SIDES,
         errors={name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS},
         measure="Relative error of single scattering, a point lamp 2 m ahead, g = 0.8, against quadrature in float64. "
@@ -58,7 +58,7 @@ def lamp_beside_the_ray() -> Sweep:
 def lamp_on_the_camera() -> Sweep:
     """A lamp beside the lens, down to on it."""
     return Sweep(
-        key="lamp_on_the_camera", title="a lamp on the camera", method="tables, path, reference",
+        key="lamp_on_the_camera", title="a lamp on the camera", method="field, path, reference",
         parameter="distance of the lamp from the camera [m]", values=SIDES,
         errors={name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS},
         measure="As before, the lamp straight beside the camera.",
@@ -155,7 +155,7 @@ def cone_across_the_view() -> Sweep:
     """The same in an image, hard and soft."""
     values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
     return Sweep(
-        key="cone_across_the_view", title="single scattering in a cone", method="tables, path",
+        key="cone_across_the_view", title="single scattering in a cone", method="field, path",
         parameter="cone [degrees]", values=values,
         errors={f"{name}, blend {blend:g}": [cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path"
                                              else np.nan for cone in values]
@@ -163,9 +163,9 @@ def cone_across_the_view() -> Sweep:
         measure="Relative error of single scattering where a spot 0.1 m aside crosses the ray, against quadrature. "
                 "Noise "
                 "of path 2e-3.",
-        limit="path 1 .. 359.9 degrees; tables 20 .. 179",
-        fails="tables: narrow cones are not resolved by their grids, wide ones have no convex nappe",
-        program="auto takes path; tables asked for by name are refused",
+        limit="path 1 .. 359.9 degrees; field 20 .. 179",
+        fails="field: narrow cones are not resolved by their grids, wide ones have no convex nappe",
+        program="auto takes path; the field asked for by name is refused",
         test=TESTS + "test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond", holds=(20.0, 179.0), bound=1e-2,
     )
 
@@ -191,12 +191,12 @@ def intensity() -> Sweep:
     """From a glow-worm's ghost to a star."""
     exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
     return Sweep(
-        key="intensity", title="intensity of a lamp", method="tables, path, reference",
+        key="intensity", title="intensity of a lamp", method="field, path, reference",
         parameter="intensity [W/sr]", values=[10.0**p for p in exponents],
         errors={name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS},
         measure="How far an image divided by the lamp's intensity is from the one of 1 W/sr with the same random "
                 "numbers, "
-                "in all layers (tables: direct and single).",
+                "in all layers (field: direct and single).",
         limit="1e-20 .. 1e20 W/sr (1e-7)",
         fails="path: below 1e-25 W/sr the weights of its lamps drown in the number that keeps them from 0 (2 % at "
               "1e-28, "

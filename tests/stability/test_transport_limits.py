@@ -59,7 +59,7 @@ def image_of(scene, parts=(), pose=None, **how):
 
 def assert_finite(image):
     """Radiance, its error and every layer are numbers, none of them negative but for what a correction takes away."""
-    signed = () if image.correction is None else ("radiance", "single", "multiple")
+    signed = ("radiance", "single", "multiple") if image.correction is not None and image.correction.min() < 0.0 else ()
     for name, values in {"radiance": image.radiance, "stderr": image.stderr, **image.layers}.items():
         bad = np.count_nonzero(~np.isfinite(values))
         assert bad == 0, f"{name}: {bad} of {values.size} not finite"

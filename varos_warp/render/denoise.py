@@ -1,10 +1,10 @@
 """Denoising of linear radiance: Open Image Denoise, or non-local means (paper 3.2.1).
 
 An image of paths has a correction, what subpaths carry, which holds nearly all its noise, and a base: direct light,
-single scattering and the field, noisy mainly at edges, in textures and where a lens blurs. They are denoised apart. The
-base is then mixed with itself before denoising, by its variance: so it keeps every detail, and what is certain stays to
-the bit. Values of the correction may be negative, and clipping them would brighten the image: what is positive and what
-is negative are denoised as two images, each of which a denoiser takes.
+single scattering and the field, noisy mainly at edges, in textures and where a lens blurs. They are denoised apart.
+The base is then mixed with itself before denoising, by its variance: so it keeps its detail, and what is certain for
+some pixels around stays as it is. Values of the correction may be negative, and clipping them would brighten the
+image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
 Geometry guides (albedo, normals) serve where there are textures. B has no water, and they keep its textures: 2 samples
 with them leave less than 20 without.

@@ -35,7 +35,7 @@ class DeviceDenoiser:
 
         Args:
             radiance: The image.
-            correction: Its noisy part, where only that is to be denoised; may be negative.
+            correction: What is denoised apart from the rest, the base; may be negative.
             base_variance: Of all but the correction, given with it: what is mixed by.
             albedo: Guide for what is denoised, in [0, 1].
             normal: Guide for it; given with ``albedo`` or not at all.

@@ -19,7 +19,10 @@ class ErrorLaw:
     """Relative RMSE against samples per pixel: a power law through what was measured, one per channel.
 
     What a denoiser leaves falls steeply at first and slower then. So beyond the most samples that were judged, the
-    exponent is half-way to that between the last two numbers of them, if that is slower; they alone tell it roughly.
+    exponent is half-way to that between the last two numbers of them, if that is slower; they alone tell it roughly. So
+    chance in these two asks for more samples, never for fewer.
+
+    There must be two numbers of samples or more.
     """
 
     spp: list[int]
@@ -40,7 +43,7 @@ class ErrorLaw:
 
     def _beyond(self) -> np.ndarray:
         """Exponents [3] beyond the most samples that were judged."""
-        *_, before, last = np.log(np.maximum(self.measured, 1e-12))
+        before, last = np.log(np.maximum(self.measured[-2:], 1e-12))
         slope = (last - before) / np.log(self.spp[-1] / self.spp[-2])
         _, exponent = self._fit(self.measured)
         return 0.5 * (exponent + np.clip(slope, exponent, FLATTEST))

@@ -28,7 +28,7 @@ class RadianceImage:
     for one sample."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising B, or the correction of A, at the centres of the pixels: what the surface reflects, and its
+    """Guides for denoising B, or both parts of A, at the centres of the pixels: what the surface reflects, and its
     normal in the world as in C; zeros where nothing is hit."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
