@@ -6,6 +6,7 @@ import warp as wp
 from chance import run
 
 from varos_warp.kernels.film import film as kernel
+from varos_warp.kernels.film.adapt import pixel_statistics
 from varos_warp.render.films import tile_pixels
 
 
@@ -122,6 +123,20 @@ def test_the_squared_error_is_unbiased(spp):
     variance, size = tile_variances(film)[0].numpy(), np.prod(samples.shape[2:])
     pixels = tile_pixels(*samples.shape[2:4])[..., None]
     assert abs((variance * pixels).sum() / size - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / size)
+
+
+@pytest.mark.parametrize("denoised", [1.0, 4.0])
+def test_the_variance_that_samples_are_shared_out_by_is_of_base_and_correction_together(denoised):
+    """Half of each sample is correction, so both are off alike: their deviations add up, not their squares."""
+    samples = samples_of("uniform", 8)
+    samples[3] = 0.5 * samples[:3].sum(axis=0)
+    film = exposed(samples, 8, [8])
+    mean, variance = (wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "mv")
+    wp.launch(pixel_statistics, dim=mean.shape, inputs=[film, denoised], outputs=[mean, variance], device="cpu")
+    total = np.float32(samples[:3]).astype(float).sum(axis=0)
+    np.testing.assert_allclose(mean.numpy(), total.mean(axis=0), rtol=1e-6)
+    expected = one_variance(total) * (0.5 + 0.5 / np.sqrt(denoised)) ** 2
+    np.testing.assert_allclose(variance.numpy(), expected, rtol=1e-4, atol=1e-6 * expected.max())
 
 
 @pytest.mark.parametrize(("spp", "most"), [(1, 1), (8, 3), (13, 5)])

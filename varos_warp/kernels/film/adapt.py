@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import TILE, Film, of_tile, side_of, squared_error, sums_of, total_radiance
+from varos_warp.kernels.film.film import TILE, Film, half_difference, of_tile, side_of, sums_of, total_radiance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,10 +23,11 @@ def pixel_statistics(
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
     total = total_radiance(sums)
-    known = squared_error(total - sums.correction, sums.odd - sums.odd_correction, count)
-    correction = squared_error(sums.correction, sums.odd_correction, count)
+    # as one difference: base and correction have the place in the pixel in common, and the surface's reflectance
+    off = half_difference(total - sums.correction, sums.odd - sums.odd_correction, count)
+    off += half_difference(sums.correction, sums.odd_correction, count) / wp.sqrt(wp.float64(denoised))
     mean[row, col] = total / wp.float64(count)
-    variance[row, col] = known + correction / wp.float64(denoised)
+    variance[row, col] = wp.cw_mul(off, off) * wp.float64(count)
 
 
 @wp.kernel(enable_backward=False)
