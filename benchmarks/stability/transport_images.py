@@ -9,7 +9,7 @@ import warp as wp
 from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
-from varos_warp.kernels.film.film import Sums, add_sample, squared_error
+from varos_warp.kernels.film.film import Sums, add_sample, half_difference
 from varos_warp.render import exposure, outputs
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.scene.checks import PIXEL_BYTES
@@ -100,7 +100,7 @@ def _accumulate(samples: wp.array(dtype=float), repeat: int, out: wp.array(dtype
             k += 1
     m = wp.float64(count)
     out[0] = wp.vec3d(sums.direct[0] / m, wp.float64(total) / m, wp.float64(mean))
-    out[1] = wp.vec3d(wp.sqrt(squared_error(sums.direct, sums.odd, count)[0] / m))
+    out[1] = wp.vec3d(wp.abs(half_difference(sums.direct, sums.odd, count)[0]))
 
 
 def film_errors(count: int) -> list[float]:

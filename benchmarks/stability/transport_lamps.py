@@ -164,7 +164,7 @@ def cone_across_the_view() -> Sweep:
                 "Noise "
                 "of path 2e-3.",
         limit="path 1 .. 359.9 degrees; field 20 .. 179",
-        fails="field: narrow cones are not resolved by their grids, wide ones have no convex nappe",
+        fails="field: narrow cones are not resolved by its grids, wide ones have no convex nappe",
         program="auto takes path; the field asked for by name is refused",
         test=TESTS + "test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond", holds=(20.0, 179.0), bound=1e-2,
     )

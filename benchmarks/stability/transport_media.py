@@ -36,7 +36,7 @@ def single_over_sigma_t() -> Sweep:
         parameter="sigma_t [1/m]", values=values,
         errors={name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS},
         measure="Relative error of the layer single of a ray to the horizon, a point lamp 0.18 m from the camera, "
-                "g = 0.8, albedo 0.5, against adaptive quadrature in float64. the field integrates; path and reference "
+                "g = 0.8, albedo 0.5, against adaptive quadrature in float64. The field integrates; path and reference "
                 "have "
                 "noise (64 pixels of 256 samples).",
         limit="1e-7 .. 100 1/m (field: 1.8e-3 at worst, at 0.01)",
@@ -66,8 +66,7 @@ def single_over_optical_distance() -> Sweep:
 def single_over_g() -> Sweep:
     """All phase functions that a scene may name, and lamps beside and before the camera."""
     values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
-    cases = {"field": "field", "path": "path"}
-    errors = {name: [_worst_over_lamps(g, integrator) for g in values] for name, integrator in cases.items()}
+    errors = {name: [_worst_over_lamps(g, name) for g in values] for name in ("field", "path")}
     return Sweep(
         key="single_over_g", title="single scattering over g", method="field, path", parameter="g", values=values,
         errors=errors, scale="linear",

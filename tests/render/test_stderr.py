@@ -73,6 +73,8 @@ def rendered(integrator):
     return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
                            stderr=np.array([image.stderr for image in images], float),
                            block_error=np.array([image.block_error for image in images], float),
+                           base=np.array([image.radiance - image.correction for image in images], float),
+                           base_variance=np.array([image.base_variance for image in images], float),
                            halves=((total - odd) / ((count + 1) // 2), odd / (count // 2)))
 
 
@@ -87,6 +89,17 @@ def test_standard_errors_are_what_images_with_other_random_numbers_differ_by(ren
     """Pixel by pixel, as means over tiles; beside its bias where samples are shared out."""
     bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
     assert_honest(ratio, renderings.radiance, renderings.stderr, renderings.count, bias=bias)
+
+
+def over_the_image(radiance, claimed, count, where):
+    """Mean of what is claimed over the mean spread of the images [3]."""
+    return claimed.mean((0, 1, 2)) / radiance.var(axis=0, ddof=1).mean((0, 1))
+
+
+def test_bases_differ_by_what_their_variance_says(renderings):
+    """Each pixel's own, and edges have most of it: so on average over the image."""
+    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
+    assert_honest(over_the_image, renderings.base, np.sqrt(renderings.base_variance), bias=bias)
 
 
 def test_image_means_differ_by_what_their_standard_errors_say(renderings):

@@ -95,7 +95,7 @@ def mix(smooth: np.ndarray, noisy: np.ndarray, variance: np.ndarray) -> np.ndarr
     """
     difference = noisy - smooth
     apart = _around(difference.astype(np.float64) ** 2, NEAR)
-    noise = np.maximum(_around(variance.astype(np.float64), NEAR), _around(variance.astype(np.float64), FAR))
+    noise = np.maximum(*(_around(variance.astype(np.float64), side) for side in (NEAR, FAR)))
     share = np.divide(apart - noise, apart, out=np.zeros_like(apart), where=apart > noise)
     return smooth + share.astype(np.float32) * difference
 

@@ -2,7 +2,16 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import TILE, Film, half_difference, of_tile, side_of, sums_of, total_radiance
+from varos_warp.kernels.film.film import (
+    TILE,
+    Film,
+    base_difference,
+    half_difference,
+    of_tile,
+    side_of,
+    sums_of,
+    total_radiance,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,11 +31,10 @@ def pixel_statistics(
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
-    total = total_radiance(sums)
     # as one difference: base and correction have the place in the pixel in common, and the surface's reflectance
-    off = half_difference(total - sums.correction, sums.odd - sums.odd_correction, count)
+    off = base_difference(sums, count)
     off += half_difference(sums.correction, sums.odd_correction, count) / wp.sqrt(wp.float64(denoised))
-    mean[row, col] = total / wp.float64(count)
+    mean[row, col] = total_radiance(sums) / wp.float64(count)
     variance[row, col] = wp.cw_mul(off, off) * wp.float64(count)
 
 

@@ -65,22 +65,32 @@ def add_scaled(
 
 
 @wp.func
-def mean_around(
-    smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), variance: wp.array2d(dtype=wp.vec3), side: int,
-    row: int, col: int,
+def mean_around(image: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int):
+    """Mean over a square."""
+    total = wp.vec3d(wp.float64(0.0))
+    count = wp.float64(0.0)
+    reach = side / 2
+    for i in range(wp.max(row - reach, 0), wp.min(row + reach + 1, image.shape[0])):
+        for j in range(wp.max(col - reach, 0), wp.min(col + reach + 1, image.shape[1])):
+            total += wp.vec3d(image[i, j])
+            count += wp.float64(1.0)
+    return total / count
+
+
+@wp.func
+def square_around(
+    smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int
 ):
-    """Means over a square: of the square of what is between the images, and of the variance."""
-    apart = wp.vec3d(wp.float64(0.0))
-    noise = wp.vec3d(wp.float64(0.0))
+    """Mean over a square of the square of what is between two images."""
+    total = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)
     reach = side / 2
     for i in range(wp.max(row - reach, 0), wp.min(row + reach + 1, smooth.shape[0])):
         for j in range(wp.max(col - reach, 0), wp.min(col + reach + 1, smooth.shape[1])):
             difference = wp.vec3d(noisy[i, j] - smooth[i, j])
-            apart += wp.cw_mul(difference, difference)
-            noise += wp.vec3d(variance[i, j])
+            total += wp.cw_mul(difference, difference)
             count += wp.float64(1.0)
-    return apart / count, noise / count
+    return total / count
 
 
 @wp.kernel(enable_backward=False)
@@ -95,9 +105,8 @@ def add_mixed(
 ):
     """Add what `render.denoise.mix` makes of the two, over squares with the sides ``near`` and ``far``."""
     row, col = wp.tid()
-    apart, noise = mean_around(smooth, noisy, variance, near, row, col)
-    _, noise_far = mean_around(smooth, noisy, variance, far, row, col)
-    noise = wp.max(noise, noise_far)
+    apart = square_around(smooth, noisy, near, row, col)
+    noise = wp.max(mean_around(variance, near, row, col), mean_around(variance, far, row, col))
     mixed = smooth[row, col]
     for c in range(3):
         if apart[c] > noise[c]:

@@ -112,17 +112,15 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 @wp.func
 def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int):
-    """What is between the means of every second of ``count`` samples and of the others, of the variance of the mean."""
+    """What is between the means of every second of ``count`` samples and of the others, of the variance of the mean.
+
+    Infinite for one sample.
+    """
+    if count < 2:
+        return wp.vec3d(wp.float64(wp.inf))
     evens = wp.float64((count + 1) / 2)
     odds = wp.float64(count / 2)
     return ((total - odd) / evens - odd / odds) * (wp.sqrt(evens * odds) / (evens + odds))
-
-
-@wp.func
-def squared_error(total: wp.vec3d, odd: wp.vec3d, count: int):
-    """Estimate of the variance of one sample."""
-    apart = half_difference(total, odd, count)
-    return wp.cw_mul(apart, apart) * wp.float64(count)
 
 
 @wp.func
@@ -211,6 +209,12 @@ def total_radiance(sums: Sums):
     return sums.direct + sums.single + sums.multiple
 
 
+@wp.func
+def base_difference(sums: Sums, count: int):
+    """`half_difference` of all but the correction."""
+    return half_difference(total_radiance(sums) - sums.correction, sums.odd - sums.odd_correction, count)
+
+
 @wp.kernel(enable_backward=False)
 def add_parts(
     ends: wp.array(dtype=int),
@@ -264,9 +268,7 @@ def tile_variances(
         for col in range(left, wp.min((tile_col + 1) * TILE, width)):
             sums = sums_of(film, row, col)
             count = of_tile(film.count, row, col)
-            off = wp.vec3d(wp.float64(wp.inf))
-            if count > 1:
-                off = half_difference(total_radiance(sums), sums.odd, count)
+            off = half_difference(total_radiance(sums), sums.odd, count)
             squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
             around += wp.float64(1.0)
             if row >= tile_row * TILE and col >= tile_col * TILE:
@@ -320,9 +322,7 @@ def develop(
     # the sum of the layers as written, so that they add up to it to the last bit
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     mean_variance = with_tiles_around(variance, row / TILE, col / TILE) / n
-    off = wp.vec3d(wp.float64(wp.inf))
-    if count > 1:
-        off = half_difference(total_radiance(sums) - sums.correction, sums.odd - sums.odd_correction, count)
+    off = base_difference(sums, count)
     base_variance[row, col] = wp.vec3(wp.cw_mul(off, off))
     for c in range(3):
         stderr[row, col][c] = float(wp.sqrt(mean_variance[c]))
