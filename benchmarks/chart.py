@@ -15,7 +15,7 @@ from benchmarks import sensors
 
 COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8", "scatterings_2": "#b07cc6",
            "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "field": "#ff7f0e",
-           "field@0.5px": "#bcbd22", "field@2px": "#17becf", "mitsuba": "#2ca02c", "cycles": "#d62728"}
+           "mitsuba": "#2ca02c", "cycles": "#d62728"}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
 MAIN = ("direct", "single", "reference", "path", "path+oidn", "field", "field+oidn", "mitsuba", "cycles",
@@ -99,7 +99,7 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
         x = np.array([seconds_of(row, device) for row in series])
         y = np.array([max(row[f"{kind}_limit"], 1e-9) for row in series])
         known = np.array([row[f"{kind}_resolved"] for row in series])
-        marker = MARKERS[first["denoise"]] if first["family"] != "detail" else "D"
+        marker = MARKERS[first["denoise"]]
         axis.plot(x, y, style, color=colour, marker=marker, markersize=6, linewidth=1.3, label=label, zorder=2)
         axis.plot(x[~known], y[~known], linestyle="", marker=marker, markersize=6, color=colour,
                   markerfacecolor="white", zorder=3)

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from benchmarks.machine import Budget, Stopwatch
 from benchmarks.scenes import BenchScene
 from varos_warp.errors import InputError
-from varos_warp.render.detail import choose_detail
 from varos_warp.render.frame import FrameRenderer
 
 LADDER = (1, 4, 16, 64, 256, 1024)
@@ -29,8 +29,6 @@ class Method:
     """Keyword arguments of `FrameRenderer.render`."""
     spp: tuple[int, ...] = LADDER
     denoise: str = "none"
-    tolerance_px: float | None = None
-    """Level of detail of the meshes; None: every triangle."""
     truth: tuple[str, ...] = ("full",)
     """What it is judged against: the light of all orders, so that the chart shows what leaving some out costs; and
     ``single`` as well where a method claims no more than that."""
@@ -52,8 +50,6 @@ OURS = (
     Method("field", "field", "field", {"integrator": "field"}),
     Method("field+nlm", "field, NLM", "field", {"integrator": "field"}, LADDER[:5], denoise="nlm"),
     Method("field+oidn", "field, OIDN", "field", {"integrator": "field"}, denoise="oidn"),
-    *(Method(f"field@{px:g}px", f"field, meshes to {px:g} px", "detail", {"integrator": "field"}, LADDER[:5],
-             tolerance_px=px) for px in (0.5, 2.0)),
 )
 QUICK = ("direct", "single", "reference", "path", "field", "field+oidn")
 
@@ -114,7 +110,10 @@ class Workshop:
     """On the clock on the wall."""
     cost: float = 0.0
     """Of all preparation, as a `Budget` counts it."""
-    _renderers: dict[float | None, FrameRenderer] = field(default_factory=dict)
+
+    @cached_property
+    def _renderer(self) -> FrameRenderer:
+        return FrameRenderer(self.bench.scene, self.device, self.bench.parts)
 
     def prepare(self, method: Method) -> tuple[Render, float]:
         """How to render a method, and the seconds that its preparation took, compilation aside.
@@ -124,37 +123,24 @@ class Workshop:
         """
         if method.peer:
             return (lambda spp: self._peer(method, spp)), 0.0
-        if method.tolerance_px is not None and not self.bench.parts:
-            raise InputError("has no meshes", key="scene", value=self.bench.name)
         watch, budget = Stopwatch(), Budget(self.device)
-        before = sum(renderer.compile_seconds for renderer in self._renderers.values())
-        renderer = self._renderer(method.tolerance_px)
-        self._render(renderer, method, spp=1, frame=0)  # compiles, and makes tables
-        total = sum(renderer.compile_seconds for renderer in self._renderers.values())
-        self.compile_seconds += total - before
+        before = self._renderer.compile_seconds
+        self._render(method, spp=1, frame=0)  # compiles, and solves for the field
+        compiling = self._renderer.compile_seconds - before
+        self.compile_seconds += compiling
         self.cost += budget.seconds
-        return (lambda spp: self._ours(renderer, method, spp)), watch.seconds - (total - before)
+        return (lambda spp: self._ours(method, spp)), watch.seconds - compiling
 
-    def _renderer(self, tolerance_px: float | None) -> FrameRenderer:
-        if tolerance_px not in self._renderers:
-            scene, parts, T_w_v = self.bench.scene, self.bench.parts, self.bench.T_w_v
-            if tolerance_px is not None:
-                block = f"{{tolerance_px: {tolerance_px}, depth_steps: null}}"
-                scene = self.bench.with_changes(f"render.level_of_detail={block}")
-                parts = choose_detail(scene, parts, [T_w_v], self.device, compare=False).parts
-            self._renderers[tolerance_px] = FrameRenderer(scene, self.device, parts)
-        return self._renderers[tolerance_px]
-
-    def _render(self, renderer, method: Method, spp: int, frame: int) -> np.ndarray:
-        image = renderer.render(self.bench.T_w_v, self.bench.camera, "A", spp=spp, denoise=method.denoise, frame=frame,
-                                **method.how).A
+    def _render(self, method: Method, spp: int, frame: int) -> np.ndarray:
+        how = {"spp": spp, "denoise": method.denoise, "frame": frame} | method.how
+        image = self._renderer.render(self.bench.T_w_v, self.bench.camera, "A", **how).A
         return image.radiance if method.denoise == "none" else image.denoised
 
-    def _ours(self, renderer, method: Method, spp: int) -> Timed:
+    def _ours(self, method: Method, spp: int) -> Timed:
         images, wall, cpu, whole = [], [], [], Stopwatch()
         while not images or (len(images) < REPEATS and whole.seconds * (1 + 1 / len(images)) < REPEAT_SECONDS):
             watch = Stopwatch()
-            images.append(self._render(renderer, method, spp, frame=len(images)))
+            images.append(self._render(method, spp, frame=len(images)))
             wall.append(watch.seconds)
             cpu.append(watch.cpu_seconds)
         return Timed(np.array(images, float), float(np.median(wall)), float(np.median(cpu)))

@@ -365,9 +365,9 @@ def preprocess(
 
 @verb
 def bench(names: Annotated[list[str] | None, typer.Argument(
-              metavar="[SCENE-NAMES...]", help="ref1, open_water, floor_clear, coastal, harbour, demo.")] = None,
+              metavar="[SCENE-NAMES...]", help="ref1, open_water, jerlov_1b, ... (where none is named: all).")] = None,
           methods: Annotated[str | None, typer.Option(
-              metavar="NAME,...", help="Methods of A: direct, single, path, tables, tables+oidn ...")] = None,
+              metavar="NAME,...", help="Methods of A: direct, single, path, field, field+oidn ...")] = None,
           outputs: Annotated[str, typer.Option(metavar="A,D,sensors", help="Charts to make.")] = "A,D,sensors",
           device: Device = "auto",
           quick: Annotated[bool, typer.Option("--quick", help="Two scenes, few methods: two minutes.")] = False,
