@@ -33,6 +33,7 @@ from varos_warp.kernels.field.open_water import Tables, single_scattering, veil_
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
 from varos_warp.kernels.sampling import half_key, uniforms
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
+from varos_warp.kernels.transport.pixel import sample_pixel
 from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import (
     Subpath,
@@ -235,7 +236,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         on_camera = bool(True)
         whole = bool(True)
         group = int(0)
-        place = wp.vec2(0.0)
+        place = wp.vec3(0.0)
         path = Subpath()
         before = Vertex()
         eye = Vertex()
@@ -246,7 +247,9 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
             # a ray: through the pixel, or on from the vertex where a subpath turns
             if on_camera:
                 u = draw(key, pixel, sample, 0)
-                place = wp.vec2(float(part.col) + u[0], float(part.row) + u[1])
+                place = wp.vec3(float(part.col) + u[0], float(part.row) + u[1], 1.0)
+                if wp.static(not spec.camera_field):
+                    place = sample_pixel(scene, camera, part.row, part.col, u)
                 path = camera_segment(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
                 group = 1
             else:
@@ -344,7 +347,9 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:
-                sums = add_sample(sums, sample, L_direct, L_single, L_field + L_paths, correction + L_paths)
+                weight = place[2]
+                sums = add_sample(sums, sample, weight * L_direct, weight * L_single, weight * (L_field + L_paths),
+                                  weight * (correction + L_paths))
                 L_field = black
                 L_paths = black
                 correction = black

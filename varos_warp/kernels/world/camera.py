@@ -53,6 +53,20 @@ def camera_ray(camera: Camera, x: float, y: float, lens: wp.vec2):
 
 
 @wp.func
+def image_point(camera: Camera, p: wp.vec3, lens: wp.vec2):
+    """Image point (x, y) [pixels] whose ray from a point of the lens passes ``p``, and the depth of p [m].
+
+    Inverse of `camera_ray`; of no meaning where the depth is not positive.
+    """
+    v = p - camera.position
+    z = wp.dot(v, camera.forward)
+    on_lens = (1.0 / camera.focus - 1.0 / z) * camera.aperture * sample_disk(lens[0], lens[1])
+    x = camera.cx + camera.fx * (wp.dot(v, camera.right) / z + on_lens[0])
+    y = camera.cy + camera.fy * (wp.dot(v, camera.down) / z + on_lens[1])
+    return wp.vec3(x, y, z)
+
+
+@wp.func
 def node_ray(camera: Camera, size: wp.vec2, row: float, col: float, rows: int, cols: int):
     """Pinhole ray through a node, or a place between some, of a grid that spans an image of ``size`` [pixels]."""
     x = size[0] * col / float(cols - 1)
