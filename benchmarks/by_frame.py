@@ -20,7 +20,7 @@ from varos_warp.render.cost import timed
 from varos_warp.render.decisions import Plan
 from varos_warp.render.denoise import available_method
 from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import plan_render, planned_renderer
+from varos_warp.render.plan import plan_render
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
@@ -35,7 +35,7 @@ def check(renderer, plan: Plan, poses, frame: int) -> dict:
     scene, (camera, *_) = renderer.scene, renderer.scene.vehicle.cameras
 
     def image(**how):
-        return renderer.render(poses[frame], plan.view(camera), "A", frame=frame, **(plan.options | how)).A
+        return renderer.render(poses[frame], camera, "A", frame=frame, **(plan.options | how)).A
 
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
@@ -52,7 +52,6 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
     renderer, watch = FrameRenderer(scene, device), Stopwatch()
     plan = plan_render(scene, renderer, poses)
     planning = watch.seconds
-    renderer = planned_renderer(renderer, plan.to_dict(), poses)
     chosen = np.sort(np.random.default_rng(seed).choice(len(poses), min(frames, len(poses)), replace=False)).tolist()
     camera = scene.vehicle.cameras[0].id
     result = {

@@ -130,9 +130,8 @@ class FlatFloorRenderer:
 
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
     plan = {"spp": scene.render.spp or 8, "tile_tolerance": None, "max_scatterings": scene.render.max_scatterings,
-            "max_bounces": scene.render.max_bounces, "integrator": "auto", "pinhole": False, "lamps": None,
-            "hidden": True, "reasons": ["a test"]}
-    decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None, cost=None)
+            "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
+    decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
     words = {"spp_in_words": str(plan["spp"])}
     words |= {"error": None, "shortfall": None, "cost": None}
     return SimpleNamespace(**plan, **words, decisions=[decision], to_dict=lambda: plan)
@@ -141,7 +140,7 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
     for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
-                          "render.plan": {"plan_render": plan_render, "planned_renderer": lambda same, *_: same},
+                          "render.plan": {"plan_render": plan_render},
                           "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)
         module.__dict__.update(members)

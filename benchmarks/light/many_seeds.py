@@ -24,7 +24,7 @@ from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
 from varos_warp.render.frame import FrameRenderer
 from varos_warp.render.pilot import BLOCKS_WITHIN
-from varos_warp.render.plan import PATHS_PAY, _Planner, plan_render, planned_renderer
+from varos_warp.render.plan import PATHS_PAY, _Planner, plan_render
 from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
@@ -96,11 +96,10 @@ def tolerance(renderer, built: Built, options) -> dict:
     own = FrameRenderer(scene, renderer.device, built.parts)
     watch = Stopwatch()
     plan = plan_render(scene, own, [built.T_w_v])
-    took, chosen = watch.seconds, planned_renderer(own, plan.to_dict(), [built.T_w_v])
+    took = watch.seconds
     reference = judge(renderer, built, 512)
-    made = [chosen.render(built.T_w_v, outputs="A", integrator=plan.integrator, spp=plan.spp, denoise="oidn", seed=seed,
-                          max_scatterings=plan.max_scatterings, max_bounces=plan.max_bounces,
-                          tolerance=plan.tile_tolerance).A.denoised for seed in range(1, options.seeds + 1)]
+    made = [own.render(built.T_w_v, outputs="A", denoise="oidn", seed=seed, **plan.options).A.denoised
+            for seed in range(1, options.seeds + 1)]
     errors = [float(scores.relative_rmse(image[None], reference).max()) for image in made]
     blocks = [scores.block_row(image[None], reference)["block_99"] for image in made]
     kept = [error <= asked and block <= BLOCKS_WITHIN * asked for error, block in zip(errors, blocks, strict=True)]

@@ -72,7 +72,7 @@ def single_over_g() -> Sweep:
         errors=errors, scale="linear",
         measure="As before, sigma_t = 0.1/m; the worse of two point lamps, 0.18 m from the camera and in view 0.5 m "
                 "ahead. "
-                "The noise of path is 1e-3 to 5e-2.",
+                "The noise of path is below 4e-3.",
         limit="field 0 .. 0.98; path -0.99 .. 0.999",
         fails="the field is made for light that goes on ahead; float32: see the phase function",
         program="auto takes path where the field ends; g outside -0.99 .. 0.999 is refused",
@@ -176,16 +176,15 @@ def all_orders_over_albedo() -> Sweep:
         errors={name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
         | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]},
         measure="Relative error of all orders of scattering along a ray that begins 1 mean free path beside an "
-                "isotropic "
-                "point source in isotropic water, against the Fourier integral of Case and Zweifel (1967). Noise of "
-                "path "
-                "and reference 0.5 to 2 %.",
-        limit="field: to albedo 0.999 (8e-3; 0.99: 1e-3) in isotropic water of many mean free paths; path: to 0.99",
-        fails="light diffuses over more mean free paths than the field reaches (30, or 200 m: 5.6 % is lost at albedo "
-              "1) and than paths survive: their variance has no bound, and of an error of 15 % their stderr tells 2 %",
+                "isotropic point source in isotropic water, against the Fourier integral of Case and Zweifel (1967). "
+                "The last line is the standard error of path.",
+        limit="field: to albedo 0.999 (9e-3; 0.99: 8e-4) in isotropic water of many mean free paths; path: to 0.9 "
+              "(6e-3), beyond within its standard error of 7 to 15 %",
+        fails="light diffuses over more mean free paths than the field reaches (30, or 200 m: 3.2 % is lost at albedo "
+              "1); the variance of paths grows without bound, and their stderr says so",
         program="nothing: it takes water that scatters evenly and absorbs nothing. In the paper's blue (albedo 1, "
                 "g = 0.8) field and paths agree to 0.1 % (transport.md)",
-        test=TESTS + "test_all_orders_of_water_that_absorbs_nothing", bound=1e-2,
+        test=TESTS + "test_all_orders_of_water_that_absorbs_nothing", holds=(1e-3, None), bound=1e-2,
     )
 
 
@@ -223,7 +222,7 @@ def field_over_sigma_t() -> Sweep:
         parameter="sigma_t [1/m]", values=values, errors=dict(zip(("field", "stderr of path"), errors, strict=True)),
         measure="Relative error of the layer multiple in open water, on average over an image, two spots beside the "
                 "camera, g = 0.8, albedo 0.8, against path with 4096 samples, whose standard error is the other line.",
-        limit="0.03 .. 50 1/m within the noise of path (0.6 % at 0.03, 1.4 % at 3, 4 % at 10, 20 % at 50)",
+        limit="0.03 .. 50 1/m within the noise of path (0.4 % at 0.03, 0.8 % at 1, 2.4 % at 3, 3 % at 10, 15 % at 50)",
         fails="with one channel much murkier than another the sum over the orders does not converge: an optical depth "
               "of 200 on the grid (0.01, 0.1 and 1 1/m), while 100 does",
         program="auto takes path beyond 100, the field asked for by name is refused",

@@ -37,16 +37,14 @@ def print_table(header: list[str], rows: list[list[str]]) -> None:
 
 
 def print_plan(result: dict, plan) -> None:
-    """What was decided, why, the error that it makes and what it saves; then what makes each output, and the time."""
+    """What was decided, why, and the error that it makes; then what makes each output, and the time."""
     if plan.shortfall:
         print(plan.shortfall)
-    rows = [[d.what, d.choice, *_percent(d.error), "" if d.cost is None else f"x {d.cost:.2f}", d.reason]
-            for d in plan.decisions]
+    rows = [[d.what, d.choice, *_percent(d.error), d.reason] for d in plan.decisions]
     if plan.error is not None:
-        rows.append(["in all", "", *_percent(plan.error), "",
-                     "noise squared plus the sum of the others squared, its root"])
-    print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "time", "reason"], rows)
-    print("errors: predicted relative RMSE of an image; time: against an image with everything")
+        rows.append(["in all", "", *_percent(plan.error), "noise squared plus the sum of the others squared, its root"])
+    print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "reason"], rows)
+    print("errors: predicted relative RMSE of an image")
     print("models:", *(f"  {name}: {part}" for name, part in result.get("models", {}).items()), sep="\n")
     cost = result.get("cost")
     if cost:

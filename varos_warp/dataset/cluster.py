@@ -48,7 +48,7 @@ HABITS = {"distributed.worker.profile.enabled": False,
 """Defaults of Dask that workers started here do without. Its profiler holds up all threads a hundred times a second.
 Its threshold, as any would, keeps the C library from learning to reuse the memory of large arrays: writing a frame of
 1280 x 720 meets 25 000 page faults instead of 800, and a worker makes an eighth fewer frames (docs/long_runs.md)."""
-NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance", "pinhole", "lamps", "hidden")
+NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance")
 """What workers need of a plan."""
 
 
@@ -289,7 +289,7 @@ class Cluster:
             with clock("wait"):
                 # the first worker is to compile for all; the others rebuild their scenes meanwhile, which takes as long
                 for address in self.order[1:]:
-                    fire_and_forget(self.submit(prepare_site, self.name, needed, at=address))
+                    fire_and_forget(self.submit(prepare_site, self.name, at=address))
                 run.all(list(jobs))
         finally:
             files.sweep(store.layout.root)  # what killed workers of this host left

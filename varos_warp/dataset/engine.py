@@ -56,7 +56,6 @@ class Engine:
         self.compared = False
         """Whether the error of the level of detail was measured, for a planner."""
         self._turn = threading.Lock()
-        self._plan: dict | None = None
 
     def __enter__(self) -> "Engine":
         return self
@@ -120,14 +119,6 @@ class Engine:
 
         return plan_render(self.scene, self.renderer, self.poses, meshes=self.meshes)
 
-    def prepare(self, plan: dict) -> None:
-        """Leave out of the scene on the device what a plan does without. Every plan must be the same."""
-        from varos_warp.render.plan import planned_renderer
-
-        with self._turn:
-            if self._plan is None:
-                self.renderer, self._plan = planned_renderer(self.renderer, plan, self.poses), plan
-
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
                turn: Callable[[], contextlib.AbstractContextManager] | None = None) -> None:
@@ -135,8 +126,6 @@ class Engine:
 
         Several threads may call it: no more of their images are under way than the device takes at once.
         """
-        with clock("load"):
-            self.prepare(plan)
         render_frames(self.renderer, store, plan, jobs, self.poses.__getitem__, made=made, clock=clock, done=done,
                       say=say, turn=turn or (lambda: self._turn), place=self._places, cores=self.cores,
                       at_once=min(self.at_once, len(jobs)))

@@ -25,7 +25,6 @@ from varos_warp.render import exposure
 from varos_warp.render.by_frame import spp_of
 from varos_warp.render.cost import timed
 from varos_warp.render.launch import finish
-from varos_warp.scene.frames import pinhole
 
 PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """What a plan says of every frame."""
@@ -74,7 +73,7 @@ def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
     names goes on from there.
 
     Args:
-        renderer: The scene's renderer as planned (`plan.planned_renderer`).
+        renderer: The scene's renderer.
         store: Writes the images.
         plan: Of the sequence, as `Plan.to_dict` has it.
         jobs: What to render.
@@ -148,7 +147,6 @@ class _Run:
         self.made, self.clock, self.done, self.say, self.in_a_row = made, clock, done, say, 0
         self.turn, self.place, self.noting = turn, place, threading.Lock()
         self.writers: Executor
-        self.cameras = {camera.id: camera for camera in renderer.scene.vehicle.cameras}
         keys = (("denoise", "A"), ("denoise_b", "B"))
         on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
         self.options = {key: plan[key] for key in PLANNED} | {
@@ -177,10 +175,9 @@ class _Run:
 
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling, nor those before the image before was done."""
-        camera = pinhole(self.cameras[job.camera]) if self.plan["pinhole"] else job.camera
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
-            self.T_w_v(job.frame), camera=camera, outputs=job.letters, frame=job.frame,
+            self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
             spp=spp_of(self.plan, job.camera, job.frame), **self.options), self.turn))
         overlap = max(_done.get(self.renderer, start) - start, 0.0)
         _done[self.renderer] = time.perf_counter()

@@ -215,9 +215,9 @@ def plan_site(name: str):
         return site_of(name).opened(compare=True)[0].plan()
 
 
-def prepare_site(name: str, plan: dict) -> None:
-    """Bring the scene as planned onto the device."""
-    site_of(name).opened()[0].prepare(plan)
+def prepare_site(name: str) -> None:
+    """Bring the scene onto the device."""
+    site_of(name).opened()
 
 
 def stop_site(name: str, dask_worker) -> None:

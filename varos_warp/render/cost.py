@@ -46,7 +46,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
         how = plan.options | few | {"layers": tuple(scene.render.layers)}
-        return timed(renderer, lambda: renderer.render(T_w_v, plan.view(view), letters, **how))[1]
+        return timed(renderer, lambda: renderer.render(T_w_v, view, letters, **how))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
     measured(small, 0.0)  # compiles, and makes tables

@@ -8,8 +8,6 @@ import numpy as np
 from varos_warp.render import by_frame
 from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.frames import pinhole
 
 TRACERS = {"reference": "reference path tracer", "path": "path tracer",
            "field": "path tracer with the field of open water"}
@@ -24,11 +22,9 @@ class Decision:
     reason: str
     error: tuple[float, float, float] | None = None
     """Predicted relative RMSE of the choice, per channel; None where it is not known."""
-    cost: float | None = None
-    """Time of an image with the choice over that of one with everything, where both were rendered."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types, without the cost, which differs from machine to machine."""
+        """Plain types."""
         error = None if self.error is None else [float(f"{e:.3g}") for e in self.error]
         return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": error}
 
@@ -44,12 +40,6 @@ class Plan:
     max_bounces: int | None = None
     """Most reflections on surfaces; None: no bound."""
     integrator: str = "auto"
-    pinhole: bool = False
-    """Whether the depth of field is left out."""
-    lamps: list[int] | None = None
-    """Numbers of the lamps that reach an image, from 0; None: all."""
-    hidden: bool = True
-    """Whether triangles far from all that is seen are kept."""
     tile_tolerance: float | None = None
     """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
     spp_by_frame: dict[str, list[list[int]]] | None = None
@@ -75,7 +65,7 @@ class Plan:
 
     @property
     def error(self) -> np.ndarray | None:
-        """Predicted relative RMSE [3] of an image: noise, and the sum of what models leave out; None: not predicted."""
+        """Predicted relative RMSE [3] of an image: noise, and the error of the field; None: not predicted."""
         samples = [d.error for d in self.decisions if d.what == "spp"]
         if samples in ([], [None]):
             return None
@@ -87,10 +77,6 @@ class Plan:
         """Samples per pixel of the frames."""
         least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
         return f"{least} to {most}" if least < most else str(self.spp)
-
-    def view(self, camera: Camera) -> Camera:
-        """The camera to render with."""
-        return pinhole(camera) if self.pinhole else camera
 
     @property
     def options(self) -> dict[str, Any]:
@@ -124,14 +110,14 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     """What makes each output, in words."""
     render = scene.render
     bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
-    limits = [f"any number of {noun}s {where}" if bound is None else
-              f"at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds]
+    limits = "".join(f", at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds
+                     if bound is not None)
     used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
             for camera in scene.vehicle.cameras}
     tracer = " or ".join(TRACERS[name] for name in sorted(used))
     stop = "" if plan.tile_tolerance is None else (
         f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
-    words = {"A": f"{tracer}, paths with {' and '.join(limits)}, {plan.spp_in_words} samples per pixel{stop}, "
+    words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel{stop}, "
                   f"denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",

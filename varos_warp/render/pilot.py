@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import laplace, uniform_filter
+from scipy.ndimage import uniform_filter
 
 from varos_warp.render.adapt import DARK, brightness
 from varos_warp.render.denoise import denoise_image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.frames import intrinsics
 
 SCOUT_POSES = 5
 SCOUT_PIXELS, SCOUT_SPP = 160 * 90, 4
@@ -40,8 +39,6 @@ class View:
     """`RadianceImage` of A."""
     twin: Any
     """The same with other random numbers."""
-    range: np.ndarray
-    """Distance of the first hits along the rays [H, W] [m]; inf where nothing is hit."""
     given_camera: Camera | None = None
     """With the resolution of the scene."""
 
@@ -76,9 +73,9 @@ def scout(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]
             spp = round(SCOUT_SPP * SCOUT_PIXELS / np.prod(camera.resolution))
             how = {"spp": spp, "max_scatterings": render.max_scatterings, "max_bounces": render.max_bounces,
                    "layers": tuple(render.layers), "frame": frame, "integrator": render.integrator}
-            made = renderer.render(poses[frame], camera, "AD", **how)
+            image = renderer.render(poses[frame], camera, "A", **how).A
             twin = renderer.render(poses[frame], camera, "A", seed=TWIN_SEED, **how).A
-            yield View(frame, camera, poses[frame], made.A, twin, made.D.range, given)
+            yield View(frame, camera, poses[frame], image, twin, given)
 
 
 def twins(renderer, view: View, **how) -> View:
@@ -208,41 +205,6 @@ def _against_sane(image: np.ndarray, judges: np.ndarray, level: np.ndarray) -> t
 def _offset(level: np.ndarray, means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far the mean of an image [3] is from the ``means`` [judge, 3] of its judges, and the variance of theirs."""
     return level - means.mean(0), means.var(axis=0, ddof=1) / len(means)
-
-
-def omission_error(full: Sequence[Any], less: Sequence[Any]) -> np.ndarray:
-    """Relative RMSE [3] of leaving something out, at the upper end of what chance leaves open (two standard errors).
-
-    Args:
-        full: Images with everything, each with its own random numbers.
-        less: Images without it, with the same random numbers as their partners, so that most of the noise cancels.
-    """
-    first, second = (np.mean([a.radiance.astype(np.float64) - b.radiance for a, b in zip(full[k::2], less[k::2],
-                                                                                         strict=True)], axis=0)
-                     for k in range(2))
-    product = first * second  # of independent differences: its mean is the square of what they have in common
-    square = product.mean((0, 1)) + 2.0 * product.std((0, 1)) / np.sqrt(product[..., 0].size)
-    return _relative(square, np.array([image.radiance for image in full], np.float64))
-
-
-def blur_error(radiance: np.ndarray, diameter: float) -> np.ndarray:
-    """Relative RMSE [3] of an image without the blur of a lens, a disk of a few pixels at most.
-
-    To second order a disk of diameter c adds c^2 / 32 times the Laplacian. A larger image of the same view has no more
-    of it per pixel, and noise only adds to it, so this is an upper bound.
-    """
-    bend = laplace(radiance.astype(np.float64), axes=(0, 1), mode="nearest")
-    return _relative(((diameter**2 / 32.0 * bend) ** 2).mean((0, 1)), radiance[None].astype(np.float64))
-
-
-def circle_of_confusion(camera: Camera, distance: np.ndarray) -> float:
-    """Largest diameter [pixels] of the image of a point at the distances [m] that a camera sees; 0 for a pinhole."""
-    seen = distance[np.isfinite(distance)]
-    if not camera.f_stop or not seen.size:
-        return 0.0
-    aperture = 1e-3 * camera.focal_mm / camera.f_stop
-    defocus = max(abs(1.0 / z - 1.0 / camera.focus_m) for z in (seen.min(), seen.max()))
-    return float(aperture * defocus * intrinsics(camera)[0, 0])
 
 
 def _relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:

@@ -1,38 +1,30 @@
-"""The cheapest model that meets the tolerance: what A needs, what it can do without, how many samples it takes.
+"""The cheapest plan that keeps the tolerance: which integrator renders A, and how many samples it takes.
 
-Everything follows from a pilot (pilot.py): a few poses at low resolution. A decision names what is left out and the
-error that this makes, per channel, as relative RMSE of an image. Errors of models add up and may take a quarter of the
-tolerance; noise, and what a denoiser leaves, has the rest. Times are measured for the cost only; nothing that is chosen
-depends on them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
+Everything follows from a pilot (pilot.py): a few poses at low resolution. Errors are per channel, as relative RMSE of
+an image: that of the field, and of noise and what a denoiser leaves. Times are measured for the cost only; nothing that
+is chosen depends on them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from varos_warp.render import by_frame, pilot
 from varos_warp.render.adapt import brightness
-from varos_warp.render.cost import sequence_cost, timed
+from varos_warp.render.cost import sequence_cost
 from varos_warp.render.decisions import Decision, Plan, in_words, mesh_decisions, models_in_words
 from varos_warp.render.denoise import available_method, denoise_image
 from varos_warp.render.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.pilot import View, pilot_camera
-from varos_warp.render.reach import lamp_light, rebuilt, with_lamps, without_hidden
-from varos_warp.render.truncation import MOST_SCATTERINGS, truncation_errors, unmeasured, view_rays
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
-from varos_warp.scene.frames import pinhole
-from varos_warp.scene.water import optical_properties
 
 CHANNELS = ("red", "green", "blue")
 
-MODEL_SHARE = 0.25
-"""Share of the tolerance that models may take; errors add up."""
 MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
 samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a
@@ -68,24 +60,16 @@ IMAGES = 2
 MOST_JUDGED = 32
 """Samples per pixel of the first image that is judged, at most."""
 ROUNDS = 3
-MATCHED = 2
-"""Pairs of images with and without something, to see what it does."""
 FEWEST_ADAPTIVE = 16
 """With fewer samples per pixel, there is nothing to adapt."""
-WORTH = 0.1
-"""Triangles are left out where they are at least this share of all."""
 MOST_REHEARSED, PAYS = 1024, 0.8
 """Up to so many samples images that adapt them are tried, and samples adapt if the error is so much less than with as
 many everywhere: in rounds and uneven tiles a GPU takes up to 1.8 times longer for a sample (measured at 320x180)."""
-BOUNCES = (1, 2)
-"""Bounds on the reflections that are tried; with three or more, walks end by roulette as early."""
-SHARPEST_LENS_PX = 1.0
-"""Depth of field is looked at where the circle of confusion is at most this wide everywhere."""
 
 
 def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
                 meshes: dict | None = None) -> Plan:
-    """Choose models and samples for a sequence; what the scene file fixes stays as it is.
+    """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
         scene: The scene.
@@ -96,21 +80,12 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     """
     planner = _Planner(scene, renderer, poses, mesh_decisions(meshes))
     plan = planner.plan()
-    cost = sequence_cost(planner.scene, planner.renderer, poses, plan) if measure_cost else None
-    return replace(plan, models=models_in_words(planner.scene, plan), meshes=meshes, cost=cost)
-
-
-def planned_renderer(renderer, plan: dict[str, Any], poses: Sequence[np.ndarray]):
-    """The renderer of a plan (as `Plan.to_dict` has it): without the lamps and triangles that it leaves out."""
-    if plan["lamps"] is None and plan["hidden"]:
-        return renderer
-    scene = renderer.scene if plan["lamps"] is None else with_lamps(renderer.scene, plan["lamps"])
-    parts = renderer.parts if plan["hidden"] else without_hidden(scene, renderer.parts, poses)[0]
-    return rebuilt(renderer, scene, parts)
+    cost = sequence_cost(scene, renderer, poses, plan) if measure_cost else None
+    return replace(plan, models=models_in_words(scene, plan), meshes=meshes, cost=cost)
 
 
 class _Planner:
-    """Takes one decision after the other; each knows what those before it left out."""
+    """Takes one decision after the other; each knows those before it."""
 
     def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
         self.scene, self.renderer, self.poses = scene, renderer, poses
@@ -118,38 +93,26 @@ class _Planner:
         self.decisions = decisions
         self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)
         """Sum of the errors of models so far."""
-        self.max_scatterings, self.max_bounces = self.render.max_scatterings, self.render.max_bounces
-        self.integrator, self.pinhole, self.lamps, self.hidden = self.render.integrator, False, None, True
+        self.integrator = self.render.integrator
         self.spp_by_frame: dict | None = None
 
     def plan(self) -> Plan:
         """All decisions."""
-        if "A" not in self.render.outputs:  # nothing else pays for water
+        render = self.render
+        if "A" in render.outputs:
+            self.choose_integrator()
+            spp, tolerance = self.choose_samples()
+        else:  # nothing else pays for water
             self.decide("A", "none", "it is not among the outputs")
-            return Plan(self.render.spp or FEWEST_SPP, self.max_scatterings, self.max_bounces, self.integrator,
-                        decisions=self.decisions)
-        if self.render.spp is None and self.lit:
-            self.choose_lamps()
-            self.choose_triangles()
-        self.choose_integrator()
-        self.choose_scatterings()
-        if self.render.spp is None and self.lit:
-            self.choose_lens()
-            self.choose_bounces()
-        spp, tolerance = self.choose_samples()
-        return Plan(spp, self.max_scatterings, self.max_bounces, self.integrator, self.pinhole, self.lamps,
-                    self.hidden, tolerance, self.spp_by_frame, self.decisions)
+            spp, tolerance = render.spp or FEWEST_SPP, None
+        return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, tolerance, self.spp_by_frame,
+                    self.decisions)
 
-    def decide(self, what: str, choice, reason: str, error=None, cost: float | None = None) -> None:
-        """Keep a decision about a model."""
-        words = "no bound" if choice is None else str(choice)
-        self.decisions.append(Decision(what, words, reason, None if error is None else tuple(map(float, error)), cost))
+    def decide(self, what: str, choice, reason: str, error=None) -> None:
+        """Keep a decision."""
+        self.decisions.append(Decision(what, str(choice), reason, None if error is None else tuple(map(float, error))))
         if error is not None:
             self.models = self.models + error
-
-    def affordable(self, error: np.ndarray) -> bool:
-        """Whether leaving something out keeps the models within their share of the tolerance."""
-        return bool(np.all(self.models + error <= MODEL_SHARE * self.render.tolerance))
 
     # ------------------------------------------------------------------------------------------------------ the pilot
 
@@ -177,7 +140,7 @@ class _Planner:
     @property
     def integrators(self) -> set[str]:
         """What renders A, over the cameras."""
-        return {resolve_integrator(self.scene, camera, self.integrator, self.max_scatterings)
+        return {resolve_integrator(self.scene, camera, self.integrator, self.render.max_scatterings)
                 for camera in self.scene.vehicle.cameras}
 
     @property
@@ -185,23 +148,15 @@ class _Planner:
         """Exponent of the error in the samples, at the least."""
         return min(STEEPEST[name] for name in self.integrators)
 
-    def image(self, spp: int, number: int = 0, output: str = "A", place: tuple | None = None, **changes):
-        """An image with what has been chosen so far; each ``number`` has its own random numbers.
+    def image(self, spp: int, number: int = 0, place: tuple | None = None, **changes):
+        """An image A with what has been chosen so far; each ``number`` has its own random numbers.
 
         The ``place`` is T_w_v and the camera; absent: those of the worst view.
         """
         T_w_v, given = place or (self.worst.T_w_v, self.worst.given_camera)
-        camera = pilot_camera(given, self.pixels)
-        camera = pinhole(camera) if self.pinhole else camera
-        how = {"max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces, "spp": spp, "spp_b": spp,
+        how = {"max_scatterings": self.render.max_scatterings, "max_bounces": self.render.max_bounces, "spp": spp,
                "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
-        frame = self.renderer.render(T_w_v, camera, output, seed=pilot.SEED + number, **how)
-        return getattr(frame, output)
-
-    def timed(self, spp: int, **changes) -> tuple[list, float]:
-        """``MATCHED`` images, and the seconds that one took."""
-        images, seconds = timed(self.renderer, lambda: [self.image(spp, k, **changes) for k in range(MATCHED)])
-        return images, seconds / MATCHED
+        return self.renderer.render(T_w_v, pilot_camera(given, self.pixels), "A", seed=pilot.SEED + number, **how).A
 
     @property
     def first_spp(self) -> int:
@@ -209,47 +164,6 @@ class _Planner:
         return min(FIRST_GUESS[name] for name in self.integrators)
 
     # ------------------------------------------------------------------------------------------------------ decisions
-
-    def choose_lamps(self) -> None:
-        """Without those whose light hardly shows."""
-        shares = np.zeros((len(self.scene.vehicle.lights), 3))
-        for view in self.views:
-            level = np.maximum(brightness(view.image.radiance.astype(float).mean((0, 1))), 1e-30)
-            light = lamp_light(self.scene, view, view_rays(view))
-            shares = np.maximum(shares, np.sqrt(np.mean(light**2, axis=(1, 2))) / level)
-        order = np.argsort(shares.max(1), kind="stable")
-        lost = np.cumsum(shares[order], axis=0).max(1)
-        count = int(np.count_nonzero(lost <= MODEL_SHARE * self.render.tolerance))
-        if 0 < count < len(shares):
-            kept = sorted(order[count:].tolist())
-            less = rebuilt(self.renderer, scene=with_lamps(self.renderer.scene, kept))
-            if self.leave_out("lamps", f"{len(kept)} of {len(shares)}", "the others hardly shine into any view", less):
-                self.lamps = kept
-
-    def choose_triangles(self) -> None:
-        """Without those far from all that is seen, if they are many and their light hardly shows."""
-        given = sum(len(part.faces) for part in self.renderer.parts)
-        parts, gone = without_hidden(self.scene, self.renderer.parts, self.poses)
-        if gone >= WORTH * max(given, 1):
-            words = f"{gone} of {given} are far from all that any frame sees"
-            self.hidden = not self.leave_out("triangles", f"without {gone}", words, rebuilt(self.renderer, parts=parts))
-
-    def leave_out(self, what: str, choice: str, reason: str, less) -> bool:
-        """Go on with ``less``, a renderer without something, if images A and B show that it is affordable."""
-        full, before = self.matched(), self.renderer
-        self.renderer = less
-        error = np.max([pilot.omission_error(*pair) for pair in zip(full, self.matched(), strict=True)], axis=0)
-        if not self.affordable(error):
-            self.renderer = before
-            return False
-        self.scene = self.renderer.scene.model_copy(update={"render": self.render})
-        self.decide(what, choice, f"{reason}; at most {error.max():.2%} is lost in the noisiest view", error)
-        return True
-
-    def matched(self) -> list[list]:
-        """``MATCHED`` images of A, and of B where it is asked for; the same random numbers every time."""
-        return [[self.image(2 * FIRST_GUESS["path"], k, output=letter) for k in range(MATCHED)]
-                for letter in "AB" if letter in self.render.outputs]
 
     def choose_integrator(self) -> None:
         """The one that takes least time for the same error; paths alone where the field is not right enough."""
@@ -284,7 +198,8 @@ class _Planner:
 
     def work(self, name: str) -> np.ndarray:
         """Squares of the noise after and before denoising, times the time, in the noisiest view with an integrator."""
-        pair = pilot.twins(self.renderer, self.worst, spp=COMPARED_SPP, integrator=name, max_bounces=self.max_bounces,
+        pair = pilot.twins(self.renderer, self.worst, spp=COMPARED_SPP, integrator=name,
+                           max_bounces=self.render.max_bounces,
                            layers=tuple(self.render.layers))
         noise = np.array([pilot.scouted_noise(pair, method, rare=0.0).max()
                           for method in (available_method(self.render.denoise), "none")])
@@ -292,76 +207,10 @@ class _Planner:
 
     def why_no_field(self) -> str:
         """In words."""
-        if self.max_scatterings is not None:
+        if self.render.max_scatterings is not None:
             return "the field holds all orders of scattering, and a bound is given"
         why = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
         return "; ".join(sorted(why))
-
-    def choose_scatterings(self) -> None:
-        """The fewest that lose less light than models may."""
-        bound, layers = self.render.max_scatterings, self.render.layers
-        decide = partial(self.decide, "max_scatterings")
-        if bound is not None:
-            return decide(bound, "given")
-        if not optical_properties(self.scene).sigma_s.any():
-            self.max_scatterings = 0
-            return decide(0, "the water does not scatter", np.zeros(3))
-        if self.integrators == {"field"}:
-            return decide(None, "the field holds all orders", np.zeros(3))
-        if "multiple" not in layers:
-            self.max_scatterings = int("single" in layers)
-            return decide(self.max_scatterings, "the layers asked for have no more", np.zeros(3))
-        why = unmeasured(self.scene)
-        if why is None and not self.lit:
-            why = "none of the poses looked at sees any light"
-        return decide(None, why, np.zeros(3)) if why else self.truncate()
-
-    def truncate(self) -> None:
-        """Find the bound from the law of truncation."""
-        worst = np.max([truncation_errors(self.scene, view) for view in self.views], axis=0)
-        bound = next((n for n, error in enumerate(worst) if self.affordable(error)), None)
-        allowed = MODEL_SHARE * self.render.tolerance
-        if bound is None:
-            return self.decide("max_scatterings", None, f"light of more than {MOST_SCATTERINGS} scatterings counts "
-                               f"here: more than the {allowed:.2%} of the light that a bound may lose", np.zeros(3))
-        self.max_scatterings = bound
-        fewer = f"; {bound - 1} might lose {worst[bound - 1].max():.2%}" if bound else ""
-        return self.decide("max_scatterings", bound, f"loses at most {worst[bound].max():.2%} of the light anywhere, "
-                           f"and {allowed:.2%} is allowed{fewer}", worst[bound])
-
-    def choose_lens(self) -> None:
-        """A pinhole where the depth of field would hardly be missed."""
-        error, widest = np.zeros(3), 0.0
-        for view in self.views:
-            blur = pilot.circle_of_confusion(view.given_camera, view.range)
-            error = np.maximum(error, pilot.blur_error(view.image.radiance, blur))
-            widest = max(widest, blur)
-        if widest == 0.0:
-            return
-        words = f"points blur to at most {widest:.2g} pixels; a pinhole is at most {error.max():.2%} off"
-        self.pinhole = widest < SHARPEST_LENS_PX and self.affordable(error)
-        self.decide("depth of field", "pinhole" if self.pinhole else "lens", words,
-                    error if self.pinhole else np.zeros(3))
-
-    def choose_bounces(self) -> None:
-        """The fewest reflections on surfaces that lose less light than models may."""
-        decide = partial(self.decide, "max_bounces")
-        if self.max_bounces is not None:
-            return decide(self.max_bounces, "given")
-        lost = []
-        full, seconds = self.timed(2 * self.first_spp)
-        for bound in BOUNCES:
-            less, seconds_less = self.timed(2 * self.first_spp, max_bounces=bound)
-            error = pilot.omission_error(full, less)
-            lost.append(f"{bound} would lose up to {error.max():.2%}")
-            if self.affordable(error):
-                self.max_bounces = bound
-                return decide(bound, f"loses at most {error.max():.2%} in the noisiest view", error,
-                              seconds_less / max(seconds, 1e-9))
-            if error.max() ** 2 > MODEL_SHARE * self.render.tolerance:  # the next would lose about its square
-                break
-        return decide(None, f"{', '.join(lost)}, and all models may lose {MODEL_SHARE * self.render.tolerance:.2%}",
-                      np.zeros(3))
 
     # -------------------------------------------------------------------------------------------------------- samples
 

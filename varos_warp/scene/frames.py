@@ -92,11 +92,6 @@ def camera_pose(camera, T_w_v: np.ndarray) -> np.ndarray:
     return T_mount_c if camera.mount == "world" else T_w_v @ T_mount_c
 
 
-def pinhole(camera):
-    """A scene's camera block without its lens."""
-    return camera.model_copy(update={"f_stop": 0.0})
-
-
 def lamp_position(light, T_w_v: np.ndarray) -> np.ndarray:
     """Where a lamp of the vehicle at ``T_w_v`` is in the world [3] [m]."""
     return T_w_v[:3, :3] @ light.position + T_w_v[:3, 3]
