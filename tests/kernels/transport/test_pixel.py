@@ -66,7 +66,7 @@ def inverse_distance(at):
 
 
 SEEN = {"within": (7.3, 5.8), "on the edge": (7.0, 5.5), "on a corner": (8.0, 6.0), "in the neighbour": (8.001, 5.4),
-        "two pixels off": (9.7, 4.1), "far off": (30.0, 5.5)}
+        "half a pixel off": (8.5, 5.2), "far off": (30.0, 5.5)}
 
 
 @pytest.mark.parametrize("seen", SEEN)
@@ -80,25 +80,24 @@ def test_weighted_places_are_even_and_find_what_a_light_scatters(seen):
         assert abs(values.mean() - expected) < 4 * values.std() / np.sqrt(COUNT) + 1e-6 * expected
 
 
-def test_no_sample_of_a_light_that_is_seen_rules():
+@pytest.mark.parametrize("seen", ["within", "on a corner"])
+def test_no_sample_of_a_light_that_is_seen_rules(seen):
     """Of as many even samples of 1/r the largest has a tenth of the sum of squares: their tail is an inverse square."""
-    camera, at = camera_of(), SEEN["within"]
+    camera, at = camera_of(), SEEN[seen]
     x, y, weight = places_of(lights_at(camera, at), camera).T
     inverse = weight / np.hypot(x - at[0], y - at[1])
-    # at most the number of densities x the integral over the row, 2 asinh(1 / h) < 2 log(2.1 / h)
-    closest = np.abs(y - at[1]).min()
-    assert inverse.max() < 4 * np.log(2.1 / closest)
-    assert inverse.max() ** 2 < 1e-3 * (inverse**2).sum()
+    assert inverse.max() < 2.0 * inverse.mean()
+    assert inverse.std() < 0.4 * inverse.mean()
 
 
 def test_lights_side_by_side_are_found_by_one_mixture():
     camera, pair = camera_of(), ((7.3, 5.8), (7.4, 5.3))
     x, y, weight = places_of(lights_at(camera, *pair), camera).T
-    assert weight.max() <= 3.0 + 1e-5
+    assert weight.max() <= 8.0 + 1e-5  # the even share
     inverse = weight * sum(1.0 / np.hypot(x - at[0], y - at[1]) for at in pair)
     expected = sum(map(inverse_distance, pair))
     assert abs(inverse.mean() - expected) < 4 * inverse.std() / np.sqrt(COUNT)
-    assert inverse.max() ** 2 < 1e-3 * (inverse**2).sum()
+    assert inverse.max() < 3.0 * inverse.mean()
 
 
 def test_a_light_behind_the_camera_changes_nothing():

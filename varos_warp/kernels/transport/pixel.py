@@ -1,24 +1,28 @@
-"""Where in its pixel a sample of the camera lies: evenly, and more densely around lights that the camera sees.
+"""Where in its pixel a sample of the camera lies: evenly, or densely around lights that the camera sees.
 
 Light scattered once goes as 1/h where a ray passes a point light at a distance h. With even samples of the pixel that
-a light is seen in, the tail of that falls with the inverse square: rare samples decide the image. So some are drawn
-with a density in proportion to 1/r on the pixel's row, r from the light's image. What is left goes as the logarithm
-of r, of which all moments are finite.
+a light is seen in, the tail of that falls with the inverse square: rare samples decide the image. So most of them are
+drawn about in proportion to 1/r, r from the light's image: the row y with the density |y|^-1/4, and on it x with 1/r.
+What is left of 1/r goes as |y|^1/4 log(1/|y|): it is bounded.
 """
 
 import warp as wp
 
-from varos_warp.kernels.sampling import asinh
+from varos_warp.kernels.sampling import LARGEST, asinh
 from varos_warp.kernels.world.camera import Camera, image_point
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import light_centre
 
 wp.set_module_options({"enable_backward": False})
 
-BESIDE = wp.constant(4.0)
+BESIDE = wp.constant(1.5)
 """Distance [pixels] between a light's image and a pixel's centre up to which it counts: beyond, 1/r hardly varies."""
+EVEN = wp.constant(0.125)
+"""Share of even samples beside a light."""
+PEAK = wp.constant(0.25)
+"""Exponent of the density of rows."""
 CLOSEST = wp.constant(1.0e-6)
-"""Least distance of a row from a light's image that is told apart from zero [pixels]."""
+"""Least distance from a light's image that is told apart from zero [pixels]."""
 
 
 @wp.func
@@ -30,44 +34,61 @@ def seen_beside(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, l
 
 
 @wp.func
-def row_angles(at: wp.vec3, left: float, y: float):
-    """Ends of the pixel's row at ``y`` as asinh(x / h), and h: even steps between them are in proportion to 1/r."""
-    h = wp.max(wp.abs(y - at[1]), CLOSEST)
-    return wp.vec3(asinh((left - at[0]) / h), asinh((left + 1.0 - at[0]) / h), h)
+def row_measure(y: float):
+    """Integral of |y|^-PEAK, but for a constant; odd."""
+    return wp.sign(y) * wp.pow(wp.abs(y), 1.0 - PEAK)
+
+
+@wp.func
+def sample_around(left: float, top: float, u: float, v: float):
+    """Point (x, y) of the pixel from (left, top) on, relative to a light's image, with the density `pdf_around`."""
+    m = wp.lerp(row_measure(top), row_measure(top + 1.0), v)
+    y = wp.sign(m) * wp.pow(wp.abs(m), 1.0 / (1.0 - PEAK))
+    h = wp.max(wp.abs(y), CLOSEST)
+    return wp.vec2(h * wp.sinh(wp.lerp(asinh(left / h), asinh((left + 1.0) / h), u)), y)
+
+
+@wp.func
+def pdf_around(left: float, top: float, x: float, y: float):
+    """Density [1/pixel^2] of `sample_around`."""
+    h = wp.max(wp.abs(y), CLOSEST)
+    of_row = (1.0 - PEAK) * wp.pow(h, -PEAK) / (row_measure(top + 1.0) - row_measure(top))
+    return of_row / ((asinh((left + 1.0) / h) - asinh(left / h)) * wp.sqrt(x * x + h * h))
 
 
 @wp.func
 def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
-    """Place (x, y) in a pixel [pixels] and the weight of what is seen there.
+    """Place (x, y) in a pixel [pixels] and the weight of what is seen there: the inverse of its density.
 
-    One of the even density and those of the lights is drawn; the weight is the inverse of their mean (balance
-    heuristic, Veach and Guibas 1995). ``u``: two numbers for the pixel and two for the lens.
+    Of several lights each has the same share (balance heuristic, Veach and Guibas 1995). ``u``: two numbers for the
+    pixel and two for the lens.
     """
     left = float(col)
-    y = float(row) + u[1]
-    centre = wp.vec2(left + 0.5, float(row) + 0.5)
+    top = float(row)
+    centre = wp.vec2(left + 0.5, top + 0.5)
     lens = wp.vec2(u[2], u[3])
     count = int(0)
     for i in range(scene.lights.shape[0]):
         count += int(seen_beside(scene, camera, i, centre, lens)[2])
     if count == 0:
-        return wp.vec3(left + u[0], y, 1.0)
-    stretched = u[0] * float(count + 1)
-    chosen = wp.min(int(stretched), count)
-    share = stretched - float(chosen)
-    x = left + share
-    number = int(0)
-    for i in range(scene.lights.shape[0]):
-        at = seen_beside(scene, camera, i, centre, lens)
-        number += int(at[2])
-        if at[2] > 0.0 and number == chosen:
-            ends = row_angles(at, left, y)
-            x = wp.clamp(at[0] + ends[2] * wp.sinh(wp.lerp(ends[0], ends[1], share)), left, left + 1.0)
-    density = float(1.0)
+        return wp.vec3(left + u[0], top + u[1], 1.0)
+    place = wp.vec2(left + u[0] / EVEN, top + u[1])
+    if u[0] >= EVEN:
+        which = (u[0] - EVEN) / (1.0 - EVEN) * float(count)
+        chosen = wp.min(int(which), count - 1)
+        number = int(0)
+        for i in range(scene.lights.shape[0]):
+            at = seen_beside(scene, camera, i, centre, lens)
+            if at[2] > 0.0:
+                if number == chosen:
+                    share = wp.min(which - float(chosen), LARGEST)
+                    off = sample_around(left - at[0], top - at[1], share, u[1])
+                    place = wp.vec2(wp.clamp(at[0] + off[0], left, left + 1.0),
+                                    wp.clamp(at[1] + off[1], top, top + 1.0))
+                number += 1
+    density = float(0.0)
     for i in range(scene.lights.shape[0]):
         at = seen_beside(scene, camera, i, centre, lens)
         if at[2] > 0.0:
-            ends = row_angles(at, left, y)
-            r = wp.sqrt((x - at[0]) * (x - at[0]) + ends[2] * ends[2])
-            density += 1.0 / ((ends[1] - ends[0]) * r)
-    return wp.vec3(x, y, float(count + 1) / density)
+            density += pdf_around(left - at[0], top - at[1], place[0] - at[0], place[1] - at[1])
+    return wp.vec3(place[0], place[1], 1.0 / (EVEN + (1.0 - EVEN) * density / float(count)))
