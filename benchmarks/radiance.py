@@ -51,7 +51,7 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
     """Render a scene by every method with more and more samples, the cheapest point first, and store a row for each.
 
     ``seconds`` (of a `Budget`) hold the rendering and the judging. What comes before is counted apart: compilation,
-    tables, reduced meshes, references that must be made first. Returns the number of points.
+    the field, references that must be made first. Returns the number of points.
     """
     known, workshop, clock = references(bench, device, tell), Workshop(bench, device), Budget(device)
     facts = store.scenes.setdefault(bench.name, {

@@ -5,7 +5,7 @@
 
 Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
 kernels are compiled (a run before the others does that) and scenes uploaded, which is told apart: in one process `load`
-brings the scene as planned to the device, with workers that belongs to the time until the first image. 0 workers are
+brings the scene to the device, with workers that belongs to the time until the first image. 0 workers are
 a run in one process without Dask, to show what Dask costs. Workers on a CPU share its cores, so that more of them are
 no faster: there, only the machinery is measured.
 """

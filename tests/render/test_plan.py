@@ -1,4 +1,4 @@
-"""The planner: a bound and a number of samples that keep the tolerance, from the scene alone."""
+"""The planner: an integrator and a number of samples that keep the tolerance, from the scene alone."""
 
 from types import SimpleNamespace
 

@@ -250,6 +250,8 @@ class Cluster:
 
     def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
         """Bring the scene to every worker and onto its device; see `Engine.load`."""
+        from distributed import fire_and_forget
+
         from varos_warp.dataset import worker
         from varos_warp.scene.device import kind_of
 
@@ -259,6 +261,7 @@ class Cluster:
         self.client.register_plugin(site, name=self.name)
         tasks = [self.submit(worker.open_site, self.name, *(() if i else (path, compare)), at=address)
                  for i, address in enumerate(self.order)]
+        fire_and_forget(tasks[1:])  # they need not be done when the first worker plans
         opened = self.result(tasks[0])
         self.segments = opened.segments
         return opened.warnings
@@ -278,18 +281,11 @@ class Cluster:
             RuntimeError: If `GIVE_UP` images in a row fail on every worker, or there is no worker left.
             KeyboardInterrupt: As soon as the images under way are written.
         """
-        from distributed import fire_and_forget
-
-        from varos_warp.dataset.worker import prepare_site
-
         store = replace(store, layout=replace(store.layout, root=store.layout.root.resolve()))
         needed = {key: plan[key] for key in NEEDED if key in plan}
         run = _Run(self, store, needed, made, clock, done, say)
         try:
             with clock("wait"):
-                # the first worker is to compile for all; the others rebuild their scenes meanwhile, which takes as long
-                for address in self.order[1:]:
-                    fire_and_forget(self.submit(prepare_site, self.name, at=address))
                 run.all(list(jobs))
         finally:
             files.sweep(store.layout.root)  # what killed workers of this host left

@@ -71,7 +71,7 @@ class Engine:
         return available_method(asked)
 
     def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
-        """Bring the scene onto the device, with the level of detail that the whole sequence needs, and every lamp.
+        """Bring the scene onto the device, with the level of detail that the whole sequence needs.
 
         Args:
             scene: The scene.
@@ -122,7 +122,7 @@ class Engine:
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
                turn: Callable[[], contextlib.AbstractContextManager] | None = None) -> None:
-        """Render images and write their files; the arguments are those of `render_frames`. Every plan must be the same.
+        """Render images and write their files; the arguments are those of `render_frames`.
 
         Several threads may call it: no more of their images are under way than the device takes at once.
         """

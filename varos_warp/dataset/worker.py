@@ -215,11 +215,6 @@ def plan_site(name: str):
         return site_of(name).opened(compare=True)[0].plan()
 
 
-def prepare_site(name: str) -> None:
-    """Bring the scene onto the device."""
-    site_of(name).opened()
-
-
 def stop_site(name: str, dask_worker) -> None:
     """Begin no more images of a run."""
     dask_worker.plugins[name].stop()

@@ -100,9 +100,22 @@ def test_lights_side_by_side_are_found_by_one_mixture():
     assert inverse.max() < 3.0 * inverse.mean()
 
 
-def test_a_light_behind_the_camera_changes_nothing():
+@pytest.mark.parametrize("depth", [-3.0, 0.0, -1e-7])
+def test_a_light_behind_the_camera_or_at_it_changes_nothing(depth):
     camera = camera_of()
-    assert (places_of(lights_at(camera, SEEN["within"], depth=-3.0), camera)[:, 2] == 1.0).all()
+    places = places_of(lights_at(camera, SEEN["within"], depth=depth), camera)
+    assert (places[:, 2] == 1.0).all()
+    assert np.isfinite(places).all()
+
+
+def test_a_light_out_of_focus_is_found_from_each_point_of_the_lens():
+    """Its image moves with the point of the lens: here by up to 2 pixels, so it is beside for some only."""
+    camera = camera_of(aperture=0.4)
+    x, y, weight = places_of(lights_at(camera, SEEN["within"], depth=4.0), camera).T
+    assert (weight == 1.0).any()
+    assert (weight != 1.0).any()
+    for values, expected in ((weight, 1.0), (weight * x, COL + 0.5), (weight * y, ROW + 0.5)):
+        assert abs(values.mean() - expected) < 4 * values.std() / np.sqrt(COUNT)
 
 
 @pytest.mark.parametrize("aperture", [0.0, 0.05])

@@ -1,6 +1,6 @@
 """Light in water without end: tables of what lamps send anywhere by scattering, and single scattering by quadrature.
 
-Nothing here knows of surfaces. What they take away is subtracted by kernels/tables.py, so that the sum is right.
+Nothing here knows of surfaces. What they take away is subtracted by paths (kernels/transport/path.py).
 
 The field of light around a lamp has the symmetry of its cone. What is known of it at a point depends on the distance
 from the lamp, the angle to its axis, and a direction: gamma, its angle to the direction to the lamp, and phi, which

@@ -248,7 +248,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
             if on_camera:
                 u = draw(key, pixel, sample, 0)
                 place = wp.vec3(float(part.col) + u[0], float(part.row) + u[1], 1.0)
-                if wp.static(not spec.camera_field):
+                if wp.static(spec.medium and (spec.single or spec.multiple) and not spec.camera_field):
                     place = sample_pixel(scene, camera, part.row, part.col, u)
                 path = camera_segment(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
                 group = 1

@@ -72,7 +72,7 @@ def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec
         count += int(seen_beside(scene, camera, i, centre, lens)[2])
     if count == 0:
         return wp.vec3(left + u[0], top + u[1], 1.0)
-    place = wp.vec2(left + u[0] / EVEN, top + u[1])
+    place = wp.vec2(left + wp.min(u[0] / EVEN, 1.0), top + u[1])
     if u[0] >= EVEN:
         which = (u[0] - EVEN) / (1.0 - EVEN) * float(count)
         chosen = wp.min(int(which), count - 1)
