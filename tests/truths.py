@@ -156,7 +156,7 @@ expected, what this package computed, and the error allowed, which is {sigmas:.0
 arrays, the element that used most is shown. Seeds are fixed, so that a difference in this page is a difference in the
 program (or in a compiler's rounding).
 
-Written by the tests (two minutes on two cores), not by hand: `make validation`, that is
+Written by the tests (ten minutes on two cores), not by hand: `make validation`, that is
 
     python -m pytest --validation=docs/validation.md
 

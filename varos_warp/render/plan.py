@@ -55,8 +55,9 @@ JUDGE_LEVEL = 8
 FEWEST_JUDGES, MOST_JUDGES, MOST_JUDGING = 2, 16, 512
 """of which there are more until they tell the square of an error (`pilot.JUDGED_TO`), or have so many samples per pixel
 together."""
-IMAGES = 2
-"""Images that are judged at each level: what a denoiser leaves varies from one to the next."""
+IMAGES = 4
+"""Images that are judged at each level, of which the worst counts: what rare bright samples and a denoiser leave varies
+from one to the next, and a tolerance is to hold for nearly all."""
 MOST_JUDGED = 32
 """Samples per pixel of the first image that is judged, at most."""
 ROUNDS = 3
@@ -322,7 +323,8 @@ class _Planner:
             [replace(image, radiance=denoise_image(image, method)) for image in level] for level in images]
         judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
         noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
-        left = np.array([pilot.error([image.radiance for image in level], judges) for level in filtered])
+        left = np.array([np.max([pilot.error([image.radiance], judges) for image in level], axis=0)
+                         for level in filtered])
         return ErrorLaw(levels, left, noisy, judges, self.steepest)
 
     def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
