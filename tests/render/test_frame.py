@@ -8,6 +8,7 @@ import trimesh
 import warp as wp
 from chance import ALPHA, assert_plausible, two_sided
 from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
+from numpy.testing import assert_allclose as assert_close
 from scipy import stats
 from spread import absolute, assert_honest, relative
 
@@ -405,3 +406,17 @@ def test_kernels_are_loaded_once_and_before_the_launch():
     renderer.render(np.eye(4), spp=1)
     for kernel in renderer.launcher._loaded:
         assert {block for _, block in kernel.module.execs} == {1}, kernel.key
+
+
+@pytest.mark.parametrize("layers", [LAYERS, ("direct", "multiple"), ("single",), ("multiple",)])
+def test_camera_segments_and_subpaths_in_two_kernels_make_the_same_image(renderer, monkeypatch, layers):
+    """As on a GPU; but for rounding, since a pixel's sums are added up in another order."""
+    how = {"outputs": "A", "integrator": "field", "spp": 5, "layers": layers, "denoise": "oidn"}
+    whole = renderer.render(POSE, **how).A
+    monkeypatch.setattr(renderer.radiance, "apart", True)
+    apart = renderer.render(POSE, **how).A
+    for name in ("radiance", "stderr", "correction", "base_variance"):
+        one, other = getattr(whole, name), getattr(apart, name)
+        assert_close(one, other, rtol=2e-6, atol=2e-6 * np.abs(one).max(initial=0.0))
+    for layer in layers:
+        assert_close(whole.layers[layer], apart.layers[layer], rtol=2e-6)

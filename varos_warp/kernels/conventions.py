@@ -21,6 +21,9 @@ ALL = 1 << 30
 BLOCK_DIM = 128
 """Threads per block of every launch on a GPU."""
 
+RESIDENT_BLOCKS = 8
+"""Blocks of a long kernel that a GPU's processor is to hold at once."""
+
 CPU_FLAGS = f"{wp.config.cpu_compiler_flags or ''} -fno-slp-vectorize".strip()
 """For the path kernel: joining its scalars to vectors costs more than it saves, 5 to 10 % on an EPYC."""
 
@@ -28,7 +31,7 @@ LONG_KERNEL = {
     "module": "unique",
     "module_options": {"cpu_compiler_flags": CPU_FLAGS, "fast_math": True},
     "enable_backward": False,
-    "launch_bounds": (BLOCK_DIM, 8),
+    "launch_bounds": (BLOCK_DIM, RESIDENT_BLOCKS),
 }
 """Of kernels that follow light for long, measured on an H200. They wait for their own code: 100 to 400 kB, more than
 fits close to the cores. Approximate division, roots and functions (``fast_math`` of CUDA: 2 units in the last place, of

@@ -6,18 +6,19 @@ of the lists changes a byte.
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
+from varos_warp.kernels.conventions import BLOCK_DIM, RESIDENT_BLOCKS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
 from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.device import kind_of
 
-MOST_SAMPLES, MOST_PATHS = {"cpu": 256, "cuda": 4}, {"cpu": 256, "cuda": 32}
-"""Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many. Of paths, of
-which a thread takes one after the other as they end, more (measured)."""
+MOST_SAMPLES = {"cpu": 256, "cuda": 4}
+"""Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
 MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
@@ -38,6 +39,9 @@ class Films:
     def __init__(self, launcher: Launcher):
         self.launcher, self.device = launcher, launcher.device
         self._unused: dict[tuple, list[Film]] = defaultdict(list)
+        processors = wp.get_device(self.device).sm_count
+        self._resident = processors * RESIDENT_BLOCKS * BLOCK_DIM if processors else MOST_LISTED
+        """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
 
     def black(self, resolution, adapts: bool = False) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
@@ -68,22 +72,24 @@ class Films:
         """Sums, or anything else with a float64 for each channel."""
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def take(self, film: Film, kernel, before, after, samples: int | np.ndarray, paths: bool = False):
+    def take(self, film: Film, kernels: Sequence[wp.Kernel], before, after, samples: int | np.ndarray,
+             queued: bool = False):
         """Take more samples.
 
         Args:
             film: The film.
-            kernel: Takes the samples of ``film.parts`` from the number that it gets between ``before`` and ``after``.
-            before: Its arguments before that number,
+            kernels: Take the samples of ``film.parts`` from the number that they get between ``before`` and ``after``;
+                of several each has a share in every sample.
+            before: Their arguments before that number,
             after: and after it.
             samples: How many, of all pixels or [side, tile row, tile column].
-            paths: Whether they are paths.
+            queued: Whether their threads go on to the `next_part`.
         """
         self.launcher.upload(samples, film.wanted)
         samples = np.broadcast_to(samples, film.count.shape)
         area = tile_pixels(*film.sums.shape[1:])
         pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
-        most = self._part_size(int((samples * pixels).sum()), MOST_PATHS if paths else MOST_SAMPLES)
+        most = self._part_size(int((samples * pixels).sum()))
         places = int(np.prod(film.count.shape[1:])) * TILE**2
         counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of parts, tile by tile
         self.launcher.run(count_parts, counts.shape, [film, most], [counts])
@@ -94,14 +100,17 @@ class Films:
             film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
             film.part_sums = self.buffer(SUMS, parts)
             self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
-            self.launcher.rows(kernel, (parts,), before, after, tile_rows=int(np.clip(parts // 32, 64, 1024)))
-            self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
-        film.parts = film.part_sums = None
+            threads = min(parts, self._resident) if queued else parts
+            for kernel in kernels:
+                film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
+                self.launcher.rows(kernel, (threads,), before, after, tile_rows=int(np.clip(parts // 32, 64, 1024)))
+                self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
+        film.parts = film.part_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, [], [film])
 
-    def _part_size(self, samples: int, bounds: dict[str, int]) -> int:
+    def _part_size(self, samples: int) -> int:
         """Most samples of a part, where there are so many in all."""
-        most = bounds[kind_of(self.device)]
+        most = MOST_SAMPLES[kind_of(self.device)]
         if self.device != "cpu":
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)

@@ -62,6 +62,8 @@ class RadianceRenderer:
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
         self.open_water = OpenWater(scene, self.launcher)
+        self.apart = self.device != "cpu"
+        """Whether the camera's own segments have a kernel of their own, see `PathSpec.apart`."""
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
@@ -85,14 +87,14 @@ class RadianceRenderer:
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures)
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         after = [bounds.scatterings, bounds.bounces, wp.uint32(shot.key), film]
-        self.films.take(film, kernel, before, after, options.spp, paths=True)
+        self.films.take(film, [kernel], before, after, options.spp)
         return (yield from self._develop(film, shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
         view, options, world = shot.view, shot.options, self.world
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(2)]
         scene = world.lit(shot.T_w_v)
-        kernel = make_path_kernel(self._path_spec(shot, bounds, with_field))
+        kernels = self._path_kernels(shot, bounds, with_field)
         field = self.open_water.tables(view) if with_field else Tables()
         # a single pixel has no other side to decide for it
         shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
@@ -101,19 +103,20 @@ class RadianceRenderer:
         film = self.films.black(view.resolution, adapts=shares)
         before = [scene, world.camera(view, shot.T_w_v)]
         after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
-        self.films.take(film, kernel, before, after, first if shares else spp, paths=True)
+        self.films.take(film, kernels, before, after, first if shares else spp, queued=True)
         if shares and (first < spp or not with_field):
             more = yield from self._more_samples(film, options, first, with_field)
-            self.films.take(film, kernel, before, after, more, paths=True)
+            self.films.take(film, kernels, before, after, more, queued=True)
         # plain reflectances need no guides (render/denoise.py)
         guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
         return (yield from self._develop(film, shot, options.layers, options.denoise, guides, by_paths=True))
 
-    def _path_spec(self, shot: Shot, bounds: PathBounds, with_field: bool) -> PathSpec:
+    def _path_kernels(self, shot: Shot, bounds: PathBounds, with_field: bool) -> list[wp.Kernel]:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
-        return PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
+        spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
+        return [make_path_kernel(part) for part in (spec.apart() if with_field and self.apart else [spec])]
 
     def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
         """Samples of each tile after the ``first``, by the noise of these."""
@@ -142,7 +145,7 @@ class RadianceRenderer:
         film = self.films.black(resolution)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures)
         before = [world.data, world.camera(shot.view, shot.T_w_v, pinhole=True)]
-        self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key), film], shot.options.spp_b)
+        self.films.take(film, [kernel], before, [ALL, wp.uint32(shot.key), film], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop(film, shot, (), method, shot.guides() if guided else {}))
 

@@ -62,6 +62,8 @@ class Film:
     parts: wp.array(dtype=PixelPart)
     part_sums: wp.array2d(dtype=wp.vec3d)
     """What threads take, and their sums [SUMS, parts]."""
+    next: wp.array(dtype=int)
+    """One number: the first part that no thread has begun; empty where each thread takes one part."""
     sums: wp.array3d(dtype=wp.vec3d)
     """Those of all samples [SUMS, height, width]."""
     lost: wp.array(dtype=int)
@@ -188,6 +190,18 @@ def store(film: Film, part: int, sums: Sums):
     film.part_sums[5, part] = sums.odd_correction
     if sums.lost > 0:
         wp.atomic_add(film.lost, 0, sums.lost)
+
+
+@wp.func
+def next_part(film: Film):
+    """The part that a thread takes after another one; as many as there are if there is none left for it.
+
+    Paths end at unlike times, and the threads of a GPU's warp wait for the longest. Those that go on to another part
+    wait only once, in the end.
+    """
+    if film.next.shape[0] == 0:
+        return film.parts.shape[0]
+    return wp.atomic_add(film.next, 0, 1)
 
 
 @wp.func
