@@ -7,8 +7,8 @@ import pytest
 import trimesh
 import warp as wp
 from chance import ALPHA, assert_plausible, two_sided
-from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
 from numpy.testing import assert_allclose as assert_close
+from physics.rig import VAROS_LAMPS, VAROS_WATER, floor, one_ray_scene
 from scipy import stats
 from spread import absolute, assert_honest, relative
 

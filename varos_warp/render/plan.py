@@ -200,8 +200,7 @@ class _Planner:
     def work(self, name: str) -> np.ndarray:
         """Squares of the noise after and before denoising, times the time, in the noisiest view with an integrator."""
         pair = pilot.twins(self.renderer, self.worst, spp=COMPARED_SPP, integrator=name,
-                           max_bounces=self.render.max_bounces,
-                           layers=tuple(self.render.layers))
+                           max_bounces=self.render.max_bounces, layers=tuple(self.render.layers))
         noise = np.array([pilot.scouted_noise(pair, method, rare=0.0).max()
                           for method in (available_method(self.render.denoise), "none")])
         return noise**2 * pair.image.spp * SAMPLE_COST[name]

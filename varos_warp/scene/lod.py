@@ -80,13 +80,6 @@ class Need:
         others = self.eyes.query(points, distance_upper_bound=bound, workers=-1)[0]
         return float(min(bound, others.min()))
 
-    def within(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Whether a camera or lamp comes nearer to points [N, 3] than this [m], bool [N].
-
-        That is known much sooner than the distances of all that is far away.
-        """
-        return np.isfinite(self.eyes.query(points, distance_upper_bound=reach, workers=-1)[0])
-
     def at(self, distance: np.ndarray) -> np.ndarray:
         """What is allowed at a distance, of what is seen [m]."""
         return np.minimum(self.per_metre * distance, self.depth * np.maximum(1.0, distance / CLOSE_M))

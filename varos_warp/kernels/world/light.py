@@ -2,8 +2,9 @@
 
 `light_sample` finds a place on a light and what it sends to a point (`light_towards`: that alone), `light_beam` and
 `light_core` the part of a ray that it lights, `light_importance` and `light_strength` what it is worth near a point and
-in all, `light_emit` a ray that leaves it, one of those in `light_solid_angle` that share `light_flux`. The field of
-open water, which is known for lights with an axis, asks for `light_centre`, `light_axis` and `light_intensity`.
+in all, `light_emit` a ray that leaves it, one of those in `light_solid_angle` that share `light_flux`. `light_centre`
+is for what looks at a light itself: samples of the pixel that shows it, and the field of open water, which is known
+for lights with an axis and asks for `light_axis` and `light_intensity` too.
 """
 
 import warp as wp
