@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from chance import rng_array, run
 
 from varos_warp.kernels.transport.pixel import sample_pixel
 from varos_warp.kernels.world.camera import Camera, camera_ray, image_point
@@ -50,10 +51,7 @@ def lights_at(camera, *places, depth=3.0):
 
 
 def places_of(scene, camera):
-    u = np.random.default_rng(3).random((COUNT, 4), np.float32)
-    places = wp.empty(COUNT, dtype=wp.vec3, device="cpu")
-    wp.launch(sample_places, COUNT, [scene, camera, wp.array(u, dtype=wp.vec4, device="cpu")], [places], device="cpu")
-    return places.numpy().astype(float)
+    return run(sample_places, [scene, camera, rng_array(3, (COUNT, 4))], [wp.vec3]).astype(float)
 
 
 def inverse_distance(at):
@@ -122,10 +120,7 @@ def test_a_light_out_of_focus_is_found_from_each_point_of_the_lens():
 def test_image_points_are_the_inverse_of_rays_of_every_point_of_the_lens(aperture):
     rng = np.random.default_rng(5)
     at, lens = rng.uniform(0, 16, (500, 2)), rng.random((500, 2))
-    found = wp.empty(500, dtype=wp.vec3, device="cpu")
-    camera = camera_of(aperture)
-    wp.launch(image_again, 500, [camera, wp.array(at, dtype=wp.vec2, device="cpu"),
-                                 wp.array(lens, dtype=wp.vec2, device="cpu"), 3.7], [found], device="cpu")
+    found = run(image_again, [camera_of(aperture), at, lens, 3.7], [wp.vec3])
     # float32 rounding of coordinates of metres, in pixels of 1/20 m at one metre
-    np.testing.assert_allclose(found.numpy()[:, :2], at, atol=2e-5)
-    assert (found.numpy()[:, 2] > 0).all()
+    np.testing.assert_allclose(found[:, :2], at, atol=2e-5)
+    assert (found[:, 2] > 0).all()
