@@ -24,7 +24,7 @@ def count_samples(first: int, film: kernel.Film):
 
 @wp.kernel(enable_backward=False)
 def count_parts_in_turn(first: int, film: kernel.Film):
-    """The same, part after part; the third sum is of the parts that a thread took before."""
+    """The same, part after part; ``single`` is of the parts that a thread took before, ``lost`` of all by any."""
     i = first + wp.tid()
     before = float(0.0)
     while i < film.parts.shape[0]:
@@ -34,6 +34,7 @@ def count_parts_in_turn(first: int, film: kernel.Film):
             sums.direct += wp.vec3d(wp.float64(1.0))
             sums.odd += wp.vec3d(wp.float64(sample))
         sums.single = wp.vec3d(wp.float64(before))
+        sums.lost = 1
         kernel.store(film, i, sums)
         before += 1.0
         i = kernel.next_part(film)
@@ -75,6 +76,7 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], np.full((17, 9), 2 * 8))
     assert np.array_equal(sums[4], np.full((17, 9), 2 * 28))
+    assert film.lost.numpy()[0] == 2 * 9 * 17 * (2 + 3)  # kernels, pixels, parts of 3 and of 5 samples
     assert sums[1].any() == (resident < min(lot, 2 * 9 * 17))
 
 

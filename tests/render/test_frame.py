@@ -14,9 +14,11 @@ from spread import absolute, assert_honest, relative
 
 from varos_warp.errors import InputError
 from varos_warp.render import launch as launch_module
+from varos_warp.render.films import MOST_PARTS
 from varos_warp.render.frame import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
 from varos_warp.scene.geometry import Part
 
@@ -319,6 +321,16 @@ def test_an_unknown_camera_or_device_is_bad_input(renderer):
 @pytest.fixture(scope="module")
 def gpu():
     return FrameRenderer(make_scene(), "cuda:0", parts=ground_and_ball())
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_threads_that_take_part_after_part_give_the_same_bytes(monkeypatch, device):
+    """As on a GPU that holds few threads and little memory; on a CPU the queue is for one thread alone."""
+    renderer = FrameRenderer(make_scene(), device, parts=ground_and_ball(), threads=1)
+    expected = renderer.render(POSE, outputs="A", spp=12)
+    monkeypatch.setattr(renderer.films, "_resident", 50)
+    monkeypatch.setitem(MOST_PARTS, kind_of(device), 500)
+    assert_same_bytes(renderer.render(POSE, outputs="A", spp=12), expected)
 
 
 @pytest.mark.gpu

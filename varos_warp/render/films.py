@@ -22,7 +22,7 @@ MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
 MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
-"""Parts at a time; each takes 136 bytes. At the end of each lot a GPU is less than full, and all pixels are visited."""
+"""Parts at a time; each takes 160 bytes. At the end of each lot a GPU is less than full, and all pixels are visited."""
 PIXEL_TILE = 1 << 16
 """Pixels that a CPU's thread visits at a time."""
 MOST_LISTED = 1 << 28

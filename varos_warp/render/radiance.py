@@ -63,7 +63,7 @@ class RadianceRenderer:
         self.launcher, self.device = films.launcher, films.device
         self.open_water = OpenWater(scene, self.launcher)
         self.apart = self.device != "cpu"
-        """Whether the camera's own segments have a kernel of their own, see `PathSpec.apart`."""
+        """Whether, with the field, the camera's own segments have a kernel of their own, see `PathSpec.apart`."""
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
@@ -116,7 +116,8 @@ class RadianceRenderer:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
-        return [make_path_kernel(part) for part in (spec.apart() if with_field and self.apart else [spec])]
+        apart = self.apart and with_field and world.has_surfaces  # without surfaces there are no subpaths
+        return [make_path_kernel(part) for part in (spec.apart() if apart else [spec])]
 
     def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
         """Samples of each tile after the ``first``, by the noise of these."""

@@ -95,6 +95,7 @@ class PathSpec:
     def apart(self) -> list["PathSpec"]:
         """The layers of the camera's own segments, and those of subpaths: the same image in two kernels.
 
+        They trace the same rays of the camera wherever single scattering is wanted, or no light is in view.
         On a GPU the threads of the first then all do the same, among it the quadrature of single scattering in open
         water. In one kernel with subpaths that takes ten times as long, a third of the whole in the paper's water.
         """
