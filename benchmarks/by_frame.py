@@ -4,7 +4,7 @@
         [--frames 24] [--seed 1] [-o benchmarks/results/by_frame]
 
 Plans the sequence, takes frames of it at random, renders A as a run would and has it judged by far better images, whose
-noise is taken off (render/pilot.py). Writes the errors and a chart of them along the sequence.
+noise is taken off (render/planner/pilot.py). Writes the errors and a chart of them along the sequence.
 """
 
 import argparse
@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import Stopwatch, machine
-from varos_warp.render import pilot
-from varos_warp.render.by_frame import mean_spp, spp_of
-from varos_warp.render.cost import timed
-from varos_warp.render.decisions import Plan
-from varos_warp.render.denoise import available_method
-from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.plan import plan_render
+from varos_warp.render.image.denoise import available_method
+from varos_warp.render.planner import pilot
+from varos_warp.render.planner.by_frame import mean_spp, spp_of
+from varos_warp.render.planner.cost import timed
+from varos_warp.render.planner.decisions import Plan
+from varos_warp.render.planner.plan import plan_render
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 

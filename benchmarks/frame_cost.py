@@ -5,7 +5,7 @@
 
 Times are of A, of B and of C, D and S by themselves, as a run renders them: denoised on the device, the results copied
 to the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel
-after denoising, judged by two images of ``--judge-spp`` samples, with their noise taken off (render/pilot.py).
+after denoising, judged by two images of ``--judge-spp`` samples, with their noise taken off (render/planner/pilot.py).
 """
 
 import argparse
@@ -17,8 +17,8 @@ import numpy as np
 import warp as wp
 
 from benchmarks.machine import machine
-from varos_warp.render import pilot
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.planner import pilot
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 

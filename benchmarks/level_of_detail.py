@@ -17,11 +17,11 @@ from pathlib import Path
 import matplotlib
 
 from benchmarks.machine import commit
-from varos_warp.render.detail import choose_detail, compare_images
-from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.pilot import pilot_camera
+from varos_warp.render.planner.detail import choose_detail, compare_images
+from varos_warp.render.planner.pilot import pilot_camera
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import load_scene
-from varos_warp.scene.meshes import build_parts
 from varos_warp.sim.trajectory import simulate
 
 matplotlib.use("Agg")

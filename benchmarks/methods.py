@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.machine import Budget, Stopwatch
 from benchmarks.scenes import BenchScene
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 
 LADDER = (1, 4, 16, 64, 256, 1024)
 """Samples per pixel, as far as the time allows."""

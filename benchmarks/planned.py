@@ -18,13 +18,13 @@ import numpy as np
 
 from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import HERE
-from varos_warp.render import pilot
-from varos_warp.render.adapt import brightness
-from varos_warp.render.cost import timed
-from varos_warp.render.frame import FrameRenderer, resolve_integrator
-from varos_warp.render.plan import plan_render
+from varos_warp.render.image.adapt import brightness
+from varos_warp.render.planner import pilot
+from varos_warp.render.planner.cost import timed
+from varos_warp.render.planner.plan import plan_render
+from varos_warp.render.renderer import FrameRenderer, resolve_integrator
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import demo_scene_path, load_scene
-from varos_warp.scene.meshes import build_parts
 from varos_warp.sim.trajectory import simulate
 
 EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"

@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.machine import machine
-from varos_warp.dataset.produce import produce
+from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.load import load_scene
 

@@ -15,13 +15,13 @@ from benchmarks.machine import Stopwatch
 from varos_warp.scene.description import Scene
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.clock import TICK_S
-from varos_warp.sim.control import Regulator
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import Dynamics, State, substeps
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.quaternion import rotate, rotate_back
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import sphere
+from varos_warp.sim.vehicle.body import sphere
+from varos_warp.sim.vehicle.control import Regulator
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import Dynamics, State, substeps
 
 HELD_S, SECONDS = 0.08, 16.0
 STEPS_MS = (20.0, 10.0, 5.0, 2.5, 1.25)

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import machine
-from varos_warp.dataset.produce import produce
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.dataset.run.produce import produce
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import scene_from_dict
 
 SAMPLES = 100

@@ -140,8 +140,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
     for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
-                          "render.plan": {"plan_render": plan_render},
-                          "render.frame": {"FrameRenderer": FlatFloorRenderer}}.items():
+                          "render.planner.plan": {"plan_render": plan_render},
+                          "render.renderer": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)
         module.__dict__.update(members)
         monkeypatch.setitem(sys.modules, f"varos_warp.{name}", module)

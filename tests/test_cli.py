@@ -14,7 +14,7 @@ import yaml
 from typer.testing import CliRunner
 
 from varos_warp import cli
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError, SchedulerGone
 
 
@@ -127,7 +127,7 @@ def test_plan_looks_at_the_frames_asked_for(scene_file, monkeypatch):
         planned.append((len(poses), scene.render.denoise))
         return standins.plan_render(scene, renderer, poses)
 
-    monkeypatch.setattr(sys.modules["varos_warp.render.plan"], "plan_render", plan_render)
+    monkeypatch.setattr(sys.modules["varos_warp.render.planner.plan"], "plan_render", plan_render)
     call("plan", scene_file, "--device", "cpu", "-q", "--frames", "2:5", "--denoise", "none")
     call("plan", scene_file, "--device", "cpu", "-q")
     assert planned == [(3, "none"), (10, "nlm")]
@@ -337,7 +337,7 @@ def test_parsers_read_what_the_help_shows():
 
 
 def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.produce.produce", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("varos_warp.dataset.run.produce.produce", lambda *a, **k: 1 / 0)
     result = call("run", scene_file, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert isinstance(result.exception, ZeroDivisionError)
@@ -347,7 +347,7 @@ def test_a_scheduler_that_has_gone_is_one_line_and_status_1(scene_file, tmp_path
     def gone(*_, **__):
         raise SchedulerGone("the scheduler has gone; the same command goes on")
 
-    monkeypatch.setattr("varos_warp.dataset.produce.produce", gone)
+    monkeypatch.setattr("varos_warp.dataset.run.produce.produce", gone)
     result = call("run", scene_file, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert result.stderr == "varos-warp: the scheduler has gone; the same command goes on\n"

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.dataset.files import read_exr
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 
 SMALL = ["--device", "cpu", "--spp", "4", "--frames", "0:3", "-q", "--set", "vehicle.cameras.0.resolution=[48, 27]",
          "--set", "render.spp_b=4", "--set", "terrain.resolution=65"]

@@ -10,9 +10,9 @@ _HOMES = {
     "load_scene": "varos_warp.scene.load",
     "phase_function": "varos_warp.scene.water",
     "simulate": "varos_warp.sim.trajectory",
-    "FrameRenderer": "varos_warp.render.frame",
-    "plan_render": "varos_warp.render.plan",
-    "Dataset": "varos_warp.dataset.layout",
+    "FrameRenderer": "varos_warp.render.renderer",
+    "plan_render": "varos_warp.render.planner.plan",
+    "Dataset": "varos_warp.dataset.reader.dataset",
 }
 __all__ = sorted(_HOMES)  # noqa: PLE0605
 

@@ -22,9 +22,9 @@ from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.pilot import BLOCKS_WITHIN
-from varos_warp.render.plan import PATHS_PAY, _Planner, plan_render
+from varos_warp.render.planner.pilot import BLOCKS_WITHIN
+from varos_warp.render.planner.plan import PATHS_PAY, _Planner, plan_render
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0

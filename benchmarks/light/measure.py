@@ -30,7 +30,7 @@ from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import resolve_device
 
 HIDDEN = 0.3

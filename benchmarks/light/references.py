@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.light.scenes import Built
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, commit
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 
 SEED = 1_000_003
 """Of the first image of a reference; unlike any that is measured."""

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 PAPER = {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
                           "phase": {"g": 0.8}}}

@@ -17,7 +17,7 @@ from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import BenchScene
 from varos_warp.dataset.files import write_json
 from varos_warp.errors import InputError
-from varos_warp.render.frame import LAYERS, FrameRenderer
+from varos_warp.render.renderer import LAYERS, FrameRenderer
 
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "results" / "peers_agree.json"

@@ -14,8 +14,8 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.geometry import Instances, Part
-from varos_warp.scene.normals import corner_normals
+from varos_warp.scene.geometry.normals import corner_normals
+from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.water import optical_properties
 
 

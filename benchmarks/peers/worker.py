@@ -71,7 +71,7 @@ def _mitsuba_passes(mitsuba, scene, resolution, spp, seed):
 
 def _denoiser():
     """Open Image Denoise on colour alone, as this project uses it on whole images: Mitsuba's own needs OptiX."""
-    from varos_warp.render.denoise import denoise
+    from varos_warp.render.image.denoise import denoise
 
     return lambda image: denoise(image, np.ones_like(image), "oidn")
 

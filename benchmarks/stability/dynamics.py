@@ -10,10 +10,10 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import euler_angles, look_at_matrix
 from varos_warp.sim import quaternion
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import ZERO, Dynamics, State, step_rotation, step_translation
-from varos_warp.sim.noise import noise
-from varos_warp.sim.vehicle import Sphere, sphere
+from varos_warp.sim.sensors.noise import noise
+from varos_warp.sim.vehicle.body import Sphere, sphere
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, step_rotation, step_translation
 
 H = 0.005
 TESTS = "tests/stability/test_vehicle_limits.py"

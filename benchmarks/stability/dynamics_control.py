@@ -11,13 +11,13 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import quaternion
-from varos_warp.sim.actuator import propagator
-from varos_warp.sim.control import Regulator, design, gains, plant, sampled
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import ZERO, Dynamics, State
 from varos_warp.sim.guidance import Reference
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import sphere
+from varos_warp.sim.vehicle.actuator import propagator
+from varos_warp.sim.vehicle.body import sphere
+from varos_warp.sim.vehicle.control import Regulator, design, gains, plant, sampled
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State
 
 H, DRAG = 0.005, 1.0 / 6.0
 TESTS = "tests/stability/test_control_limits.py"

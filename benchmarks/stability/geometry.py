@@ -7,15 +7,16 @@ import numpy as np
 from benchmarks.stability import geometry_guidance
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
-from varos_warp.render.outputs import decode_depth, encode_depth
-from varos_warp.scene import device, terrain
+from varos_warp.render.image.outputs import decode_depth, encode_depth
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene import device
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import intrinsics, transform
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry import terrain
+from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.geometry.procedural import generate_terrain
 from varos_warp.scene.load import scene_from_dict
-from varos_warp.scene.procedural import generate_terrain
 
 COORDINATES = "tests/stability/test_coordinates.py"
 MESHES = "tests/stability/test_mesh_limits.py"

@@ -9,7 +9,7 @@ from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, spot, truth_of, water
 from varos_warp.kernels.world.medium import sample_truncated_exponential
 from varos_warp.kernels.world.phase import hg_eval, hg_sample_one_minus_cos
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 
 TESTS = "tests/stability/test_media_limits.py::"

@@ -4,11 +4,11 @@ import numpy as np
 import trimesh
 
 from benchmarks.stability.entry import Sweep, Sweeps
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import look_at_matrix, transform
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 TESTS = "tests/stability/test_surface_limits.py::"
 GREY = Diffuse(reflectance=(0.5, 0.5, 0.5))

@@ -17,12 +17,12 @@ from benchmarks.peers.mitsuba_scene import MASK_PIXELS, mask_pixels, soft_edge
 from benchmarks.peers.plain import plain_scene
 from benchmarks.scenes import SCENES, references
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Metal
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.geometry import Instances, Part
-from varos_warp.scene.meshes import build_parts
+from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.parts import Instances, Part
 
 ROOT = Path(__file__).parents[2]
 

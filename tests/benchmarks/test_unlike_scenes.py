@@ -9,7 +9,7 @@ from benchmarks.light import many_seeds, measure, references, scores
 from benchmarks.light.scenes import SCENES, build
 from benchmarks.light.scores import Estimate
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 
 N, SHAPE = 20, (40, 48, 3)
 TRUTH = 1.0 + np.arange(48)[None, :, None] / 48 * np.ones(SHAPE)

@@ -3,7 +3,7 @@
 import pytest
 import standins
 
-from varos_warp.dataset.produce import produce
+from varos_warp.dataset.run.produce import produce
 
 
 @pytest.fixture(autouse=True)

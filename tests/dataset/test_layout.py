@@ -9,7 +9,8 @@ from standins import FlatFloorRenderer, make_scene, simulate
 
 import varos_warp
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset, from_runs, runs
+from varos_warp.dataset.layout import from_runs, runs
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import camera_pose
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from varos_warp.dataset import stream
-from varos_warp.dataset.exports import export
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.export import export
 from varos_warp.dataset.noise import add_noise
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
-from varos_warp.scene.noise import NoiseProfile
+from varos_warp.scene.noise_profile import NoiseProfile
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from standins import make_scene
 from typer.testing import CliRunner
 
 from varos_warp.cli import app
-from varos_warp.dataset.layout import Dataset
-from varos_warp.dataset.produce import produce
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.view import local_origin, view
 from varos_warp.errors import InputError
 
@@ -119,7 +119,7 @@ def test_objects_and_range_are_recorded_and_frames_may_be_chosen(tmp_path):
     """D of kind range is made planar, as Rerun takes it."""
     from rerun.dataframe import load_recording
 
-    from varos_warp.dataset.depth import planar_depth
+    from varos_warp.dataset.reader.points import planar_depth
 
     produce(make_scene(render={"depth_kind": "range"}), tmp_path / "data", quiet=True)
     data = Dataset(tmp_path / "data")

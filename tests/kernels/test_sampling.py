@@ -7,7 +7,7 @@ from chance import assert_plausible, rng_array, run, two_sided, uniform_moment_z
 from scipy.spatial.transform import Rotation
 
 from varos_warp.kernels import sampling
-from varos_warp.render.frame import stream_key
+from varos_warp.render.renderer import stream_key
 
 N = 1 << 17
 AXES = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], [1e-4, 1e-4, -1], [0.577, 0.577, 0.577]])

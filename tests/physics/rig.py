@@ -10,10 +10,10 @@ import numpy as np
 from scipy.integrate import quad
 from truths import SIGMAS, compare
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}

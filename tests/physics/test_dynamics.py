@@ -13,12 +13,12 @@ from scipy.special import ellipj, ellipk
 
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
-from varos_warp.sim.actuator import Actuator
-from varos_warp.sim.control import Regulator, dare_gain, gains, plant, sampled, steady_offset
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import ZERO, Dynamics, State
 from varos_warp.sim.guidance import Reference
-from varos_warp.sim.vehicle import Sphere, sphere
+from varos_warp.sim.vehicle.actuator import Actuator
+from varos_warp.sim.vehicle.body import Sphere, sphere
+from varos_warp.sim.vehicle.control import Regulator, dare_gain, gains, plant, sampled, steady_offset
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State
 
 pytestmark = pytest.mark.subject("dynamics")
 

@@ -24,10 +24,10 @@ from rig import (
 )
 from scipy import stats
 
-from varos_warp.render.frame import LAYERS, FrameRenderer
+from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Metal
-from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.geometry.parts import Instances, Part
 
 pytestmark = pytest.mark.subject("multiple scattering")
 

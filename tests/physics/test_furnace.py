@@ -8,11 +8,11 @@ import trimesh
 from chance import assert_plausible, two_sided
 from rig import Z, agreement, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Metal
-from varos_warp.scene.geometry import Part
-from varos_warp.scene.lobe import lobe_albedo_table
+from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.materials.lobe import lobe_albedo_table
 
 pytestmark = pytest.mark.subject("surfaces and lights")
 

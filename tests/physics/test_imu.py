@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Imu, Mounted
 from varos_warp.sim.clock import times_ns
-from varos_warp.sim.sensors import measure_depth, measure_imu
+from varos_warp.sim.sensors.readings import measure_depth, measure_imu
 from varos_warp.sim.trajectory import Trajectory, simulate
 
 pytestmark = pytest.mark.subject("IMU and depth gauge")

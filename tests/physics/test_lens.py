@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import intrinsics
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 pytestmark = pytest.mark.subject("camera")
 

@@ -20,11 +20,11 @@ import pytest
 from chance import assert_plausible
 from scipy import stats
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix
+from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.normals import corner_normals
 from varos_warp.scene.load import load_scene
-from varos_warp.scene.meshes import build_parts
-from varos_warp.scene.normals import corner_normals
 
 REF1 = Path(__file__).parents[2].parent / "shared" / "scenes" / "ref1"
 pytestmark = pytest.mark.skipif(not REF1.is_dir() and "CI" not in os.environ, reason="the reference scene is not here")

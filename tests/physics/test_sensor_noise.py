@@ -4,9 +4,9 @@ import allantools
 import numpy as np
 import pytest
 
-from varos_warp.scene.noise import CameraNoise, DepthGaugeNoise, Vignetting, load_profile
-from varos_warp.sim.image_noise import expose, frame_generator, to_linear, vignette
-from varos_warp.sim.noise import depth_gauge_noise, imu_noise
+from varos_warp.scene.noise_profile import CameraNoise, DepthGaugeNoise, Vignetting, load_profile
+from varos_warp.sim.sensors.image_noise import expose, frame_generator, to_linear, vignette
+from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 RATE, COUNT = 200.0, 1 << 20
 WHITE, WALK = 0, -2

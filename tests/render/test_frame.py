@@ -14,13 +14,13 @@ from spread import absolute, assert_honest, relative
 
 from varos_warp.errors import InputError
 from varos_warp.render import launch as launch_module
-from varos_warp.render.films import MOST_PARTS
-from varos_warp.render.frame import LAYERS, FrameRenderer
+from varos_warp.render.image.films import MOST_PARTS
+from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 WATER = {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
                           "phase": {"g": 0.8}}}

@@ -8,12 +8,12 @@ from chance import assert_plausible, two_sided
 from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
-from varos_warp.scene.assets import make_asset
 from varos_warp.scene.description.world import Diffuse, Nut, Rust
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.geometry.assets import make_asset
+from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.load import scene_from_dict
 
 SCENE = {

@@ -12,10 +12,10 @@ from spread import absolute, assert_honest, relative
 
 from varos_warp.kernels.film.film import TILE
 from varos_warp.render import radiance
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 SEEDS, SPP, SHAPE = 24, 8, (32, 48)

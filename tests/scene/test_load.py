@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import (
     demo_scene_path,
     json_schema,
@@ -15,7 +16,6 @@ from varos_warp.scene.load import (
     scene_to_dict,
     starter_scene,
 )
-from varos_warp.scene.meshes import build_parts
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = ROOT.parent / "shared" / "contract" / "scene.yaml"

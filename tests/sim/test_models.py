@@ -12,13 +12,13 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
-from varos_warp.sim.actuator import limit
 from varos_warp.sim.clock import frame_count, ticks_per_sample
-from varos_warp.sim.control import dare_gain, design, plant, sampled
-from varos_warp.sim.current import Current, SampledCurrent
-from varos_warp.sim.noise import noise
+from varos_warp.sim.sensors.noise import noise
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import PRESETS, Sphere, preset, sphere, terminal_rate
+from varos_warp.sim.vehicle.actuator import limit
+from varos_warp.sim.vehicle.body import PRESETS, Sphere, preset, sphere, terminal_rate
+from varos_warp.sim.vehicle.control import dare_gain, design, plant, sampled
+from varos_warp.sim.vehicle.current import Current, SampledCurrent
 
 pytestmark = pytest.mark.subject("dynamics")
 

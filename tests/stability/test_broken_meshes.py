@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from varos_warp.errors import InputError
-from varos_warp.scene import terrain
-from varos_warp.scene.procedural import generate_terrain
+from varos_warp.scene.geometry import terrain
+from varos_warp.scene.geometry.procedural import generate_terrain
 
 SHEET = generate_terrain(20.0, 17, 2.0, seed=3)
 BALL = trimesh.creation.icosphere(2)

@@ -11,8 +11,8 @@ from benchmarks.stability.transport_images import (
     half_error,
     resolution_seconds,
 )
-from varos_warp.render import exposure, outputs
-from varos_warp.render.frame import FrameRenderer
+from varos_warp.render.image import exposure, outputs
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description import Scene
 

@@ -8,13 +8,13 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
-from varos_warp.sim.actuator import propagator
-from varos_warp.sim.control import Regulator, dare_gain, design, is_slow, plant, sampled
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import ZERO, Dynamics, State, substeps
 from varos_warp.sim.guidance import Reference
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import sphere
+from varos_warp.sim.vehicle.actuator import propagator
+from varos_warp.sim.vehicle.body import sphere
+from varos_warp.sim.vehicle.control import Regulator, dare_gain, design, is_slow, plant, sampled
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, substeps
 
 H = 0.005
 

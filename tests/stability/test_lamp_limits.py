@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from benchmarks.stability.transport_lamps import beside_error, cone_error, flux_error, intensity_error, lit_error
 from varos_warp.errors import InputError
-from varos_warp.render.frame import FrameRenderer, resolve_integrator
+from varos_warp.render.renderer import FrameRenderer, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import PointLight, SpotLight
 

@@ -7,11 +7,11 @@ import trimesh
 from varos_warp.scene.description import LevelOfDetail, Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import transform
-from varos_warp.scene.geometry import Part
-from varos_warp.scene.lod import reduce_parts
-from varos_warp.scene.procedural import generate_terrain
-from varos_warp.scene.reduce import reduce_mesh
-from varos_warp.scene.terrain import Surface
+from varos_warp.scene.geometry.lod import reduce_parts
+from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.geometry.procedural import generate_terrain
+from varos_warp.scene.geometry.reduce import reduce_mesh
+from varos_warp.scene.geometry.terrain import Surface
 
 TERRAIN = generate_terrain(20.0, 81, 1.0, seed=6)
 BALL = trimesh.creation.icosphere(subdivisions=4)

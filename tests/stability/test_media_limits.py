@@ -14,7 +14,7 @@ from benchmarks.stability.transport_media import (
     single_error,
 )
 from varos_warp.errors import InputError
-from varos_warp.render.frame import resolve_integrator
+from varos_warp.render.renderer import resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.load import load_scene
 

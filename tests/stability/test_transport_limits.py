@@ -19,11 +19,11 @@ from physics.rig import (
 )
 
 from varos_warp.errors import InputError
-from varos_warp.render.frame import LAYERS, FrameRenderer
+from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Rust, SlopeBlend
 from varos_warp.scene.frames import look_at_matrix, transform
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 GREY = Diffuse(reflectance=(0.5, 0.5, 0.5))

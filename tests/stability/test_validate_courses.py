@@ -2,7 +2,7 @@
 
 import pytest
 
-from varos_warp.dataset.produce import produce
+from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.scene.load import scene_from_dict
 

@@ -12,10 +12,10 @@ from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import euler_angles
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import quaternion
-from varos_warp.sim.current import SHORTEST_PERIOD_S, Current
-from varos_warp.sim.dynamics import ZERO, Dynamics, State, substeps
 from varos_warp.sim.trajectory import simulate
-from varos_warp.sim.vehicle import sphere
+from varos_warp.sim.vehicle.body import sphere
+from varos_warp.sim.vehicle.current import SHORTEST_PERIOD_S, Current
+from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, substeps
 
 H = 0.005
 WITHOUT_DRAG = dict.fromkeys(

@@ -117,7 +117,7 @@ def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames 
          denoise: Denoise = None, linear_exr: LinearExr = False, set_: Set = None, shard: Shard = None,
          json_: Json = False, quiet: Quiet = False):
     """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
-    from varos_warp.dataset.layout import Dataset
+    from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
     from varos_warp.scene.load import demo_scene_path
 
@@ -134,7 +134,7 @@ def demo(out: Out = Path("varos_demo"), device: Device = "auto", frames: Frames 
 
 def make(path: Path, out: Path, changed: list[str], json_: bool, quiet: bool, **options) -> bool:
     """Produce a dataset and print what was done; returns whether all that was asked for is there."""
-    from varos_warp.dataset.produce import produce
+    from varos_warp.dataset.run.produce import produce
     from varos_warp.scene.load import load_scene
 
     summary = produce(load_scene(path, changed), out, quiet=quiet, **options)
@@ -154,13 +154,13 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
          max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None, seed: Seed = None,
          denoise: Denoise = None, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Say which models and meshes each output needs, why, and what it will cost."""
-    from varos_warp.dataset.produce import select, simulated
-    from varos_warp.render.detail import choose_detail
-    from varos_warp.render.frame import FrameRenderer
-    from varos_warp.render.plan import plan_render
+    from varos_warp.dataset.run.produce import select, simulated
+    from varos_warp.render.planner.detail import choose_detail
+    from varos_warp.render.planner.plan import plan_render
+    from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
-    from varos_warp.scene.meshes import build_parts
 
     device = resolve_device(device)
     changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed, denoise)
@@ -210,7 +210,7 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
         "-o", "--out", help="HTML file; report.html in the dataset by default.")] = None,
         json_: Json = False, quiet: Quiet = False):
     """Write one self-contained HTML page: frames, sensors, trajectory, plan, timings."""
-    from varos_warp.dataset.layout import Dataset
+    from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
 
     page = write_report(Dataset(dataset), out or dataset / "report.html", quiet)
@@ -247,8 +247,8 @@ def export(dataset: Folder,
 
     Where readings have noise, they are exported with it.
     """
-    from varos_warp.dataset.exports import export as write
-    from varos_warp.dataset.exports.job import NO_NOISE
+    from varos_warp.dataset.export import export as write
+    from varos_warp.dataset.export.job import NO_NOISE
 
     job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
     if json_:
@@ -266,7 +266,7 @@ def noise(dataset: Folder,
           seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
     """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
     from varos_warp.dataset.noise import add_noise
-    from varos_warp.scene.noise import load_profile, merge_profiles
+    from varos_warp.scene.noise_profile import load_profile, merge_profiles
 
     chosen = [load_profile(name) for name in profile]
     made = add_noise(dataset, chosen[0] if len(chosen) == 1 else merge_profiles(chosen), out, seed, quiet)
@@ -282,10 +282,10 @@ def noise(dataset: Folder,
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
-    from varos_warp.dataset.produce import simulated
+    from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
-    from varos_warp.scene.meshes import build_parts
     from varos_warp.sim.trajectory import path_samples
 
     loaded = load_scene(scene, set_ or ())
@@ -344,7 +344,7 @@ def preprocess(
     from varos_warp.dataset.files import write_json
     from varos_warp.dataset.progress import Steps
     from varos_warp.scene.device import resolve_device
-    from varos_warp.scene.terrain import STEPS, preprocess_meshes, write_ply
+    from varos_warp.scene.geometry.terrain import STEPS, preprocess_meshes, write_ply
 
     check_choice("--up-axis", up_axis, (None, "x", "y", "z"))
     check_choice("--close", close, ("skirt", "solid", "none"))

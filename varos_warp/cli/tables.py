@@ -84,7 +84,7 @@ def print_meshes(meshes: dict) -> None:
 
 def _mesh_rows(part: dict) -> list[list[str]]:
     """A row for the mesh, and one for each range of distances."""
-    from varos_warp.scene.lod import NEVER_SEEN
+    from varos_warp.scene.geometry.lod import NEVER_SEEN
 
     rows = [[part["name"], str(part["triangles"]), str(part["kept"]), f"{part['nearest_m']:.3g}", "",
              f"{part['error_mm']:.3g}", part["reason"]]]

@@ -15,15 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.dataset import files, writers
-from varos_warp.dataset.checksums import write_checksums
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset import files
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.write import texts as writers
+from varos_warp.dataset.write.checksums import write_checksums
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import OUTPUTS
-from varos_warp.scene.noise import NoiseProfile
-from varos_warp.sim import image_noise
-from varos_warp.sim.noise import depth_gauge_noise, imu_noise
+from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.noise_profile import NoiseProfile
+from varos_warp.sim.sensors import image_noise
+from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""

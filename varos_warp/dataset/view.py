@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.depth import planar_depth
-from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import DEPTH_LEVELS, OUTPUTS
+from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
 FAR_M = 1000.0
 """Positions beyond this have steps of more than 0.06 mm in single precision."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from varos_warp.errors import InputError
-from varos_warp.render.denoise import METHODS
 from varos_warp.render.field.open_water import unavailable
+from varos_warp.render.image.denoise import METHODS
 from varos_warp.scene.description import Scene, field_by_old_name
 from varos_warp.scene.description.vehicle import Camera
 
@@ -26,8 +26,8 @@ class RenderOptions:
     """Samples per pixel of A; absent: the scene's, or 64."""
     tolerance: float | None = None
     """Of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the image, is below
-    it, between a quarter of ``spp`` (8 at least) and four times that (render/adapt.py); absent: all take ``spp``. With
-    the field samples are always shared out by noise."""
+    it, between a quarter of ``spp`` (8 at least) and four times that (render/image/adapt.py); absent: all take ``spp``.
+    With the field samples are always shared out by noise."""
     spp_b: int | None = None
     """Samples per pixel of B; absent: the scene's."""
     max_scatterings: int | None = None

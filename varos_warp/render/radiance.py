@@ -17,11 +17,11 @@ from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
-from varos_warp.render.adapt import FEWEST_FIRST_SHARED, first_samples, more_samples, other_noise, share_out
-from varos_warp.render.denoise import check_finite, denoise_image
 from varos_warp.render.field.open_water import OpenWater, along_camera
-from varos_warp.render.films import Films, tile_pixels
-from varos_warp.render.images import RadianceImage, block_error, without_noise
+from varos_warp.render.image.adapt import FEWEST_FIRST_SHARED, first_samples, more_samples, other_noise, share_out
+from varos_warp.render.image.denoise import check_finite, denoise_image
+from varos_warp.render.image.films import Films, tile_pixels
+from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
 from varos_warp.render.launch import Steps
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -107,7 +107,7 @@ class RadianceRenderer:
         if shares and (first < spp or not with_field):
             more = yield from self._more_samples(film, options, first, with_field)
             self.films.take(film, kernels, before, after, more, queued=True)
-        # plain reflectances need no guides (render/denoise.py)
+        # plain reflectances need no guides (render/image/denoise.py)
         guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
         return (yield from self._develop(film, shot, options.layers, options.denoise, guides, by_paths=True))
@@ -210,7 +210,7 @@ class RadianceRenderer:
         """Open Image Denoise on the GPU; None where the host has to do."""
         if self.device == "cpu":
             return None
-        from varos_warp.render.device_denoise import DeviceDenoiser
+        from varos_warp.render.image.device_denoise import DeviceDenoiser
 
         try:
             return DeviceDenoiser(self.device)

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
-from varos_warp.scene.geometry import Instances, Part, local_origin, standpoints
+from varos_warp.scene.geometry.lod import depth_step
+from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
+from varos_warp.scene.geometry.query import clearance, is_inside
+from varos_warp.scene.geometry.terrain import join
 from varos_warp.scene.hull import displaced_volume, sphere_radius
-from varos_warp.scene.lod import depth_step
-from varos_warp.scene.query import clearance, is_inside
-from varos_warp.scene.terrain import join
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30

@@ -13,11 +13,11 @@ from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
-from varos_warp.scene.geometry import Instances, Part, local_origin
-from varos_warp.scene.lobe import has_lobe, lobe_albedo_table
-from varos_warp.scene.materials import corner_values, device_material
-from varos_warp.scene.normals import corner_normals, face_normals
-from varos_warp.scene.textures import Textures
+from varos_warp.scene.geometry.normals import corner_normals, face_normals
+from varos_warp.scene.geometry.parts import Instances, Part, local_origin
+from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
+from varos_warp.scene.materials.records import corner_values, device_material
+from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.water import OpticalProperties, optical_properties
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module

@@ -8,10 +8,10 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Pose
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
-from varos_warp.sim.control import Gains, is_slow, steady_offset
-from varos_warp.sim.current import Current
 from varos_warp.sim.guidance import Course, Guidance, Leg, turn, weight
-from varos_warp.sim.vehicle import Sphere
+from varos_warp.sim.vehicle.body import Sphere
+from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
+from varos_warp.sim.vehicle.current import Current
 
 SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""

@@ -15,13 +15,13 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import transform
 from varos_warp.sim import advice
 from varos_warp.sim.clock import LONGEST_S, MAX_TICKS, TICK_S, check_length, frame_count, ticks_per_sample, times_ns
-from varos_warp.sim.control import Regulator
-from varos_warp.sim.current import Current
-from varos_warp.sim.dynamics import Dynamics, State
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.poses import pose_times, through_poses
-from varos_warp.sim.sensors import DepthGauge, Imu, measure_depth, measure_imu
-from varos_warp.sim.vehicle import sphere
+from varos_warp.sim.sensors.readings import DepthGauge, Imu, measure_depth, measure_imu
+from varos_warp.sim.vehicle.body import sphere
+from varos_warp.sim.vehicle.control import Regulator
+from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.dynamics import Dynamics, State
 
 REPORT_TICKS = 200
 

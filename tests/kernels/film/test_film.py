@@ -7,7 +7,7 @@ from chance import run
 
 from varos_warp.kernels.film import film as kernel
 from varos_warp.kernels.film.adapt import pixel_statistics
-from varos_warp.render.films import tile_pixels
+from varos_warp.render.image.films import tile_pixels
 
 
 @wp.kernel(enable_backward=False)

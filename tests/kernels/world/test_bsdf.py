@@ -8,7 +8,7 @@ from scipy import stats
 
 from varos_warp.kernels.world import bsdf as kernels
 from varos_warp.kernels.world.texture import Surface
-from varos_warp.scene.lobe import lobe_albedo_table
+from varos_warp.scene.materials.lobe import lobe_albedo_table
 
 NORMAL = np.array([0.36, -0.48, 0.8])
 COUNT = 200_000

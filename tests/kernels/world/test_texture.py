@@ -9,10 +9,10 @@ from chance import run
 
 from varos_warp.kernels.world import texture
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
-from varos_warp.scene.geometry import Part
+from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.load import scene_from_dict
-from varos_warp.scene.materials import device_material
-from varos_warp.scene.textures import Textures
+from varos_warp.scene.materials.records import device_material
+from varos_warp.scene.materials.textures import Textures
 
 SQUARE = 25.0 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)

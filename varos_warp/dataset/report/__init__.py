@@ -14,13 +14,13 @@ import numpy as np
 
 import varos_warp
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
 from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
 from varos_warp.dataset.report.world import scene_parts, world
-from varos_warp.render.outputs import OUTPUTS
+from varos_warp.render.image.outputs import OUTPUTS
 
 __all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
 

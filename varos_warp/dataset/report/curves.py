@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import OUTPUTS
+from varos_warp.render.image.outputs import OUTPUTS
 
 INTERVALS = 1000
 """Of time, in each of which a curve's least and greatest value are kept."""

@@ -9,11 +9,11 @@ import numpy as np
 import yaml
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report.curves import logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import OUTPUTS
+from varos_warp.render.image.outputs import OUTPUTS
 
 MOST_WARNINGS = 40
 """Listed singly."""

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
-from varos_warp.render.outputs import DEPTH_LEVELS, OUTPUTS
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
 WIDTHS = (640, 512, 400, 320, 256, 200, 160)
 """Of embedded images; the first that fits."""

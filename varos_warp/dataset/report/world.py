@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.dataset import writers
-from varos_warp.dataset.depth import planar_depth, points_at
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.points import planar_depth, points_at
 from varos_warp.dataset.report.pictures import spread
+from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry import Instances, Part
+from varos_warp.scene.geometry.parts import Instances, Part
 
 TRIANGLES = {"ground": 6000, "objects": 4500}
 """About as many of each does the page draw; it sorts them at every stroke."""
@@ -39,8 +39,8 @@ class SceneParts:
 def scene_parts(data: Dataset) -> SceneParts:
     """The meshes that the dataset was rendered of; none where a file is not at hand, or is not the same any more."""
     from varos_warp.scene.checks import check_scene
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import scene_from_dict
-    from varos_warp.scene.meshes import build_parts
 
     try:
         scene = scene_from_dict(data.meta["scene"])

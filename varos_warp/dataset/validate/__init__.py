@@ -15,7 +15,7 @@ which leaves what `varos-warp render` makes; A_linear of another frame where A i
 dataset.json that were changed together with the scene in it; changes below the limits that are printed.
 """
 
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate import images, listing, motion, views
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending

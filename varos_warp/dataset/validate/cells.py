@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 
 
 def place(data: Dataset, path: Path, row: int, column: int | str | None = None) -> str:

@@ -7,17 +7,18 @@ from functools import partial
 
 import numpy as np
 
-from varos_warp.dataset import files, writers
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset import files
 from varos_warp.dataset.noise import is_repeatable, noisy_pixels
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation, problem_of
 from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.validate.views import back_project
+from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
-from varos_warp.render import exposure
-from varos_warp.render.outputs import DEPTH_LEVELS, OUTPUTS, to_half
+from varos_warp.render.image import exposure
+from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS, to_half
 
 
 def check_images(data: Dataset, result: Validation, pending: Pending, quiet: bool) -> None:

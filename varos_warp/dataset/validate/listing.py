@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from varos_warp.dataset import checksums, files, writers
-from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import POSE_FORMS
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
+from varos_warp.dataset.write import checksums
+from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.load import scene_from_dict
 

@@ -4,11 +4,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import POSE_FORMS, Dataset
+from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.noise import is_repeatable, noise_of
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.cells import place, wrong_rows
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.sim.noise import depth_gauge_noise, imu_noise
+from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from varos_warp.dataset import checksums
-from varos_warp.dataset.folder import at_work
-from varos_warp.dataset.layout import Dataset
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.write import checksums
+from varos_warp.dataset.write.folder import at_work
 from varos_warp.errors import InputError
-from varos_warp.render.outputs import OUTPUTS
+from varos_warp.render.image.outputs import OUTPUTS
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from varos_warp.dataset.depth import pixel_rays, planar_depth, points_at
-from varos_warp.dataset.layout import Dataset
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.points import pixel_rays, planar_depth, points_at
 from varos_warp.dataset.validate.outcome import Validation, problem_of
 from varos_warp.errors import InputError
 

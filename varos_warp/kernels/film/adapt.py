@@ -1,4 +1,4 @@
-"""What the samples so far say of a film's tiles, for the decision how many more each needs (render/adapt.py)."""
+"""What the samples so far say of a film's tiles, for the decision how many more each needs (render/image/adapt.py)."""
 
 import warp as wp
 

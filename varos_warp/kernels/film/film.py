@@ -51,8 +51,8 @@ class Film:
     """Sums over the samples of one image.
 
     Pixels belong to one side, or to two that alternate like the fields of a chessboard and may take different numbers
-    of samples (render/adapt.py). They are taken in parts, of no more than a few samples each, or a GPU would wait for
-    the threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
+    of samples (render/image/adapt.py). They are taken in parts, of no more than a few samples each, or a GPU would wait
+    for the threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
     """
 
     wanted: wp.array3d(dtype=int)

@@ -1,0 +1,53 @@
+"""Every format, exported once from a dataset without noise, and some from one with noise."""
+
+import importlib
+import os
+import warnings
+from types import SimpleNamespace
+
+import pytest
+
+from varos_warp.dataset.export import FORMATS, export
+from varos_warp.dataset.noise import add_noise
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.scene.noise_profile import NoiseProfile
+
+PROFILE = {
+    "name": "test", "imu": {"accelerometer_noise_density": 4e-3, "gyroscope_noise_density": 2e-4,
+                            "gyroscope_random_walk": 3e-5, "accelerometer_bias": [0.3, 0.0, -0.1]},
+    "depth_gauge": {"noise_density": 0.01}, "camera": {"electrons_per_dn": 2.0, "read_noise_electrons": 4.0}}
+
+
+@pytest.fixture(scope="session")
+def data(written):
+    return Dataset(written)
+
+
+@pytest.fixture(scope="session")
+def out(written, tmp_path_factory):
+    """An export in each format, by name."""
+    root = tmp_path_factory.mktemp("exports")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "tum has room for 1")
+        for name in FORMATS:
+            export(written, name, root / name)
+    return root
+
+
+@pytest.fixture(scope="session")
+def noisy(written, tmp_path_factory):
+    """The dataset with the noise of a profile of all sensors."""
+    return add_noise(written, NoiseProfile(**PROFILE), tmp_path_factory.mktemp("noisy") / "data", seed=5, quiet=True)
+
+
+@pytest.fixture(scope="session")
+def nerfbaselines():
+    """Its loaders of COLMAP and nerfstudio, by ``load(path, *features, split)``.
+
+    It asks for numpy < 2, for some of its methods, so `make test` installs it without its dependencies.
+    """
+    if not os.environ.get("CI"):
+        pytest.importorskip("nerfbaselines.datasets")
+    module = importlib.import_module("nerfbaselines.datasets")
+    return SimpleNamespace(load=lambda path, *features, split="train": module.load_dataset(
+        str(path), split, features=frozenset(features)))

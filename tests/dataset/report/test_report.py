@@ -1,0 +1,291 @@
+"""What the report says of a dataset is what the dataset holds; it fits on a page, and names from outside stay text."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from standins import make_scene, tree
+from typer.testing import CliRunner
+
+from varos_warp.cli import app
+from varos_warp.dataset import files
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.report import contact_sheet, heading_pitch_roll, spread, write_report
+from varos_warp.dataset.report.curves import attenuation, curves, envelope
+from varos_warp.dataset.report.facts import headline, warnings
+from varos_warp.dataset.report.pictures import filmstrip, preview
+from varos_warp.dataset.report.world import SceneParts, back_project, decimate, scene_parts, world
+from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.scene.frames import R_V_C
+
+
+@pytest.fixture(scope="module")
+def data(written):
+    return Dataset(written)
+
+
+@pytest.fixture(scope="module")
+def page(written, tmp_path_factory):
+    return write_report(Dataset(written), tmp_path_factory.mktemp("report") / "report.html").read_text()
+
+
+@pytest.fixture
+def copy(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "copy")
+
+
+def content(page: str) -> dict:
+    """What the page's scripts read."""
+    return json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+# ---------------------------------------------------------------------------------------------------------- the page
+
+
+def test_the_page_names_nothing_outside_itself(page):
+    assert not re.findall(r'(?:src|href)\s*=\s*"(?!#)[^"]', page)
+    assert "http:" not in page
+    assert "https:" not in page
+    assert "default-src 'none'" in page
+
+
+def test_every_section_is_on_the_page_and_every_word_filled_in(page):
+    for title in ("Frames", "Course", "Sensors and exposure", "Water, cameras, sensors", "Plan", "Rendering"):
+        assert f"<h2>{title}</h2>" in page
+    assert not re.search(r"\{\{\w+\}\}", page)
+    assert "a test" in page  # the planner's reason
+
+
+def test_the_page_carries_every_image_of_a_short_dataset(page, data):
+    shown = content(page)
+    assert shown["frames"] == data.frames
+    assert shown["times"] == (data.time_ns() * 1e-9).tolist()
+    assert {camera: {o: len(strip) for o, strip in images.items()} for camera, images in shown["images"].items()} == {
+        camera: dict.fromkeys("ABCD", 10) for camera in ("L0", "R0")}
+    assert [plot["title"] for plot in shown["plots"]] == ["Specific force", "Angular velocity", "Depth gauge", "Speed",
+                                                          "Exposure gain", "Rendering"]
+
+
+@pytest.mark.parametrize("name", ["<script>alert(1)</script>", "</script><b>", "{{data}}", "$& \\1 {{nav}}"])
+def test_names_from_the_scene_cannot_break_the_page(written, tmp_path, name, page):
+    data = Dataset(written)
+    data.meta["name"] = name
+    found = write_report(data, tmp_path / "report.html").read_text()
+    assert found.count("<script") == page.count("<script")
+    assert found.count("</script>") == page.count("</script>")
+    assert content(found)["frames"] == data.frames
+
+
+def test_a_partial_dataset_is_shown_with_what_is_there_and_what_is_missing(copy, tmp_path):
+    shutil.rmtree(copy / "vehicle0/cam0/A")
+    shutil.rmtree(copy / "log")
+    for path in copy.rglob("*_exposure_*.csv"):
+        path.unlink()
+    (copy / "log").mkdir()
+    (copy / "log/20260101T000000_host_1.json").write_text('{"frames": [')  # a run that was cut short
+    page = write_report(Dataset(copy), tmp_path / "report.html").read_text()
+    assert "None yet." in page
+    assert "camera L0: A of 10 of 10 frames is missing, the first of frame 0" in page
+    assert "No run left a log." in page
+    assert "Exposure gain" not in {plot["title"] for plot in content(page)["plots"]}
+
+
+@pytest.mark.parametrize("options", [{"images": False}, {"sensors": False}])
+def test_sensors_without_frames_and_frames_without_sensors_have_a_page(tmp_path, options):
+    produce(make_scene(), tmp_path / "data", quiet=True, **options)
+    shown = content(write_report(Dataset(tmp_path / "data"), tmp_path / "report.html").read_text())
+    titles = {plot["title"] for plot in shown["plots"]}
+    assert ("Specific force" in titles) == ("sensors" not in options)
+    assert len(shown["frames"]) == (10 if "sensors" in options else 0)
+
+
+# ------------------------------------------------------------------------------------------------------------ images
+
+
+def test_a_strip_keeps_to_its_budget_with_fewer_and_smaller_images(data):
+    whole = filmstrip(data)
+    assert whole.frames == data.frames
+    assert whole.width == 48
+    size = sum(len(text) * 3 / 4 for outputs in whole.images.values() for strip in outputs.values() for text in strip)
+    less = filmstrip(data, budget=int(size / 2.5))
+    assert sum(len(t) * 3 / 4 for o in less.images.values() for strip in o.values() for t in strip) <= size / 2.5
+    assert 2 <= len(less.frames) < 10
+    assert set(less.frames) <= set(data.frames)
+
+
+def test_depth_has_one_colour_for_one_distance_in_every_image(data):
+    found: dict[tuple, list[tuple[float, int]]] = {}
+    for frame in data.frames:
+        image, depth = np.array(preview(data, "D", frame, "L0", 48, (1.0, 25.0))), data.depth(frame)
+        assert (image[np.isinf(depth)] == 0).all()
+        for color, metres in zip(image[np.isfinite(depth)].tolist(), depth[np.isfinite(depth)].tolist(), strict=True):
+            found.setdefault(tuple(color), []).append((metres, frame))
+    shared = [seen for seen in found.values() if len({frame for _, frame in seen}) > 1]
+    assert len(shared) > 20
+    for seen in shared:  # a step of the 256 colours of 1 to 25 m is 1.3 %; two neighbours may be alike in 8 bits
+        assert max(seen)[0] / min(seen)[0] < 25 ** (2 / 256) * 1.001
+
+
+def test_the_contact_sheet_has_a_row_for_each_camera_and_type(written, tmp_path):
+    contact_sheet(Dataset(written), tmp_path / "sheet.png", columns=3, width=96)
+    sheet = files.read_png(tmp_path / "sheet.png")
+    assert sheet.shape == (2 * 4 * (54 + 2), 3 * 98, 3)
+    rows = sheet.reshape(8, 56, -1)
+    assert (np.ptp(rows, axis=(1, 2)) > 50).all()
+
+
+@pytest.mark.parametrize(("count", "expected"), [(1, [5]), (2, [5, 14]), (4, [5, 8, 11, 14]), (50, list(range(5, 15)))])
+def test_frames_are_spread_from_first_to_last(count, expected):
+    assert spread(list(range(5, 15)), count) == expected
+
+
+# ------------------------------------------------------------------------------------------------------------ curves
+
+
+def test_no_peak_of_a_long_recording_is_lost():
+    x = np.arange(94_260.0)
+    y = np.sin(x / 1000)[:, None] * [1.0, 0.5]
+    y[54_321, 0], y[12_345, 1] = 7.0, -9.0
+    thin_x, thin_y = envelope(x, y)
+    assert len(thin_x) == len(thin_y) == 2000
+    assert (np.diff(thin_x) >= 0).all()
+    np.testing.assert_array_equal(thin_y.max(axis=0), y.max(axis=0))
+    np.testing.assert_array_equal(thin_y.min(axis=0), y.min(axis=0))
+    assert abs(thin_x[thin_y[:, 0].argmax()] - 54_321) < 95
+    np.testing.assert_array_equal(envelope(x[:2000], y[:2000])[1], y[:2000])
+
+
+def test_curves_are_the_readings_to_six_digits(data):
+    plots = {plot["title"]: plot for plot in curves(data)}
+    np.testing.assert_allclose(plots["Specific force"]["y"], data.imu()["acceleration"].T, rtol=5e-6)
+    np.testing.assert_allclose(plots["Depth gauge"]["y"][0], data.depth_gauge()["depth"], rtol=5e-6)
+    np.testing.assert_allclose(plots["Exposure gain"]["y"][0], list(data.gains("A", "L0").values()), rtol=5e-6)
+    assert plots["Exposure gain"]["names"] == ["L0 A", "L0 B", "R0 A", "R0 B"]
+
+
+def test_water_leaves_what_beer_and_lambert_say(data):
+    plot = attenuation(data)
+    at = plot["x"].index(10.0)
+    expected = 100 * np.exp(-10 * np.add(data.meta["water"]["sigma_a"], data.meta["water"]["sigma_s"]))
+    np.testing.assert_allclose([y[at] for y in plot["y"]], expected, rtol=5e-6)
+
+
+# ------------------------------------------------------------------------------------------------------------- world
+
+
+@pytest.mark.parametrize("angles", [(0, 0, 0), (90, 0, 0), (200, -30, 0), (350, 45, 20), (12, 3, -100)])
+def test_heading_pitch_and_roll_turn_a_level_camera_to_where_it_looks(angles):
+    """Heading is clockwise from above, pitch upwards, roll clockwise as the camera sees it."""
+    heading, pitch, roll = np.radians(angles)
+    T = np.eye(4)
+    T[:3, :3] = (Rotation.from_euler("z", -heading) * Rotation.from_euler("x", pitch)).as_matrix() @ R_V_C[:3, :3] @ (
+        Rotation.from_euler("z", roll).as_matrix())
+    np.testing.assert_allclose(heading_pitch_roll(T), angles, atol=1e-9)
+
+
+def test_points_of_depth_lie_on_the_floor(data):
+    """The stand-in's floor is at z = -3; a step of D is 0.38 mm, along a ray that goes down at least a tenth."""
+    points, (row, col) = back_project(data, 4, "R0", 400)
+    assert 100 < len(points) <= 400
+    assert np.isfinite(data.depth(4, "R0")[row, col]).all()
+    np.testing.assert_allclose(points[:, 2], -3.0, atol=25 / 65535)
+
+
+def test_without_meshes_the_world_is_a_cloud_of_what_the_cameras_saw(data):
+    found = world(data, data.frames, SceneParts(missing="a reason"))
+    points = np.reshape(found["cloud"]["points"], (-1, 3)) / 1000 + found["origin"]
+    np.testing.assert_allclose(points[:, 2], -3.0, atol=25 / 65535 + 0.0005)
+    assert len(found["cloud"]["colors"]) == 3 * len(points)
+
+
+def test_cameras_of_the_world_are_at_their_poses(data):
+    found = world(data, [2, 5], SceneParts())
+    for camera in data.cameras:
+        poses = np.reshape(found["cameras"][camera]["poses"], (2, 3, 4))
+        expected = [data.T_w_c(frame, camera)[:3] for frame in (2, 5)]
+        expected = [np.column_stack([T[:, :3], T[:, 3] - found["origin"]]) for T in expected]
+        np.testing.assert_allclose(poses, expected, atol=0.5e-4)
+
+
+def test_the_scene_is_drawn_near_the_course_with_few_triangles(tmp_path):
+    terrain = {"kind": "procedural", "size_m": 200.0, "resolution": 257}
+    objects = [{"kind": "boulder", "position": [1, 4, -2]}, {"kind": "boulder", "position": [90, 90, -2]}]
+    scatter = [{"object": {"kind": "boulder"}, "count": 50, "area": [-5, -5, 5, 5]}]
+    scene = make_scene(terrain=terrain, objects=objects, scatter=scatter)
+    produce(scene, tmp_path / "data", quiet=True, images=False)
+    data = Dataset(tmp_path / "data")
+    found = world(data, [], scene_parts(data))
+    assert set(found["meshes"]) == {"ground", "objects"}
+    for mesh in found["meshes"].values():
+        vertices, faces = np.reshape(mesh["vertices"], (-1, 3)) / 1000, np.reshape(mesh["faces"], (-1, 3))
+        assert 0 < len(faces) < 8000
+        assert faces.max() < len(vertices)
+        assert np.abs(vertices[:, :2] + found["origin"][:2]).max() < 20
+
+
+def test_a_mesh_that_is_no_longer_what_it_was_is_not_drawn(data):
+    again = Dataset(data.root)
+    assert scene_parts(again).missing is None
+    again.meta["scene"] = again.meta["scene"] | {"objects": [{"kind": "mesh", "file": "nowhere.obj"}]}
+    assert "nowhere.obj" in scene_parts(again).missing
+
+
+def test_decimation_keeps_the_shape():
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    vertices, faces = decimate(ball.vertices, ball.faces, 300)
+    assert len(faces) <= 320
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, atol=0.05)
+
+
+# ------------------------------------------------------------------------------------------------------------- facts
+
+
+def test_the_headline_is_measured_on_the_dataset(data):
+    tiles = {name: value for value, name in headline(data)}
+    course = np.linalg.norm(np.diff(data.states()["position"], axis=0), axis=1).sum()
+    assert tiles["frames"] == "10"
+    assert tiles["at 10 Hz"] == "1 s"
+    assert float(tiles["course"].split()[0]) == pytest.approx(course, rel=5e-3)
+    assert tiles["pixels, 2 cameras"] == "48 × 27"
+
+
+def test_what_runs_said_samples_and_findings_are_told(copy):
+    path = next((copy / "log").glob("*.json"))
+    log = files.read_json(path)
+    log["messages"].append("something was said")
+    log["frames"][3]["lost_samples"] = 5
+    files.write_json(path, log)
+    problem = "seq01: is <not> there"
+    outcome = Validation([problem])
+    outcome.measure("IMU against poses", float("nan"), 1e-6, "m/s^2")
+    outcome.keep(copy)
+    found = warnings(Dataset(copy), ["the scene looks odd"])
+    assert found[0] == "the scene looks odd"
+    assert "5 samples in 1 frames" in found[1]
+    assert found[2] == f"validate: {problem}"
+    page = write_report(Dataset(copy), copy / "report.html").read_text()
+    assert "is &lt;not&gt; there" in page
+    assert "IMU against poses" in page
+    assert "<li>something was said</li>" in page
+    assert ": 2 problems</h3>" in page
+
+
+def test_what_validate_measured_is_in_the_report_and_does_not_change_the_dataset(copy):
+    before = tree(copy)
+    assert CliRunner().invoke(app, ["validate", str(copy), "-q"]).exit_code == 0
+    assert tree(copy) == before
+    page = write_report(Dataset(copy), copy.parent / "report.html").read_text()
+    assert re.search(r"Validation, 20\d\d-\d\d-\d\d \d\d:\d\d: no problem", page)
+    assert CliRunner().invoke(app, ["validate", str(copy), "-q"]).exit_code == 0  # what it left is no problem
+
+
+def test_many_warnings_are_counted(data):
+    found = warnings(data, [f"warning {i}" for i in range(100)])
+    assert len(found) == 41
+    assert found[-1] == "and 60 more"

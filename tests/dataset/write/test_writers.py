@@ -1,0 +1,178 @@
+"""What the text files say: headers that readers know, conventions in words, and poses in three forms."""
+
+import csv
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from standins import make_scene, simulate
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.write import texts as writers
+from varos_warp.scene.load import scene_from_dict
+
+
+def header(path):
+    with path.open() as file:
+        return next(csv.reader(file))
+
+
+def test_headers_are_those_that_users_of_the_released_data_read(written):
+    vehicle = written / "vehicle0"
+    assert header(vehicle / "cam0/camL0_poses/camL0_poses_transformation_matrix.csv") == (
+        "# timestamp [ns],r11,r12,r13,s_x_vw,r21,r22,r23,s_y_vw,r31,r32,r33,s_z_vw".split(","))
+    assert header(vehicle / "imu0/imu0_data.csv")[:2] == ["# timestamp [ns]", "a_RS_S_x [m s^-2]"]
+    assert header(vehicle / "imu0/imu0_data.csv")[4] == "w_RS_S_x [rad s^-1]"
+    assert header(vehicle / "cam0/camL0_timestamps.csv") == ["# timestamp [ns]", "A", "B", "C", "D"]
+    assert header(vehicle / "ground_truth_vehicle0_poses/vehicle0_poses_euler.csv") == [
+        "# timestamp [ns]", "s_x_vw", "s_y_vw", "s_z_vw", "theta_x_vw", "theta_y_vw", "theta_z_vw"]
+
+
+def test_calibration_has_the_released_files_keys_in_millimetres(written):
+    text = yaml.safe_load((written / "vehicle0/cam0/camL0.yaml").read_text())
+    assert (text["focal_length"], text["sensor_width"], text["sensor_height"]) == (3.4, 4.416, 2.484)
+    assert (text["width"], text["height"]) == (48, 27)
+    assert text["resolution"] == {"width": 48, "height": 27}
+
+
+def test_euler_angles_are_about_the_fixed_world_axes_x_then_y_then_z(tmp_path):
+    layout = Layout(tmp_path, "01", "0", ("M0",))
+    angles = np.random.default_rng(0).uniform(-1.4, 1.4, (20, 3))
+    T = np.tile(np.eye(4), (20, 1, 1))
+    for i, (x, y, z) in enumerate(angles):
+        Rx, Ry, Rz = (Rotation.from_rotvec(v).as_matrix() for v in ([x, 0, 0], [0, y, 0], [0, 0, z]))
+        T[i, :3, :3] = Rz @ Ry @ Rx
+    writers.write_poses(layout, "M0", np.arange(20), T)
+    table = files.read_csv(layout.poses("M0", "euler"))
+    np.testing.assert_allclose(np.column_stack([table[f"theta_{a}_vw"] for a in "xyz"]), angles, atol=1e-14)
+
+
+def test_quaternions_have_a_positive_scalar_and_come_first(tmp_path):
+    layout = Layout(tmp_path, "01", "0", ("M0",))
+    rotations = Rotation.random(30, random_state=0)
+    T = np.tile(np.eye(4), (30, 1, 1))
+    T[:, :3, :3] = rotations.as_matrix()
+    writers.write_poses(layout, "M0", np.arange(30), T)
+    table = files.read_csv(layout.poses("M0", "quaternion"))
+    q = np.column_stack([table[f"q_{a}"] for a in "wxyz"])
+    assert (q[:, 0] >= 0).all()
+    np.testing.assert_allclose(Rotation.from_quat(q, scalar_first=True).as_matrix(), T[:, :3, :3], atol=1e-14)
+
+
+def test_the_imus_poses_have_its_lever_arm_and_its_axes(written):
+    scene = make_scene()
+    _, T = Dataset(written).poses("imu0")
+    vehicle = simulate(scene).trajectory.T_w_v(50)
+    np.testing.assert_allclose(T[50, :3, 3], (vehicle @ [0.1, 0.2, 0.05, 1.0])[:3], atol=1e-14)
+    R_v_s = Rotation.from_euler("xyz", [5, 10, 15], degrees=True).as_matrix()
+    np.testing.assert_allclose(T[50, :3, :3], vehicle[:3, :3] @ R_v_s, atol=1e-14)
+
+
+def test_light_poses_point_along_the_cone_in_the_world(written):
+    scene = make_scene()
+    table = files.read_csv(written / "vehicle0/lights0/lights0_poses.csv")
+    assert len(table["frame"]) == 10
+    T_w_v = simulate(scene).trajectory.T_w_v(20 * 4)
+    direction = T_w_v[:3, :3] @ np.array([0, 1, -0.2]) / np.linalg.norm([0, 1, -0.2])
+    np.testing.assert_allclose([table[f"direction_w_{a}"][4] for a in "xyz"], direction, atol=1e-14)
+    np.testing.assert_allclose([table[f"p_wl_{a} [m]"][4] for a in "xyz"],
+                               (T_w_v @ [0.15, -0.1, 0, 1])[:3], atol=1e-14)
+
+
+def test_a_light_pointing_straight_down_has_a_proper_pose():
+    light = SimpleNamespace(kind="spot", position=(0, 0, 0), direction=(0, 0, -2.0))
+    T = writers.light_pose(light)
+    np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0, atol=1e-14)
+
+
+def test_the_pose_of_a_light_keeps_the_digits_of_a_short_direction_and_of_a_far_position():
+    light = SimpleNamespace(kind="spot", position=(5e5, 7e6, 0), direction=(0.0, 3e-6, -4e-6))
+    T = writers.light_pose(light)
+    np.testing.assert_allclose(T[:3, 2], [0.0, 0.6, -0.8], atol=1e-15)
+    np.testing.assert_array_equal(T[:3, 3], light.position)
+
+
+def test_euler_angles_at_gimbal_lock_are_silent_and_half_turns_are_positive(tmp_path, recwarn):
+    layout = Layout(tmp_path, "01", "0", ("M0",))
+    T = np.tile(np.eye(4), (2, 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("xyz", [[20, 90, 30], [0, 0, -180]], degrees=True).as_matrix()
+    T[1, :2, :2] = [[-1.0, 0.0], [-0.0, -1.0]]
+    writers.write_poses(layout, "M0", np.arange(2), T)
+    table = files.read_csv(layout.poses("M0", "euler"))
+    assert table["theta_z_vw"][1] == np.pi
+    assert not recwarn.list
+
+
+def test_dataset_json_gives_back_the_scene_it_was_made_from(written):
+    meta = json.loads((written / "dataset.json").read_text())
+    assert scene_from_dict(meta["scene"]) == make_scene()
+
+
+def test_dataset_json_says_what_the_water_scatters_as(tmp_path):
+    (tmp_path / "vsf.csv").write_text("angle_deg,p\n0.1,5\n180,1\n")
+    of = [{"weight": 1, "kind": "petzold"}, {"weight": 1, "kind": "tabulated", "file": "vsf.csv"}]
+    for phase in ({"g": 0.8}, {"kind": "mixture", "of": of}):
+        data = make_scene().model_dump(mode="json")
+        data["water"] = {"coefficients": {"sigma_s": [0.1] * 3, "sigma_a": [0.1] * 3, "phase": phase}}
+        scene = scene_from_dict(data, tmp_path)
+        water = writers.describe_water(scene)
+        assert json.loads(json.dumps(water)) == water
+        if "g" in phase:
+            assert (water["phase"], water["g"], "phase_function" in water) == ("henyey_greenstein", 0.8, False)
+    assert water["phase"] == "mixture"
+    assert [part["kind"] for part in water["phase_function"]["of"]] == ["petzold", "tabulated"]
+    assert len(writers.sources(scene)["vsf.csv"]) == 64
+
+
+def test_dataset_json_states_water_depth_lights_and_versions(written):
+    meta = json.loads((written / "dataset.json").read_text())
+    assert meta["water"]["sigma_t"] == pytest.approx([0.11, 0.06, 0.04])
+    assert meta["water"]["albedo"] == pytest.approx([1 / 11, 1 / 3, 1.0])
+    assert meta["depth"]["scale_m"] == pytest.approx(25 / 65535)
+    assert meta["depth"]["kind"] == "z"
+    assert meta["lights"][0]["cone_deg"] == 65
+    assert meta["gravity"] == [0, 0, -9.81]
+    assert meta["frames"] == {"of": 10, "ranges": [[0, 10]], "rate_hz": 10}
+    assert {"varos_warp", "python", "numpy", "warp-lang", "pyoidn"} <= set(meta["versions"])
+    assert meta["device"] == {"name": "cpu", "model": "numpy"}
+    assert meta["samples"]["plan"]["spp"] == 8
+
+
+def test_mount_decides_which_pose_of_a_camera_is_stated(tmp_path):
+    scene = make_scene(vehicle={"cameras": [{"id": "M0"}, {"id": "S0", "mount": "world", "position": [1, 2, 3]}]})
+    layout = Layout.of(scene, tmp_path)
+    on_vehicle, standing = (writers.describe_camera(layout, camera) for camera in scene.vehicle.cameras)
+    assert "T_v_c" in on_vehicle
+    assert np.array(standing["T_w_c"])[:3, 3].tolist() == [1, 2, 3]
+    assert "T_v_c" not in standing
+
+
+def test_readme_has_no_gaps_and_states_gravity_and_step(written):
+    text = (written / "README.txt").read_text()
+    assert "{" not in text
+    assert "+9.81 on the up axis" in text
+    assert "0.381476 mm" in text or "0.381475 mm" in text
+
+
+def test_the_bias_of_a_noisy_imu_is_written(tmp_path):
+    scene = make_scene()
+    imu = scene.vehicle.imu.model_dump() | {"noise": {"accelerometer_noise_density": 0.01}}
+    scene = make_scene(vehicle={"imu": imu})
+    layout = Layout.of(scene, tmp_path)
+    writers.write_sensors(layout, scene, simulate(scene))
+    table = files.read_csv(layout.imu_bias)
+    assert (table["b_a_RS_S_x [m s^-2]"] == 0.3).all()
+
+
+def test_a_sensor_that_samples_between_ticks_is_refused(tmp_path):
+    scene = make_scene()
+    simulation = simulate(scene)
+    simulation.imu.time_ns = simulation.imu.time_ns + 1
+    with pytest.raises(ValueError, match="does not fall on a tick"):
+        writers.write_sensors(Layout.of(scene, tmp_path), scene, simulation)

@@ -1,0 +1,181 @@
+"""Adaptive sampling: no bias, the tolerance kept, and few samples where there is little noise."""
+
+import numpy as np
+import pytest
+
+from varos_warp.render import radiance
+from varos_warp.render.image.adapt import (
+    DARK,
+    MOST_SHARED,
+    brightness,
+    first_samples,
+    more_samples,
+    other_noise,
+    share_out,
+)
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.geometry.parts import Part
+
+FIRST, SPP, TILES = 4, 64, (12, 16)
+RARE = 0.02
+RULES = {"to a tolerance": lambda noise: more_samples(noise, FIRST, 1.4, SPP),
+         "shared out": lambda noise: share_out(noise, FIRST, SPP / 4)}
+
+
+def sides(rng, count):
+    """Mean and variance of one sample of the tiles, [side, rows, columns, 1], from 16 pixels of ``count`` samples."""
+    hits = rng.binomial(count, RARE, (2, *TILES, 16))
+    mean = hits / RARE / count
+    variance = (hits / RARE**2 - count * mean**2) / (count - 1)
+    return hits, mean.mean(-1)[..., None], variance.mean(-1)[..., None]
+
+
+def trial(rng, rule, own):
+    """Mean of the image when the number of samples of a side follows from the other, or (wrongly) from its own."""
+    hits, mean, variance = sides(rng, FIRST)
+    more = rule(other_noise(mean[::-1], variance[::-1]) if own else other_noise(mean, variance))
+    total = hits + rng.binomial(more[..., None], RARE)
+    return (total / RARE / (FIRST + more)[..., None]).mean()
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_the_mean_is_unbiased_and_would_not_be_if_a_side_decided_for_itself(rule):
+    """2400 images of 6144 pixels with rare bright samples: 4 standard errors, and the naive way misses by far more."""
+    rng = np.random.default_rng(5)
+    for own in (False, True):
+        means = np.array([trial(rng, rule, own) for _ in range(2400)])
+        sigmas = abs(means.mean() - 1.0) / (means.std(ddof=1) / np.sqrt(len(means)))
+        assert (sigmas > 20.0) if own else (sigmas < 4.0)
+
+
+def uneven():
+    """Mean and variance of 30 x 30 tiles: a third 100 times as noisy as the next, a third without noise."""
+    mean, variance = np.full((2, 30, 30, 3), 2.0), np.full((2, 30, 30, 3), 4.0 * 0.01)
+    variance[:, :10] *= 100.0
+    variance[:, 20:] = 0.0
+    return mean, variance
+
+
+def test_tiles_get_the_samples_that_their_noise_needs():
+    """Known variances: N = v / (tolerance mean)^2, within the limits."""
+    noise = other_noise(*uneven())
+    more = more_samples(noise, 8, 0.05, 400) + 8
+    assert np.all(more[:, :9] == 400)
+    assert np.all(more[:, 12:19] == 8)
+    assert np.all(more[:, 22:] == 8)
+    assert more_samples(noise, 8, 0.01, 400).max() + 8 == 1600  # four times 400
+
+
+def test_samples_are_shared_out_in_proportion_to_the_deviation():
+    """As many as asked on average, ten times as many where the deviation is ten times as large, within the limits."""
+    noise = other_noise(*uneven())
+    count = share_out(noise, 2, 40.0) + 2
+    assert count.mean() == pytest.approx(40.0, abs=1.0)
+    assert np.all(count[:, 22:] == 2)
+    assert np.all(np.abs(count[:, :9] - 10.0 * count[:, 14:18].mean()) <= 10.0)
+    noise[:, 0, 0] = 1e9
+    count = share_out(noise, 2, 40.0) + 2
+    assert count.max() == MOST_SHARED * 40
+    assert count.mean() == pytest.approx(40.0, abs=1.0)
+    assert not share_out(np.zeros((2, 3, 4)), 2, 40.0).any()
+
+
+def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
+    mean, variance = uneven()
+    changed = variance.copy()
+    changed[0] *= np.linspace(0.5, 2.0, 30)[:, None]
+    before, after = (share_out(other_noise(mean, v), 2, 40.0) for v in (variance, changed))
+    assert np.array_equal(before[0], after[0])
+    assert not np.array_equal(before[1], after[1])
+
+
+def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
+    np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
+    black = np.zeros((2, 3, 3, 3))
+    assert not more_samples(other_noise(black, black), 4, 0.01, 64).any()
+
+
+# --------------------------------------------------------------------------------------------------------- an image
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    """Half a floor in turbid water: one side of the image is noisier than the other; paths only."""
+    water = {"sigma_s": [0.05, 0.1, 0.2], "sigma_a": [0.1, 0.05, 0.05], "phase": {"g": 0.8}}
+    view = {"resolution": [40, 28], "rotation_euler_deg": [-35, 0, 0]}
+    lamps = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (-0.15, 0.15)]
+    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "path"})
+    corners = np.array([[-9.0, -9, -1.5], [0.2, -9, -1.5], [0.2, 9, -1.5], [-9, 9, -1.5]])
+    floor = Part("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[0.4] * 3))
+    return FrameRenderer(scene, "cpu", parts=[floor])
+
+
+def test_an_image_keeps_its_tolerance_with_fewer_samples_and_the_same_mean(renderer):
+    """Against 2048 samples: RMSE within the tolerance, the mean of 12 images within 4 standard errors of it."""
+    tolerance, spp = 0.3, 256
+    truth = renderer.render(np.eye(4), outputs="A", spp=2048, seed=7).A
+    images = [renderer.render(np.eye(4), outputs="A", spp=spp, tolerance=tolerance, seed=100 + k).A for k in range(12)]
+    level = brightness(truth.radiance.astype(float).mean((0, 1)))
+    errors = [np.sqrt(np.mean((image.radiance - truth.radiance) ** 2, axis=(0, 1))) / level for image in images]
+    assert np.mean(errors, axis=0).max() < tolerance
+    assert all(first_samples(spp) <= image.spp for image in images)
+    assert np.mean([image.spp for image in images]) < 0.95 * spp
+    means = np.array([image.radiance.astype(float).mean((0, 1)) for image in images])
+    spread = np.sqrt(means.var(axis=0, ddof=1) / len(means) + np.square(truth.stderr, dtype=float).mean((0, 1)) / 1120)
+    assert np.all(np.abs(means.mean(0) - truth.radiance.astype(float).mean((0, 1))) < 4.0 * spread)
+
+
+def test_the_standard_error_is_that_of_the_spread_between_images(renderer):
+    """Mean square over pixels and 12 images; its own spread with heavy tails is about 10 %."""
+    images = [renderer.render(np.eye(4), outputs="A", spp=64, tolerance=0.3, seed=200 + k).A for k in range(12)]
+    found = np.mean([np.square(image.stderr, dtype=float) for image in images])
+    assert np.mean(np.var([image.radiance.astype(float) for image in images], axis=0, ddof=1)) == pytest.approx(
+        found, rel=0.3)
+
+
+# -------------------------------------------------------------------------------------------------------------- field
+
+
+def plate(name, half, z, material):
+    corners = np.array([[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]])
+    return Part(name, corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material)
+
+
+@pytest.fixture(scope="module")
+def bright_spot():
+    """A dark floor with a small white plate under a lamp, with the field: most noise is in a few tiles."""
+    view = {"resolution": [96, 64], "rotation_euler_deg": [-90, 0, 0]}
+    lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
+    water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
+    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
+                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "field"})
+
+    return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.05] * 3)),
+                                              plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3))])
+
+
+def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
+    """And the same mean: 12 images of each kind, 4 standard errors of what they differ by."""
+    def images(seed):
+        return [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=seed + k).A for k in range(12)]
+
+    shared = images(0)
+    assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
+    monkeypatch.setattr(radiance, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    even = images(100)
+    shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
+    assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()
+    means = [kind.mean((1, 2)) for kind in (shared, even)]
+    error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
+    assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
+
+
+@pytest.mark.parametrize("resolution", [(1, 1), (2, 1), (9, 3)])
+def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
+    camera = bright_spot.scene.vehicle.cameras[0].model_copy(update={"resolution": resolution})
+    image = bright_spot.render(np.eye(4), camera, "A", spp=16).A
+    assert np.isfinite(image.radiance).all()
+    assert image.spp >= (16 if resolution == (1, 1) else 2)

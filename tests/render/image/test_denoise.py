@@ -1,0 +1,575 @@
+"""Denoising lowers the error, keeps the local mean, and gives the same bytes every time."""
+
+import sys
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.ndimage import uniform_filter
+
+from varos_warp.errors import InputError
+from varos_warp.render.image import denoise as module
+from varos_warp.render.image.denoise import PART_QUALITY, QUALITY, denoise, denoise_image, mix
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.frames import euler_to_matrix, transform
+from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.load import scene_from_dict
+
+
+def scene(spp=16, seed=0, shape=(96, 128)):
+    """Truth, noisy estimate and its standard error: two tones with an edge under gamma noise (as of ``spp`` paths)."""
+    truth = np.full((*shape, 3), 0.05, np.float32)
+    truth[:, shape[1] // 2:] = 0.6
+    truth *= np.linspace(0.5, 1.5, shape[0], dtype=np.float32)[:, None, None]
+    noisy = np.random.default_rng(seed).gamma(spp, truth / spp).astype(np.float32)
+    return truth, noisy, (truth / np.sqrt(spp)).astype(np.float32)
+
+
+def rmse(image, truth):
+    return np.sqrt(np.mean(np.square((image - truth) / truth)))
+
+
+@pytest.mark.parametrize(("method", "factor"), [("oidn", 4.0), ("nlm", 2.0)])
+def test_denoising_lowers_the_relative_error(method, factor):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+    truth, noisy, stderr = scene()
+    assert rmse(denoise(noisy, stderr, method), truth) < rmse(noisy, truth) / factor
+
+
+def test_nlm_keeps_the_mean_of_the_light_on_both_sides_of_an_edge():
+    """Within 4 standard errors of the noisy mean; without the correction it would be 1.6 % too dark, 20 of them."""
+    truth, noisy, stderr = scene(shape=(160, 240))
+    result = denoise(noisy, stderr, "nlm")
+    for half in (np.s_[:, :100], np.s_[:, 140:]):
+        error = np.sqrt(np.mean(np.square(stderr[half] / truth[half])) / truth[half].size)
+        assert abs(np.mean(result[half] / truth[half]) - 1) < 4 * error + 1e-4
+
+
+def test_nlm_meets_noise_that_is_stronger_in_some_places():
+    """Open places with 2 % noise and shadows with 40 %: both get better, each at its own strength."""
+    truth, _, _ = scene()
+    spp = np.where(np.arange(128) < 64, 6, 2500)[None, :, None]
+    noisy = np.random.default_rng(5).gamma(spp, truth / spp).astype(np.float32)
+    result = denoise(noisy, (truth / np.sqrt(spp)).astype(np.float32), "nlm")
+    for part in (np.s_[:, :56], np.s_[:, 72:]):
+        assert rmse(result[part], truth[part]) < rmse(noisy[part], truth[part]) / 2
+
+
+def test_nlm_keeps_an_edge_sharp():
+    truth, noisy, stderr = scene(spp=400)
+    result = denoise(noisy, stderr, "nlm")
+    columns = np.s_[:, 62:66]
+    assert rmse(result[columns], truth[columns]) < rmse(noisy[columns], truth[columns])
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_same_input_gives_same_bytes(method):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+    _, noisy, stderr = scene()
+    assert denoise(noisy, stderr, method).tobytes() == denoise(noisy, stderr, method).tobytes()
+
+
+@pytest.mark.parametrize("quality", [QUALITY, PART_QUALITY])
+def test_bytes_of_open_image_denoise_do_not_depend_on_the_number_of_threads(quality):
+    pyoidn = pytest.importorskip("pyoidn")
+    _, noisy, _ = scene(shape=(180, 320))
+    results = [pyoidn.denoise(noisy, hdr=True, quality=quality).tobytes()]
+    for threads in (1, 2):
+        device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU)
+        device.set_int("numThreads", threads)
+        device.commit()
+        result = np.empty_like(noisy)
+        filter = pyoidn.Filter(device, "RT")
+        filter.set_image("color", noisy, pyoidn.OIDN_FORMAT_FLOAT3)
+        filter.set_image("output", result, pyoidn.OIDN_FORMAT_FLOAT3)
+        filter.set_bool("hdr", True)
+        filter.set_quality(getattr(pyoidn, f"OIDN_QUALITY_{quality.upper()}"))
+        filter.commit()
+        filter.execute()
+        assert device.get_error() is None
+        results.append(result.tobytes())
+        filter.release()
+        device.release()
+    assert results[0] == results[1] == results[2]
+
+
+@pytest.mark.parametrize("scale", [2.0**-40, 2.0**10, 2.0**40])
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_the_unit_of_light_does_not_matter(method, scale):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+    _, noisy, stderr = scene()
+    scaled = denoise(np.float32(scale) * noisy, np.float32(scale) * stderr, method)
+    np.testing.assert_allclose(scaled / scale, denoise(noisy, stderr, method), rtol=1e-4)
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm", "none"])
+def test_a_black_image_and_a_noise_free_image_pass(method):
+    black = np.zeros((16, 16, 3), np.float32)
+    np.testing.assert_allclose(denoise(black, black, method), 0.0, atol=1e-6)
+    grey = np.full((16, 16, 3), 0.3, np.float32)
+    np.testing.assert_allclose(denoise(grey, black, method), 0.3, rtol=0.02)
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_one_sample_per_pixel_of_unknown_error_is_denoised_too(method):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+    truth, noisy, _ = scene(spp=1)
+    result = denoise(noisy, np.full_like(noisy, np.inf), method)
+    assert np.isfinite(result).all()
+    assert rmse(result, truth) < 0.6 * rmse(noisy, truth)
+
+
+def test_none_changes_nothing():
+    _, noisy, stderr = scene()
+    assert denoise(noisy, stderr, "none").tobytes() == noisy.tobytes()
+
+
+def test_values_that_are_not_finite_are_refused():
+    _, noisy, stderr = scene()
+    noisy[3, 4, 1] = np.nan
+    for method in ("oidn", "nlm"):
+        with pytest.raises(ValueError, match="1 values are not finite"):
+            denoise(noisy, stderr, method)
+
+
+def test_without_open_image_denoise_nlm_takes_its_place_and_says_so_once(monkeypatch):
+    _, noisy, stderr = scene()
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    module.available_method.cache_clear()
+    try:
+        with pytest.warns(UserWarning, match="non-local means takes its place"):
+            first = denoise(noisy, stderr, "oidn")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            denoise(noisy, stderr, "oidn")
+        assert first.tobytes() == denoise(noisy, stderr, "nlm").tobytes()
+    finally:
+        module.available_method.cache_clear()
+
+
+# -------------------------------------------------------------------------------------------- only what has the noise
+
+
+SPREAD = 3.0
+"""Noise of the corrections below: its standard deviation over the mean of its positive part."""
+
+
+def layered(spp=16, seed=0, shape=(96, 128), guides=False):
+    """Truth and image of a strong, noise-free texture under a noisy correction with both signs.
+
+    Bright on the left, dark on the right, and taken away in the middle. The noise is gamma, as skewed as that of a
+    path tracer.
+    """
+    rng = np.random.default_rng(seed)
+    texture = rng.uniform(0.2, 0.8, (*shape, 3)).astype(np.float32)
+    level = np.full((*shape, 3), 0.1, np.float32)
+    level[:, shape[1] // 2:] = 0.02
+    taken = np.zeros((*shape, 3), np.float32)
+    taken[:, shape[1] // 3:2 * shape[1] // 3] = 0.03
+    k = spp / SPREAD**2
+    correction = (rng.gamma(k, level / k) - rng.gamma(k, np.maximum(taken, 1e-9) / k)).astype(np.float32)
+    stderr = (SPREAD * np.sqrt(level**2 + taken**2) / np.sqrt(spp)).astype(np.float32)
+    albedo = np.full((*shape, 3), 0.4, np.float32) if guides else None
+    normal = np.full((*shape, 3), (0.0, 0.0, 1.0), np.float32) if guides else None
+    image = SimpleNamespace(radiance=texture + correction, stderr=stderr, correction=correction,
+                            base_variance=np.zeros_like(stderr), albedo=albedo, normal=normal)
+    return texture + level - taken, image
+
+
+def rms(x):
+    return np.sqrt(np.mean(np.square(x, dtype=np.float64)))
+
+
+def needs(method):
+    if method == "oidn":
+        pytest.importorskip("pyoidn")
+
+
+@pytest.mark.parametrize(("method", "guides", "factor"), [("oidn", False, 6), ("oidn", True, 6), ("nlm", False, 3)])
+def test_a_texture_survives_and_the_noise_of_the_correction_goes(method, guides, factor):
+    """The texture changes from pixel to pixel: denoised with the rest it would be lost, as the last line shows."""
+    needs(method)
+    truth, image = layered(guides=guides)
+    noise = rms(image.radiance - truth)
+    assert rms(denoise_image(image, method) - truth) < noise / factor
+    assert rms(denoise(image.radiance, image.stderr, method) - truth) > noise / 2
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_what_is_not_correction_passes_to_the_bit(method):
+    """Whatever lies under a correction, the denoiser adds the same to it; without a correction nothing changes."""
+    needs(method)
+    truth, image = layered()
+    base = np.random.default_rng(3).integers(1, 1 << 12, truth.shape).astype(np.float32) / 2**10
+    coarse = np.round(image.correction * 2**12) / 2**12  # sums with it are exact
+    one = SimpleNamespace(**vars(image) | {"correction": coarse, "radiance": coarse + 4.0})
+    two = SimpleNamespace(**vars(image) | {"correction": coarse, "radiance": coarse + 4.0 + base})
+    np.testing.assert_allclose(denoise_image(two, method) - denoise_image(one, method), base, atol=2e-6, rtol=0)
+    none = SimpleNamespace(**vars(image) | {"correction": 0 * image.correction})
+    assert denoise_image(none, method).tobytes() == none.radiance.tobytes()
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_negative_values_do_not_brighten_the_image(method):
+    """Where the correction takes away as much as it gives, what is denoised is noise around zero.
+
+    Its mean stays within 4 standard errors and 1 % of what is given; clipped, it would be too bright by two thirds.
+    """
+    needs(method)
+    rng = np.random.default_rng(7)
+    shape, spp = (120, 160, 3), 4
+    k = spp / SPREAD**2
+    correction = (0.05 * (rng.gamma(k, 1 / k, shape) - rng.gamma(k, 1 / k, shape))).astype(np.float32)
+    image = SimpleNamespace(radiance=np.float32(1.0) + correction, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
+                            correction=correction, base_variance=np.zeros(shape, np.float32), albedo=None, normal=None)
+    error = correction.std() / np.sqrt(correction.size)
+    bias = denoise_image(image, method).mean(dtype=np.float64) - image.radiance.mean(dtype=np.float64)
+    assert abs(bias) < 4 * error + 0.01 * 0.05
+    assert np.maximum(correction, 0).mean() - correction.mean() > 0.03
+
+
+@pytest.mark.parametrize("level", [0.2, -0.2])
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_a_constant_correction_stays_constant(method, level):
+    """Away from the border, where the networks see the black beyond it: up to a fifth is lost in the last pixels."""
+    needs(method)
+    correction = np.full((32, 48, 3), level, np.float32)
+    stderr = np.full_like(correction, 0.01)
+    image = SimpleNamespace(radiance=1 + correction, stderr=stderr, correction=correction,
+                            base_variance=np.zeros_like(stderr), albedo=None, normal=None)
+    inside = np.s_[8:-8, 8:-8]
+    np.testing.assert_allclose(denoise_image(image, method)[inside] - 1, correction[inside], rtol=0.02)
+    np.testing.assert_allclose(denoise_image(image, method) - 1, correction, rtol=0.3)
+
+
+def test_an_image_without_a_correction_is_denoised_as_a_whole():
+    _, noisy, stderr = scene()
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
+                            albedo=None, normal=None)
+    for method in ("oidn", "nlm", "none"):
+        needs(method)
+        assert denoise_image(image, method).tobytes() == denoise(noisy, stderr, method).tobytes()
+
+
+def test_the_result_is_never_negative_and_none_changes_nothing():
+    _, image = layered()
+    image.radiance = image.radiance - 0.5
+    assert denoise_image(image, "nlm").min() == 0.0
+    assert denoise_image(image, "none").tobytes() == image.radiance.tobytes()
+
+
+def test_corrections_that_are_not_finite_and_unknown_methods_are_refused():
+    _, image = layered()
+    with pytest.raises(ValueError, match="must be oidn, nlm or none"):
+        denoise_image(image, "blur")
+    image.correction[3, 4, 1] = np.inf
+    for method in ("oidn", "nlm"):
+        with pytest.raises(ValueError, match="1 values are not finite"):
+            denoise_image(image, method)
+
+
+# ------------------------------------------------------------------------------------------------------ on a device
+
+
+def on(device, **images):
+    import warp as wp
+
+    return {name: wp.array(image, dtype=wp.vec3, device=device) for name, image in images.items() if image is not None}
+
+
+def device_denoised(denoiser, image):
+    names = ("radiance", "correction", "base_variance", "albedo", "normal")
+    return denoiser.denoise(**on(denoiser.device, **{name: getattr(image, name) for name in names})).numpy()
+
+
+def kinds_of_images():
+    """With a correction, with guides, plain, black, and of another size."""
+    for how in ({}, {"guides": True}, {"shape": (45, 77), "seed": 4}):
+        yield layered(**how)[1]
+    yield SimpleNamespace(radiance=scene()[1], stderr=scene()[2], correction=None, base_variance=None, albedo=None,
+                          normal=None)
+    yield SimpleNamespace(**vars(layered()[1]) | {"correction": np.zeros((96, 128, 3), np.float32)})
+    _, image = layered(guides=True)
+    image.base_variance = image.stderr**2
+    image.base_variance[:, ::5] = 0.0
+    yield image
+    yield SimpleNamespace(**vars(image) | {"base_variance": np.full_like(image.stderr, np.inf)})
+
+
+@pytest.fixture(scope="module")
+def cpu_denoiser():
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.image.device_denoise import DeviceDenoiser
+
+    return DeviceDenoiser("cpu")
+
+
+def test_arrays_on_a_device_are_denoised_as_on_the_host(cpu_denoiser):
+    """To the last digits: the same network, and the same powers of two before and after it.
+
+    Twice, for the filters are used again.
+    """
+    for _ in range(2):
+        for image in kinds_of_images():
+            expected = denoise_image(image, "oidn")
+            np.testing.assert_allclose(device_denoised(cpu_denoiser, image), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_device_denoiser_keeps_one_filter_for_each_size_and_kind(cpu_denoiser):
+    for image in kinds_of_images():
+        device_denoised(cpu_denoiser, image)
+    before = dict(cpu_denoiser._networks)
+    for image in kinds_of_images():
+        device_denoised(cpu_denoiser, image)
+    assert cpu_denoiser._networks == before
+    assert len(before) == 4
+
+
+def test_the_unit_of_light_does_not_matter_on_a_device(cpu_denoiser):
+    _, image = layered()
+    expected = device_denoised(cpu_denoiser, image)
+    for scale in (np.float32(2.0**-40), np.float32(2.0**40)):
+        image.radiance, image.correction = (scale * layered()[1].radiance, scale * layered()[1].correction)
+        np.testing.assert_allclose(device_denoised(cpu_denoiser, image) / scale, expected, rtol=1e-5)
+
+
+def oidn_through_host(color):
+    """What Open Image Denoise makes of an image on the first CUDA device, copied there and back."""
+    import pyoidn
+
+    height, width, _ = color.shape
+    device = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CUDA)
+    device.commit()
+    there, back = (pyoidn.Buffer(device, color.nbytes, pyoidn.OIDN_STORAGE_DEVICE) for _ in range(2))
+    there.write(0, color.nbytes, np.ascontiguousarray(color).reshape(-1).view(np.uint8))
+    filter = pyoidn.Filter(device, "RT")
+    filter.set_image("color", there, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
+    filter.set_image("output", back, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
+    filter.set_bool("hdr", True)
+    filter.set_quality(pyoidn.OIDN_QUALITY_HIGH)
+    filter.commit()
+    filter.execute()
+    assert device.get_error() is None
+    result = np.empty(color.size, np.float32)
+    back.read(0, color.nbytes, result.view(np.uint8))
+    for held in (filter, there, back, device):
+        held.release()
+    return result.reshape(color.shape)
+
+
+POSE = transform(euler_to_matrix((-30, 0, 0)), [0.0, 0.0, 0.0])
+
+
+def rough_scene(material):
+    """A box on a floor before two lamps; small, for it is rendered."""
+    return scene_from_dict({
+        "water": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}},
+        "vehicle": {
+            "lights": [{"kind": "spot", "position": [x, -0.1, 0.0], "direction": [0, 1, 0]} for x in (-0.15, 0.15)],
+            "cameras": [{"id": "M0", "resolution": [32, 20], "sensor_mm": [4.416, 2.76]}]},
+        "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        "materials": {"a": material},
+    })
+
+
+def floor_and_box(material):
+    floor = trimesh.creation.box((20, 20, 1)).apply_translation((0, 0, -2.0))
+    box = trimesh.creation.box((0.6, 0.6, 0.6)).apply_translation((0.2, 2.2, -1.2))
+    return [Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), material)
+            for name, mesh in (("floor", floor), ("box", box))]
+
+
+@pytest.fixture(scope="module")
+def renderers():
+    """Of a plain and of a textured scene."""
+    plain = {"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}
+    scenes = [rough_scene(kind) for kind in (plain, {"kind": "rust", "base": [0.6, 0.4, 0.1], "amount": 0.4})]
+    return [FrameRenderer(scene, "cpu", floor_and_box(scene.materials["a"])) for scene in scenes]
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm", "none"])
+def test_a_renderer_denoises_as_its_image_is_denoised_later(renderers, method):
+    needs(method)
+    for renderer in renderers:
+        how = {"integrator": "field", "denoise": method, "denoise_b": method}
+        frame = renderer.render(POSE, outputs="AB", spp=4, spp_b=4, **how)
+        for image in (frame.A, frame.B):
+            assert image.denoised.tobytes() == denoise_image(image, method).tobytes()
+
+
+def test_nothing_is_denoised_unless_asked_for_and_unknown_methods_are_bad_input(renderers):
+    frame = renderers[0].render(POSE, outputs="AB", spp=2, spp_b=2, integrator="field")
+    assert frame.A.denoised is None
+    assert frame.B.denoised is None
+    for key in ("denoise", "denoise_b"):
+        with pytest.raises(InputError, match="blur"):
+            renderers[0].render(POSE, outputs="A", **{key: "blur"})
+
+
+def test_images_with_textures_come_with_guides_and_plain_ones_do_without(renderers):
+    plain, textured = (renderer.render(POSE, outputs="AC", spp=2, integrator="field") for renderer in renderers)
+    assert plain.A.albedo is None
+    assert plain.A.normal is None
+    assert textured.A.normal.tobytes() == textured.C.normal.tobytes()
+    hit = np.any(textured.C.normal != 0, axis=-1)
+    assert hit.any()
+    assert (textured.A.albedo[hit] > 0).all()
+    assert textured.A.albedo.max() <= 1.0
+    assert not textured.A.albedo[~hit].any()
+
+
+@pytest.mark.parametrize("integrator", ["field", "path"])
+def test_the_correction_of_paths_is_part_of_the_scattered_layers(renderers, integrator):
+    assert renderers[0].render(POSE, outputs="A", spp=2, integrator=integrator).A.correction.any()
+    image = renderers[0].render(POSE, outputs="A", spp=2, integrator=integrator, layers=("direct",)).A
+    assert not image.correction.any()
+
+
+def test_the_reference_has_no_correction(renderers):
+    assert renderers[0].render(POSE, outputs="A", spp=2, integrator="reference").A.correction is None
+
+
+def test_the_correction_of_paths_without_the_field_is_their_multiple_layer(renderers):
+    image = renderers[0].render(POSE, outputs="A", spp=2, integrator="path", layers=("direct", "single", "multiple")).A
+    assert image.correction.tobytes() == image.layers["multiple"].tobytes()
+
+
+@pytest.mark.gpu
+def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
+    """Half floats there: 2^-11 in each of some sixteen layers of the network adds up to 0.2 % (rms).
+
+    Of the largest value.
+    """
+    pytest.importorskip("pyoidn")
+    for kind in ({"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}, {"kind": "rust", "amount": 0.4}):
+        scene_ = rough_scene(kind)
+        renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
+        frame = renderer.render(POSE, outputs="AB", spp=4, integrator="field", denoise="oidn", denoise_b="oidn")
+        for image in (frame.A, frame.B):
+            expected = denoise_image(image, "oidn")
+            assert rms(image.denoised - expected) < 2e-3 * expected.max()
+
+
+@pytest.mark.gpu
+def test_a_gpu_denoises_as_the_package_does_through_the_host():
+    """The same network on the same device, so within the rounding of half floats in which it works, 2^-11."""
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.image.device_denoise import DeviceDenoiser
+
+    _, noisy, stderr = scene(shape=(180, 320))
+    scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
+    expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
+    image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
+                            albedo=None, normal=None)
+    np.testing.assert_allclose(device_denoised(DeviceDenoiser("cuda:0"), image), expected, rtol=2**-11)
+
+
+@pytest.mark.gpu
+def test_a_gpu_denoises_as_the_cpu_does():
+    """Half floats there, floats here: what they differ by is less than a tenth of the error that is left."""
+    pytest.importorskip("pyoidn")
+    from varos_warp.render.image.device_denoise import DeviceDenoiser
+
+    denoiser = DeviceDenoiser("cuda:0")
+    for guides in (False, True):
+        for seed in range(3):  # the filters are used again
+            truth, image = layered(seed=seed, guides=guides, shape=(180, 320))
+            expected = denoise_image(image, "oidn")
+            off = rms(device_denoised(denoiser, image) - expected)
+            assert off < 0.1 * rms(expected - truth)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("integrator", ["field", "path"])
+def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
+    pytest.importorskip("pyoidn")
+    scene_ = rough_scene({"kind": "rust", "amount": 0.4})
+    renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
+    how = {"outputs": "AB", "spp": 4, "integrator": integrator, "denoise": "oidn", "denoise_b": "oidn"}
+    whole, brief = (renderer.render(POSE, denoised_only=only, **how) for only in (False, True))
+    for one, other in ((whole.A, brief.A), (whole.B, brief.B)):
+        assert other.radiance is None
+        assert other.spp == one.spp
+        np.testing.assert_allclose(other.denoised, one.denoised, rtol=2**-11)  # half floats in the network
+
+
+# ------------------------------------------------------------------------------------------------- what is sharp stays
+
+
+def mirrored(sigma=0.2, spp=16, seed=2):
+    """Truth with points of light, a noisy image, what a denoiser might leave of the truth, and the noise's variance."""
+    rng = np.random.default_rng(seed)
+    truth = np.full((96, 128, 3), 1.0, np.float32)
+    truth[8::16, 8::16] = 9.0
+    noisy = truth + (sigma * rng.normal(size=(spp, *truth.shape)) * np.sqrt(truth)).astype(np.float32)
+    variance = noisy.var(axis=0, ddof=1) / spp
+    return truth, noisy.mean(axis=0), uniform_filter(truth, (5, 5, 1)), variance
+
+
+def test_mixing_by_the_variance_leaves_less_error_than_either_image():
+    """About points that a denoiser has spread they come back; where it was right, it stays so.
+
+    There the noise explains nearly all that is between the two: what chance adds to it over 3 x 3 pixels brings back a
+    part of the noise, less than half of it.
+    """
+    truth, noisy, smooth, variance = mirrored()
+    mixed = mix(smooth, noisy, variance)
+    assert rms(mixed - truth) < 0.2 * rms(smooth - truth)
+    flat = uniform_filter(truth, (7, 7, 1)) == 1.0
+    assert flat.mean() > 0.5
+    assert rms((mixed - truth)[flat]) < 0.5 * rms((noisy - truth)[flat])
+    np.testing.assert_allclose(mixed[8::16, 8::16], noisy[8::16, 8::16], rtol=0.02)
+
+
+@pytest.mark.parametrize("spp", [8, 32])
+@pytest.mark.parametrize("draw", [
+    lambda rng, shape: 0.5 + 0.5 * (rng.random(shape) < 0.005) / 0.005,
+    lambda rng, shape: rng.lognormal(-1.125, 1.5, shape)], ids=["rare", "lognormal"])
+def test_mixing_does_not_darken_what_few_bright_samples_light(draw, spp):
+    """Mean 1, half of it from one sample in 200, or lognormal; the denoised image is right.
+
+    Where no bright sample came, mean and variance are both too low: with the variance of 3 x 3 pixels alone a third of
+    the light was lost. What is left is within 3 % of the light and the standard error of the noisy mean.
+    """
+    rng = np.random.default_rng(5)
+    samples = draw(rng, (spp, 96, 128, 3))
+    noisy, variance = samples.mean(axis=0), samples.var(axis=0, ddof=1) / spp
+    mixed = mix(np.ones_like(noisy), noisy, variance)
+    assert abs(mixed.mean() - 1.0) < 0.03 + 3.0 * np.sqrt(variance.mean() / variance.size)
+    assert rms(mixed - 1.0) < 0.3 * rms(noisy - 1.0)
+
+
+def test_mixing_leaves_alone_what_is_not_known_and_what_is_certain():
+    truth, noisy, smooth, variance = mirrored()
+    variance[:, :64] = np.inf
+    assert mix(smooth, noisy, variance)[:, :64].tobytes() == smooth[:, :64].tobytes()
+    np.testing.assert_allclose(mix(smooth, noisy, 0.0 * truth), noisy, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["oidn", "nlm"])
+def test_a_noisy_base_is_denoised_where_it_is_noisy_and_keeps_its_detail_where_it_is_not(method):
+    """Gamma noise of four samples on the left half of the base, a texture that is certain on the right.
+
+    Chance brings a part of the noise back, less than half of it.
+    """
+    needs(method)
+    truth, image = layered()
+    _, width, _ = truth.shape
+    rng = np.random.default_rng(11)
+    base = image.radiance - image.correction
+    left = np.s_[:, :width // 2 - 8]
+    base[left] = 0.5
+    noisy = base.copy()
+    noisy[left] *= rng.gamma(4.0, 0.25, noisy[left].shape)
+    image.base_variance[left] = 0.5**2 / 4.0
+    image.correction *= np.float32(0.0)
+    image.radiance = noisy
+    left_off, right_off = ((denoise_image(image, method) - base)[part] for part in (left, np.s_[:, width // 2 + 8:]))
+    assert rms(left_off) < rms((noisy - base)[left]) / 2.0
+    assert rms(right_off) < 1e-6

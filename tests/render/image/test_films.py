@@ -1,0 +1,100 @@
+"""Taking samples in parts: every sample once, whatever the size of the image, of its parts and of their lists."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from varos_warp.kernels.film import film as kernel
+from varos_warp.render.image import films
+from varos_warp.render.image.films import Films
+from varos_warp.render.launch import Launcher
+
+
+@wp.kernel(enable_backward=False)
+def count_samples(first: int, film: kernel.Film):
+    """A sample is one watt, and another sum is of its number; a pixel's are told apart by that."""
+    i = first + wp.tid()
+    sums = kernel.Sums()
+    part = film.parts[i]
+    for sample in range(part.begin, part.end):
+        sums.direct += wp.vec3d(wp.float64(1.0))
+        sums.odd += wp.vec3d(wp.float64(sample))
+    kernel.store(film, i, sums)
+
+
+@wp.kernel(enable_backward=False)
+def count_parts_in_turn(first: int, film: kernel.Film):
+    """The same, part after part; ``single`` is of the parts that a thread took before, ``lost`` of all by any."""
+    i = first + wp.tid()
+    before = float(0.0)
+    while i < film.parts.shape[0]:
+        sums = kernel.Sums()
+        part = film.parts[i]
+        for sample in range(part.begin, part.end):
+            sums.direct += wp.vec3d(wp.float64(1.0))
+            sums.odd += wp.vec3d(wp.float64(sample))
+        sums.single = wp.vec3d(wp.float64(before))
+        sums.lost = 1
+        kernel.store(film, i, sums)
+        before += 1.0
+        i = kernel.next_part(film)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 4), (8, 8), (9, 17), (24, 40)])
+@pytest.mark.parametrize(("most", "lot"), [(4, 1 << 22), (1, 7), (256, 1 << 18)])
+@pytest.mark.parametrize("sides", [1, 2])
+def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
+    monkeypatch.setitem(films.MOST_SAMPLES, "cpu", most)
+    monkeypatch.setitem(films.MOST_PARTS, "cpu", lot)
+    monkeypatch.setattr(films, "PIXEL_TILE", 100)
+    made = Films(Launcher("cpu", threads=2))
+    film = made.black(shape[::-1], adapts=sides == 2)
+    rng = np.random.default_rng(1)
+    takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
+    for samples in takes:
+        made.take(film, [count_samples], [], [film], samples)
+    assert film.parts is None or not film.parts.shape[0]
+    row, col = np.indices(shape)
+    taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
+    assert np.array_equal(film.count.numpy(), taken)
+    expected = taken[(row + col) % sides, row // 8, col // 8]
+    sums = film.sums.numpy()[..., 0]
+    assert np.array_equal(sums[0], expected)
+    assert np.array_equal(sums[4], expected * (expected - 1) / 2)
+
+
+@pytest.mark.parametrize("lot", [7, 1 << 22])
+@pytest.mark.parametrize("resident", [1, 5, 1 << 22])
+def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
+    monkeypatch.setitem(films.MOST_SAMPLES, "cpu", 2)
+    monkeypatch.setitem(films.MOST_PARTS, "cpu", lot)
+    made = Films(Launcher("cpu", threads=1))  # on a CPU the queue is not for several threads
+    made._resident = resident
+    film = made.black((9, 17))
+    for samples in (3, 5):
+        made.take(film, [count_parts_in_turn] * 2, [], [film], samples, queued=True)
+    sums = film.sums.numpy()[..., 0]
+    assert np.array_equal(sums[0], np.full((17, 9), 2 * 8))
+    assert np.array_equal(sums[4], np.full((17, 9), 2 * 28))
+    assert film.lost.numpy()[0] == 2 * 9 * 17 * (2 + 3)  # kernels, pixels, parts of 3 and of 5 samples
+    assert sums[1].any() == (resident < min(lot, 2 * 9 * 17))
+
+
+def test_films_are_black_when_they_are_used_again():
+    made = Films(Launcher("cpu"))
+    film = made.black((5, 3))
+    made.take(film, [count_samples], [], [film], 2)
+    made.keep(film)
+    again = made.black((5, 3))
+    assert again is film
+    assert not again.sums.numpy().any()
+    assert not again.count.numpy().any()
+    assert made.black((5, 3)) is not film
+
+
+def test_parts_are_fewer_where_their_numbers_would_not_fit():
+    gpu = Films(Launcher("cpu"))
+    gpu.device = "cuda:0"
+    assert gpu._part_size(1000) == 1
+    assert gpu._part_size(8 * films.GPU_THREADS) == 4
+    assert -(-12_000_000_000 // gpu._part_size(12_000_000_000)) < 2**30

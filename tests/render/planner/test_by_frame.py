@@ -1,0 +1,192 @@
+"""Samples by frame: the poses that are judged, what each needs, and what the frames between them take."""
+
+import numpy as np
+import pytest
+from tests.render.test_plan import POSE, make_renderer, make_scene
+
+from varos_warp.render.planner import by_frame
+from varos_warp.render.planner.by_frame import (
+    halfway,
+    judged_frames,
+    knots,
+    look,
+    samples_along,
+    samples_needed,
+    spp_of,
+)
+from varos_warp.render.planner.error_law import FEWEST_SPP
+from varos_warp.render.planner.pilot import error
+from varos_warp.render.planner.plan import plan_render
+
+A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER) + by_frame.JUDGES
+"""What judging one costs, in images of an image's samples."""
+
+
+@pytest.mark.parametrize(("count", "pixels", "poses"), [
+    (4713, 1.0, 33),  # as many as there ever are
+    (200, 0.2, 11),   # 4 % of 200 frames are 8, for 0.75 a pose
+    (60, 1.0, 0),     # too few to pay
+    (1, 1e-6, 0)])
+def test_judged_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
+    frames = judged_frames(count, pixels)
+    assert len(frames) == poses
+    assert (poses - 1) * A_POSE * pixels <= by_frame.SHARE * count
+    if frames:
+        assert (frames[0], frames[-1]) == (0, count - 1)
+        assert np.ptp(np.diff(frames)) <= 1
+
+
+def test_samples_change_in_proportion_between_poses_that_are_alike():
+    given = knots({("M0", 0): 5, ("M0", 10): 7, ("M0", 30): 5, ("M1", 0): 5, ("M0", 40): 5})
+    assert given == {"M0": [[0, 5], [10, 7], [30, 5], [40, 5]], "M1": [[0, 5]]}
+    plan = {"spp": 9, "spp_by_frame": given}
+    for frame in range(41):
+        between = np.interp(frame, *zip(*given["M0"], strict=True))
+        assert spp_of(plan, "M0", frame) == int(np.ceil(between - 1e-9)), frame
+    assert spp_of(plan, "M1", 33) == 5
+    for plan in ({"spp": 9, "spp_by_frame": None}, {"spp": 9}):  # the second as in datasets of before
+        assert spp_of(plan, "M0", 7) == 9
+
+
+def test_between_unlike_poses_frames_take_what_the_more_demanding_one_needs():
+    plan = {"spp_by_frame": knots({("M0", 0): 2, ("M0", 10): 8, ("M0", 20): 9, ("M0", 21): 4, ("M0", 30): 2})}
+    given = [spp_of(plan, "M0", frame) for frame in range(31)]
+    assert given == [2, *[8] * 10, *[9] * 10, *[4] * 9, 2]
+
+
+def test_stretches_are_halved_where_their_ends_need_unlike_numbers():
+    needed = {("M0", 0): 4, ("M0", 10): 6, ("M0", 20): 20, ("M0", 21): 60, ("M0", 41): 9, ("M1", 0): 40, ("M1", 9): 40}
+    assert halfway(needed) == {("M0", 31): 34, ("M0", 15): 13}  # a quarter of seven: not the one from 4 to 6
+    assert halfway({("M0", 0): 9, ("M0", 8): 13, ("M1", 0): 99}) == {}
+
+
+def test_a_peak_between_even_poses_is_found_and_followed():
+    """Needs of a bump 40 frames wide, on the shoulder of which a pose stands: poses gather about it, and only there."""
+    def truth(frame):
+        return 5.0 + 35.0 * np.exp(-0.5 * ((frame - 420) / 40.0) ** 2)
+
+    asked = []
+
+    def image(view, spp, *how):
+        asked.append(view[1])
+        return noisy_images(0.1 * np.sqrt(truth(view[1])))(spp, *how)
+
+    frames = list(range(0, 1001, 100))
+    needed = samples_along(image, [("M0", frame) for frame in frames], {("M0", 500): 9}, 0.1, -0.75)
+    plan = {"spp_by_frame": knots(needed)}
+    assert 500 not in asked
+    assert {350, 450} <= set(asked) - set(frames)
+    assert all(300 <= frame <= 600 for frame in set(asked) - set(frames))
+    for frame in range(380, 461):  # chance and a straight line through a bump make a tenth; and steps of four above 16
+        assert truth(frame) * 0.9 <= spp_of(plan, "M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
+
+
+def noisy_images(sigma: float, seed: int = 1):
+    """Makes images of a gradient whose samples have a relative deviation of ``sigma``, as `look` wants them."""
+    truth = np.tile(np.linspace(0.5, 1.5, 160)[:, None], (120, 1, 3))
+
+    def image(spp: int, number: int, denoised: bool):
+        rng = np.random.default_rng((seed, spp, number))
+        return truth + sigma * rng.normal(size=truth.shape) / np.sqrt(spp)
+
+    return image
+
+
+@pytest.mark.parametrize("spp", [32, 100, 8, 4])
+def test_a_view_needs_what_its_noise_says(spp):
+    """(0.5 / 0.1)^2 = 25 samples, in multiples of four, and what chance leaves open, which is a few percent.
+
+    Judged with more than that, and with fewer: then it is judged again, as extrapolating so far would be a guess.
+    """
+    image = noisy_images(0.5)
+    needed, = samples_needed(lambda view, *how: image(*how), {("M0", 0): spp}, 0.1, -0.75).values()
+    assert 24 <= needed <= 28
+
+
+def test_views_that_need_more_than_they_were_judged_with_are_judged_again():
+    asked = []
+
+    def image(view, spp, *how):
+        asked.append((view, spp))
+        return noisy_images(sigma[view])(spp, *how)
+
+    clear, noisy = ("M0", 0), ("M0", 1)
+    sigma = {clear: 0.1, noisy: 1.0}
+    needed = samples_needed(image, dict.fromkeys(sigma, 16), 0.1, -0.75)
+    assert needed[clear] == FEWEST_SPP
+    assert 92 <= needed[noisy] <= 108
+    assert max(spp for view, spp in asked if view == clear) == 16
+    assert max(spp for view, spp in asked if view == noisy) >= needed[noisy] / by_frame.BEYOND
+
+
+def test_a_view_that_needs_many_times_the_first_guess_is_judged_until_it_is_known():
+    needed = samples_needed(lambda view, *how: noisy_images(1.2)(*how), {("M0", 0): 8}, 0.1, -0.75)
+    assert 132 <= needed["M0", 0] <= 156  # 144
+
+
+def test_a_view_is_judged_by_images_that_know_nothing_of_it():
+    """With the images themselves as judges there would be no error."""
+    seen = look(noisy_images(0.5), 16)
+    assert seen.spp == [4, 8, 16]
+    everything = [*seen.images, *seen.judges]
+    assert len({image.tobytes() for image in everything}) == len(everything)
+    for spp, image in zip(seen.spp, seen.images, strict=True):
+        np.testing.assert_allclose(error([image], seen.judges, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
+
+
+def test_no_more_samples_are_taken_than_were_enough():
+    """From 2 to 4 samples errors fall faster than by the law, for with 2 none are shared out by noise: 4 are enough."""
+    rng = np.random.default_rng(4)
+    truth = np.ones((180, 320, 3))
+    counts, errors = [2, 4, 8], [0.049, 0.0165, 0.0098]
+    images = [truth + error * rng.normal(size=truth.shape) for error in errors]
+    seen = by_frame.Look(counts, images, [truth + 0.02 * rng.normal(size=truth.shape) for _ in range(2)])
+    assert seen.needs(0.0188, -0.75) == 4
+    assert seen.needs(0.012, -0.75) in (6, 7)  # between 4 and 8 as they say
+    lucky = by_frame.Look(counts, [images[k] for k in (1, 0, 2)], seen.judges)
+    assert 4 < lucky.needs(0.0188, -0.75) <= 8  # with fewer it was enough once, and once not
+
+
+def test_vague_judges_never_talk_samples_down():
+    """The image is 2 % off, its judges are all noise: then no fewer samples are taken than the image had."""
+    truth, spp = np.ones((180, 320, 3)), 32
+
+    def image(samples, number, denoised):
+        rng = np.random.default_rng((samples, number))
+        return truth + (0.02 if denoised else 6.0 / np.sqrt(spp)) * rng.normal(size=truth.shape)
+
+    for target in (0.01, 0.02, 0.03, 0.3):
+        assert look(image, spp).needs(target, -0.75) >= spp
+
+
+UP = POSE.copy()
+UP[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+"""Looks up into the water, where there is nothing but scattered light."""
+
+
+def test_frames_of_a_sequence_take_what_their_views_need():
+    """Two halves: one sees the floor, one only water; each keeps the tolerance, with samples of its own.
+
+    With the field, for paths alone leave rare bright samples in open water: of 60 images with 24 samples one was off by
+    eight times what half of them were. Four images of each are judged by one of 1024 samples, and tell their error to
+    about a tenth. At a tolerance of 0.1 the floor needs 5 samples, too few for others to take less.
+    """
+    scene = make_scene(tolerance=0.05, integrator="field")
+    renderer = make_renderer(scene)
+    poses = [POSE] * 300 + [UP] * 300
+    plan = plan_render(scene, renderer, poses)
+    given = [spp_of(plan.to_dict(), "M0", frame) for frame in range(600)]
+    assert min(given[:300]) > max(given[301:])
+    assert max(given) == plan.spp
+    assert "spp by frame" in plan.reasons[-1]
+    for frame in (0, 599):
+        how = plan.options | {"spp": given[frame]}
+        truth = renderer.render(poses[frame], outputs="A", seed=5, **plan.options | {"spp": 1024}).A.radiance
+        found = [renderer.render(poses[frame], outputs="A", seed=80 + k, **how).A.radiance for k in range(4)]
+        assert error(found, [truth, truth], 0.0).max() <= 1.1 * scene.render.tolerance
+
+
+def test_few_frames_all_take_the_same():
+    scene = make_scene(tolerance=0.3)
+    plan = plan_render(scene, make_renderer(scene), [POSE] * 20 + [UP] * 20)
+    assert plan.spp_by_frame is None

@@ -1,0 +1,307 @@
+"""The planner: an integrator and a number of samples that keep the tolerance, from the scene alone."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from varos_warp.render.image.adapt import brightness
+from varos_warp.render.planner import cost, pilot
+from varos_warp.render.planner.pilot import View, judged_pixels, pilot_camera
+from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, _Planner, plan_render
+from varos_warp.render.renderer import FrameRenderer, RadianceImage
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.geometry.parts import Part
+
+LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (-0.15, 0.15)]
+VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
+POSE = np.eye(4)
+
+
+def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
+    """The VAROS rig above a flat floor; ``render`` changes its block."""
+    view = {"resolution": [64, 36], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
+    return Scene(water="none" if water is None else {"coefficients": water},
+                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
+                 render={"denoise": "none", "tolerance": 0.05, "integrator": "path"} | render)
+
+
+def make_renderer(scene, **how):
+    """A floor 1.5 m under the vehicle."""
+    corners = np.array([[-60.0, -60, -1.5], [60, -60, -1.5], [60, 60, -1.5], [-60, 60, -1.5]])
+    floor = Part("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=[0.25] * 3))
+    return FrameRenderer(scene, "cpu", parts=[floor], **how)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    """A scene, its renderer and its plan."""
+    scene = make_scene()
+    renderer = make_renderer(scene)
+    return scene, renderer, plan_render(scene, renderer, [POSE])
+
+
+# ------------------------------------------------------------------------------------------------- views, integrators
+
+
+def test_the_view_that_counts_is_the_noisiest_after_denoising():
+    """Noise of single pixels, which a denoiser takes away, against half of it in blocks, which it takes for light."""
+    rng, light = np.random.default_rng(3), np.full((96, 160, 3), 0.5, np.float32)
+
+    def view(size, sigma):
+        images = []
+        for _ in range(2):
+            noise = rng.normal(0.0, sigma, (96 // size, 160 // size, 1)).astype(np.float32)
+            radiance = np.maximum(light + np.kron(noise, np.ones((size, size, 1), np.float32)), 0.0)
+            images.append(RadianceImage(radiance, np.full_like(radiance, sigma)))
+        return View(0, make_scene().vehicle.cameras[0], POSE, *images)
+
+    fine, coarse = view(1, 0.1), view(16, 0.05)
+    assert pilot.scouted_noise(fine, "none") == pytest.approx(0.2, rel=0.05)
+    assert pilot.scouted_noise(fine, "none").min() > 1.5 * pilot.scouted_noise(coarse, "none").max()
+    assert pilot.scouted_noise(fine, "oidn").max() < 0.7 * pilot.scouted_noise(coarse, "oidn").min()
+
+
+def test_one_bright_sample_does_not_make_a_view_the_noisiest():
+    """It would be in one of two images, by chance; where every hundredth pixel has one, it counts."""
+    rng = np.random.default_rng(5)
+
+    def view(sigma, bright):
+        images = [rng.normal(0.5, sigma, (36, 64, 3)).astype(np.float32) for _ in range(2)]
+        images[0][rng.random((36, 64)) < bright] += 10.0
+        return View(0, make_scene().vehicle.cameras[0], POSE, *(RadianceImage(image, image) for image in images))
+
+    noisy, quiet = view(0.05, 0.0), view(0.02, 0.0)
+    quiet.image.radiance[20, 30] += 10.0
+    assert pilot.scouted_noise(quiet, "none", rare=0.0).min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
+    assert pilot.scouted_noise(quiet, "none").max() < 0.5 * pilot.scouted_noise(noisy, "none").min()
+    assert pilot.scouted_noise(view(0.02, 0.01), "none").min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
+
+
+@pytest.mark.parametrize("water", [None, VAROS_WATER | {"sigma_s": [0.0, 0.0, 0.0]}])
+def test_water_that_does_not_scatter_has_no_field(water):
+    plan = plan_render(make_scene(water, spp=4, integrator="auto"), None, [POSE])
+    assert plan.reasons[0] == "integrator path: the water does not scatter"
+
+
+# ---------------------------------------------------------------------------------------------------------- samples
+
+
+def rendered(scene, renderer, plan, seed, denoise="none"):
+    """Image A as planned, with other random numbers."""
+    return renderer.render(POSE, outputs="A", seed=seed, denoise=denoise, **plan.options).A
+
+
+def error_of(images, truth):
+    """Relative RMSE [3] of images."""
+    squares = np.mean([(image - truth) ** 2 for image in images], axis=(0, 1, 2))
+    return np.sqrt(squares) / brightness(truth.mean((0, 1)))
+
+
+def test_a_tighter_tolerance_takes_more_samples(planned):
+    _, renderer, loose = planned
+    assert plan_render(make_scene(tolerance=0.02), renderer, [POSE]).spp > 4 * loose.spp
+
+
+def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned):
+    """Against 8192 samples, whose own noise is a fifth; 8 images tell their error to about a tenth."""
+    scene, renderer, plan = planned
+    truth = renderer.render(POSE, outputs="A", spp=8192, seed=5).A.radiance.astype(float)
+    found = error_of([rendered(scene, renderer, plan, seed).radiance for seed in range(80, 88)], truth)
+    assert np.all(found <= plan.error)
+    assert 0.6 * scene.render.tolerance < found.max() <= scene.render.tolerance
+
+
+def test_the_denoised_image_keeps_the_tolerance():
+    scene = make_scene(denoise="nlm", tolerance=0.06)
+    renderer = make_renderer(scene)
+    plan = plan_render(scene, renderer, [POSE])
+    plain = plan_render(make_scene(tolerance=0.06), renderer, [POSE])
+    truth = renderer.render(POSE, outputs="A", spp=4096, seed=5).A.radiance.astype(float)
+    found = error_of([rendered(scene, renderer, plan, seed, "nlm").denoised for seed in range(80, 84)], truth)
+    assert found.max() <= scene.render.tolerance
+    assert plan.spp < plain.spp
+    assert "after nlm" in plan.reasons[-1]
+
+
+def test_samples_stay_within_limits_and_the_plan_says_so(planned):
+    plan = plan_render(make_scene(tolerance=1.0), planned[1], [POSE])
+    assert plan.spp == FEWEST_SPP
+    assert "no fewer are taken" in plan.reasons[-1]
+    assert plan.shortfall is None
+
+
+@pytest.mark.parametrize(("seconds", "spp"), [(None, 3689), (0.1, 6)])
+def test_a_tolerance_that_cannot_be_had_is_said_first(planned, seconds, spp):
+    """64 x 36 pixels; a CPU's samples take 12 microseconds nominally, of paths alone 1.7 times less."""
+    plan = plan_render(make_scene(tolerance=1e-4, max_seconds_per_frame=seconds), planned[1], [POSE])
+    assert plan.spp == spp
+    assert plan.reasons[0] == plan.shortfall
+    assert plan.shortfall.startswith("tolerance NOT kept: ")
+    assert "0.01 % asked" in plan.shortfall
+    assert plan.error.max() > 1e-4
+
+
+def test_a_scene_without_light_takes_the_fewest_samples():
+    dark = make_scene(lights=[])
+    plan = plan_render(dark, make_renderer(dark), [POSE])
+    assert plan.spp == FEWEST_SPP
+
+
+def test_the_noisiest_of_the_poses_rules(planned):
+    """One 1.5 m above the floor, and one half a metre, where there is less scattered light."""
+    scene, renderer, plan = planned
+    close = POSE.copy()
+    close[2, 3] = -1.0
+    alone = plan_render(scene, renderer, [close])
+    both = plan_render(scene, renderer, [POSE, close])
+    assert max(alone.spp, plan.spp) > 1.5 * min(alone.spp, plan.spp)
+    assert both.spp == pytest.approx(max(plan.spp, alone.spp), rel=0.3)  # what the pilot's chance leaves open
+
+
+# -------------------------------------------------------------------------------------------- errors without reference
+
+
+def images_of(truth, sigma, count, seed=1):
+    """Images [H, W, 3] with independent noise."""
+    rng = np.random.default_rng(seed)
+    return [RadianceImage((truth + rng.normal(scale=sigma, size=truth.shape)).astype(np.float32),
+                          np.full(truth.shape, sigma, np.float32)) for _ in range(count)]
+
+
+def test_an_error_is_found_without_a_reference_by_images_that_are_noisier():
+    """Of a blur of 3 x 3 pixels on a checker: the same as against the truth, within 5 %."""
+    from scipy.ndimage import uniform_filter
+
+    truth = 1.0 + 0.2 * (np.indices((90, 160)).sum(0) // 4 % 2)[..., None] * np.ones(3)
+    blurred = [uniform_filter(image.radiance, (3, 3, 1)) for image in images_of(truth, 0.05, 4)]
+    judges = [image.radiance for image in images_of(truth, 0.1, 2, seed=9)]
+    np.testing.assert_allclose(pilot.error(blurred, judges), error_of(blurred, truth), rtol=0.05)
+
+
+# ------------------------------------------------------------------------------------------------- what is promised
+
+
+def test_what_the_scene_fixes_is_taken_as_it_is_and_nothing_is_rendered():
+    plan = plan_render(make_scene(spp=37, max_scatterings=5), None, [POSE])
+    assert (plan.spp, plan.max_scatterings) == (37, 5)
+    assert plan.reasons == ["integrator path: given", "spp 37: given"]
+    assert plan.error is None
+    assert "at most 5 scatterings" in plan.models["A"]
+
+
+def test_samples_are_planned_for_the_bounds_that_are_given(planned):
+    plan = plan_render(make_scene(max_scatterings=0, max_bounces=1), planned[1], [POSE])
+    assert (plan.max_scatterings, plan.max_bounces) == (0, 1)
+    assert plan.spp < planned[2].spp  # direct light alone, at the edges of the cones, has less noise
+
+
+def test_without_a_nothing_is_rendered_for_the_plan():
+    plan = plan_render(make_scene(outputs=["B", "C", "D"]), None, [POSE])
+    assert set(plan.models) == set("BCD")
+    assert plan.error is None
+
+
+def test_the_plan_does_not_depend_on_threads_or_time(planned):
+    scene, _, plan = planned
+    again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
+    assert again.cost["seconds_per_frame"] > 0.0
+    assert plan.to_dict() == {key: value for key, value in again.to_dict().items() if key != "cost"}
+
+
+def test_errors_of_models_add_up_and_noise_adds_in_squares(planned):
+    plan = planned[2]
+    *models, samples = [np.array(decision.error) for decision in plan.decisions]
+    np.testing.assert_allclose(plan.error, np.sqrt(np.sum(models, axis=0) ** 2 + samples**2))
+
+
+def test_the_pilot_keeps_the_field_of_view():
+    camera = make_scene(camera={"resolution": [1280, 720]}).vehicle.cameras[0]
+    small = pilot_camera(camera)
+    assert small.resolution == (160, 90)
+    assert small.model_copy(update={"resolution": camera.resolution}) == camera
+    assert pilot_camera(small) == small
+
+
+@pytest.mark.parametrize(("resolution", "frames", "pixels"), [
+    ((1280, 720), 1, 320 * 180), ((1280, 720), 250, 230_400), ((1280, 720), 4713, 1280 * 720),
+    ((64, 48), 9000, 64 * 48)])
+def test_long_sequences_are_judged_at_their_own_resolution(resolution, frames, pixels):
+    camera = make_scene(camera={"resolution": list(resolution)}).vehicle.cameras[0]
+    found = pilot_camera(camera, judged_pixels(camera, frames)).resolution
+    assert np.prod(found) == pytest.approx(pixels, rel=0.01)
+
+
+OVERHEAD = 50_000
+
+
+class Clockwork:
+    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond, and 50 ms."""
+
+    device, device_name, compile_seconds = "cpu", "clockwork", 0.0
+
+    def __init__(self):
+        self.now = 0.0
+
+    def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
+        pixels = camera.resolution[0] * camera.resolution[1]
+        self.now += 1e-6 * (pixels * {"A": spp, "B": spp_b}.get(outputs, 1) + OVERHEAD)
+        self.compile_seconds += 5.0
+        self.now += 5.0
+
+
+@pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 16 + 20 + 1), (["D"], 1), (["A"], 16)])
+def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
+    clockwork = Clockwork()
+    monkeypatch.setattr(cost.time, "perf_counter", lambda: clockwork.now)
+    scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, max_scatterings=1, outputs=outputs)
+    found = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
+    expected = 1e-6 * (1280 * 720 * microseconds + OVERHEAD * (3 if len(outputs) > 1 else 1))
+    assert found["seconds_per_frame"] == pytest.approx(expected, rel=0.005)  # three digits
+    assert found["seconds_in_all"] == pytest.approx(50 * found["seconds_per_frame"], rel=0.005)
+    assert found["frames"] == 50
+
+
+# -------------------------------------------------------------------------------------------------------------- field
+
+
+def test_with_the_field_fewer_samples_are_needed():
+    """The same floor: the plan says so, and its samples reach the tolerance by the spread of renderings."""
+    plans = {name: plan_render(scene, make_renderer(scene), [POSE]) for name in ("path", "field", "auto")
+             for scene in [make_scene(integrator=name)]}
+    assert plans["field"].spp == plans["auto"].spp
+    assert plans["field"].models["A"].startswith("path tracer with the field of open water")
+    assert plans["field"].spp < plans["path"].spp
+
+
+def test_the_field_gives_way_to_paths_where_scatterings_are_bounded():
+    scene = make_scene(integrator="auto", max_scatterings=1)
+    assert plan_render(scene, make_renderer(scene), [POSE]).models["A"].startswith("path tracer")
+
+
+def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
+    """One pixel in a thousand of each judge holds 5 % of the light, as in turbid water; a denoiser cuts such pixels."""
+    rng = np.random.default_rng(7)
+    image = np.full((60, 80, 3), 0.95, np.float32)
+    judges = [np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1) for _ in range(64)]
+    found = pilot.error([image], judges, sigmas=0.0)
+    light = 0.05 / np.sqrt(64 * 4800 * 1e-3)  # standard error of the rare light's mean
+    np.testing.assert_allclose(found, 0.05, atol=5.0 * light)
+
+
+@pytest.mark.parametrize(("paths", "field", "gain"), [
+    ((4.0, 3.0), (2.0, 3.0), 2.0),
+    ((0.4, 1.3), (1.0, 1.0), 1.3 / RARE_COUNTS),
+    ((0.3, 17.0), (1.0, 1.0), 17.0 / RARE_COUNTS),
+])
+def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
+    """Squares of the noise after and before denoising: the latter tells where paths have rare bright samples."""
+    square = {"path": paths, "field": field}
+    monkeypatch.setattr(pilot, "twins", lambda renderer, view, integrator, spp, **how: SimpleNamespace(
+        image=SimpleNamespace(spp=spp), integrator=integrator))
+    monkeypatch.setattr(pilot, "scouted_noise", lambda pair, method, rare: np.sqrt(
+        [0.0, square[pair.integrator][method == "none"], 0.0]))
+    planner = _Planner(make_scene(denoise="oidn"), None, [], [])
+    planner.worst = None
+    assert planner.gain_of_field() == pytest.approx(gain * SAMPLE_COST["path"] / SAMPLE_COST["field"])

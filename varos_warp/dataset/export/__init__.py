@@ -1,0 +1,80 @@
+"""Datasets in the formats of other programs: one module a format, each with ``write(job)`` and its ``IMAGES``.
+
+Images are linked or copied as they are; depth is encoded anew where a format has units of its own. An export is made
+in a hidden folder beside its own and renamed when it is complete.
+"""
+
+import warnings
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+from varos_warp.dataset import files
+from varos_warp.dataset.export.job import Clocked, Job
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.errors import InputError
+from varos_warp.render.image.outputs import OUTPUTS
+
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
+"""Names of the modules here; docs/exports.md says what each writes."""
+LATEST_NS = (2**31 - 86_400) * 10**9
+"""ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
+
+
+def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False,
+           start_ns: int = 0) -> Job:
+    """Write a dataset in another format.
+
+    Args:
+        dataset_root: Folder of the dataset.
+        to: One of `FORMATS`.
+        out: Folder of the export, which must not be there yet.
+        images: Which of ``A`` and ``B`` are the colour images.
+        cameras: Ids of the cameras; None: all. TUM takes the first, KITTI the first and its rectified partner.
+        quiet: No progress on stderr.
+        raw: Uncompressed images beside the compressed ones, of MCAP only.
+        start_ns: Time of the sequence's beginning [ns], which is added to all stamps; KITTI's stay relative.
+
+    Returns:
+        What was written and from where.
+
+    Raises:
+        InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
+    """
+    if to not in FORMATS:
+        raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
+    if raw and to != "mcap":
+        raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
+    if not 0 <= start_ns < LATEST_NS:
+        raise InputError("is no time that every format has", key="start_ns", value=start_ns,
+                         remedy="Give nanoseconds since 1970, of a time before the year 2038.")
+    data, out = Clocked(dataset_root, start_ns), Path(out)
+    module = import_module(f"{__name__}.{to}")
+    _check_choice(data, images, cameras)
+    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet, raw)
+    # ``A`` alone among A and B stands for the chosen one
+    wanted = {images if letter == "A" and "B" not in module.IMAGES else letter for letter in module.IMAGES}
+    data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
+    with files.new_folder(out) as temp:
+        module.write(replace(job, out=temp))
+    return job
+
+
+def _check_choice(data: Dataset, images: str, cameras) -> None:
+    """Image type and cameras are there."""
+    if images not in OUTPUTS or not OUTPUTS[images].is_color or images not in data.outputs:
+        there = [letter for letter in data.outputs if OUTPUTS[letter].is_color]
+        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
+                         remedy=f"It has: {', '.join(there)}." if there else "Render A or B first.")
+    for camera in cameras or ():
+        data.camera(camera)
+    if not data.frames:
+        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+
+
+def _fitting(to: str, module, cameras: tuple[str, ...]) -> tuple[str, ...]:
+    """The cameras that a format has room for."""
+    most = getattr(module, "MOST_CAMERAS", len(cameras))
+    if cameras[most:]:
+        warnings.warn(f"{to} has room for {most}; left out: {', '.join(cameras[most:])}", stacklevel=3)
+    return cameras[:most]

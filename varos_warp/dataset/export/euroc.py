@@ -1,0 +1,128 @@
+"""EuRoC / ASL: mav0 with cameras, IMU and ground truth; settings of estimators beside it.
+
+The body frame B is the IMU's, as in EuRoC and as readers take it for; without an IMU it is the vehicle's. T_BS maps
+sensor to body coordinates.
+"""
+
+import warnings
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset import files
+from varos_warp.dataset.export import estimators
+from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, write_yaml
+from varos_warp.dataset.export.job import Job, quaternion
+from varos_warp.errors import InputError
+from varos_warp.scene.frames import inverse
+
+IMAGES = "A"
+TIME = "#timestamp [ns]"
+
+
+def write(job: Job) -> None:
+    """Write the folder; cameras that stand in the world have no T_BS and are left out."""
+    if "vehicle" not in job.data.recorded:
+        raise InputError("EuRoC needs the course of the vehicle, which this dataset lacks", file=job.data.root,
+                         remedy="`varos-warp simulate` into the same folder adds it.")
+    cameras = [camera for camera in job.cameras if job.data.camera(camera)["mount"] != "world"]
+    if fixed := sorted(set(job.cameras) - set(cameras)):
+        warnings.warn(f"not on the vehicle, so left out: {', '.join(fixed)}", stacklevel=2)
+    if not cameras:
+        raise InputError("no camera is on the vehicle, so none has a T_BS", file=job.data.root,
+                         remedy="Export to colmap, nerfstudio or tum.")
+    body = _body(job)
+    T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in cameras}
+    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if "imu0" in job.data.recorded else
+                                       "varos_warp: B is the vehicle, x right, y forward, z up"})
+    for number, camera in enumerate(cameras):
+        _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
+    _depth_gauge(job, body)
+    if "imu0" not in job.data.recorded:
+        states = job.data.states()
+        _ground_truth(job, states["time_ns"], job.data.poses("vehicle")[1], states["velocity"])
+        return
+    _imu(job)
+    _ground_truth(job, *_imu_course(job, body), job.data.imu_bias())
+    estimators.write(job, T_B_c)
+
+
+def _body(job: Job) -> np.ndarray:
+    """T_v_B."""
+    return np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if "imu0" in job.data.recorded else np.eye(4)
+
+
+# -------------------------------------------------------------------------------------------------------------- mav0
+
+
+def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
+    time_ns = job.poses(camera)[0].tolist()
+    for frame, t in zip(job.data.frames, time_ns, strict=True):
+        job.link(camera, job.images, frame, f"{folder}/data/{t}.png")
+    files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
+    facts = job.data.camera(camera)
+    write_yaml(job, f"{folder}/sensor.yaml", {
+        "sensor_type": "camera", "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
+        "T_BS": _matrix(T_B_c),
+        "rate_hz": job.data.meta["frames"]["rate_hz"], "resolution": [facts["width"], facts["height"]],
+        "camera_model": "pinhole", "intrinsics": fu_fv_cu_cv(job, camera),
+        "distortion_model": "radial-tangential", "distortion_coefficients": [0.0] * 4})
+
+
+def _imu(job: Job) -> None:
+    """Gyroscope first, then accelerometer."""
+    imu = job.data.imu()
+    files.write_csv(job.out / "mav0/imu0/data.csv",
+                    [TIME, *_xyz("w_RS_S_{} [rad s^-1]"), *_xyz("a_RS_S_{} [m s^-2]")],
+                    imu["time_ns"], imu["angular_velocity"], imu["acceleration"])
+    noise, comment = imu_noise(job)
+    write_yaml(job, "mav0/imu0/sensor.yaml", {"sensor_type": "imu", "comment": comment, "T_BS": _matrix(np.eye(4)),
+                                         "rate_hz": job.data.meta["sensors"]["imu0"]["rate_hz"], **noise})
+
+
+def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
+    time_ns, T_w_s = job.data.poses("imu0")
+    states = job.data.states()
+    rows = np.searchsorted(states["time_ns"], time_ns).clip(max=len(states["time_ns"]) - 1)
+    if not np.array_equal(states["time_ns"][rows], time_ns):
+        raise InputError("the IMU's samples are not on the ticks of the vehicle", file=job.data.layout.states,
+                         remedy="Check it with `varos-warp validate`, then `run` again.")
+    R_w_v = Rotation.from_quat(states["quaternion"][rows], scalar_first=True)
+    return time_ns, T_w_s, states["velocity"][rows] + R_w_v.apply(
+        np.cross(states["angular_velocity"][rows], T_v_s[:3, 3]))
+
+
+def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np.ndarray, bias=None) -> None:
+    """17 columns; the quaternion's scalar comes first; the biases are zero where there is no noise."""
+    folder = "mav0/state_groundtruth_estimate0"
+    if bias is None:
+        bias = dict.fromkeys(("angular_velocity", "acceleration"), np.zeros_like(velocity))
+    header = ["#timestamp", *_xyz("p_RS_R_{} [m]"), *(f"q_RS_{a} []" for a in "wxyz"), *_xyz("v_RS_R_{} [m s^-1]"),
+              *_xyz("b_w_RS_S_{} [rad s^-1]"), *_xyz("b_a_RS_S_{} [m s^-2]")]
+    files.write_csv(job.out / folder / "data.csv", header, time_ns, T_w_b[:, :3, 3],
+                    quaternion(T_w_b, scalar_first=True), velocity, bias["angular_velocity"], bias["acceleration"])
+    write_yaml(job, f"{folder}/sensor.yaml", {"sensor_type": "visual-inertial", "comment": "exact, of the simulation; "
+                                         "gravity is along -z", "T_BS": _matrix(np.eye(4))})
+
+
+def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
+    """EuRoC knows none; it has its own folder, which readers pass over."""
+    if "depth0" not in job.data.recorded:
+        return
+    gauge, facts = job.data.depth_gauge(), job.data.meta["sensors"]["depth0"]
+    files.write_csv(job.out / "mav0/depth_gauge0/data.csv", [TIME, "depth [m]"], gauge["time_ns"], gauge["depth"])
+    write_yaml(job, "mav0/depth_gauge0/sensor.yaml", {
+        "sensor_type": "depth_gauge", "comment": f"metres below the surface, positive down, {job.noise('depth0')}",
+        "T_BS": _matrix(inverse(T_v_b) @ np.array(facts["T_v_s"])), "rate_hz": facts["rate_hz"]})
+
+
+# -------------------------------------------------------------------------------------------------------------- parts
+
+
+def _matrix(T: np.ndarray) -> dict:
+    return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
+
+
+def _xyz(pattern: str) -> list[str]:
+    return [pattern.format(axis) for axis in "xyz"]

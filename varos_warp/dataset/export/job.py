@@ -1,0 +1,169 @@
+"""What every export does: link images, encode depth anew, print numbers without losing digits."""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset import files
+from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.points import planar_depth
+
+NO_NOISE = "without noise"
+PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
+"""Block of a noise profile by what has the noise."""
+
+
+class Clocked(Dataset):
+    """A dataset whose clock is set: ``start_ns`` is added to all of its times."""
+
+    def __init__(self, root, start_ns: int):
+        super().__init__(root)
+        self.start_ns = start_ns
+
+    def time_ns(self, camera: str | None = None) -> np.ndarray:
+        """Time of every frame, int64 [N]."""
+        return super().time_ns(camera) + self.start_ns
+
+    def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Times and poses, as those of `Dataset`."""
+        time_ns, T = super().poses(name)
+        return time_ns + self.start_ns, T
+
+    def _samples(self, *args) -> dict[str, np.ndarray]:
+        samples = super()._samples(*args)
+        return samples | {"time_ns": samples["time_ns"] + self.start_ns}
+
+
+@dataclass(frozen=True)
+class Job:
+    """An export under way."""
+
+    data: Clocked
+    out: Path
+    """Folder to write to, with nothing in it."""
+    images: str
+    """Letter of the colour images."""
+    cameras: tuple[str, ...]
+    """Ids of the cameras to export."""
+    quiet: bool = True
+    """No progress on stderr."""
+    raw: bool = False
+    """MCAP: uncompressed images beside the compressed ones."""
+
+    def link(self, camera: str, letter: str, frame: int, name: str | Path) -> None:
+        """An image of the dataset under another name: a hard link, or a copy where there can be none."""
+        files.link(self.data.layout.png(camera, letter, frame), self.out / name)
+
+    def text(self, name: str | Path, lines: Iterable[str]) -> None:
+        """A file of lines, each ended by one newline character."""
+        files.write_bytes(self.out / name, "".join(f"{line}\n" for line in lines).encode())
+
+    def each(self, what: str, make: Callable[[int, int], object]) -> list:
+        """What ``make(place, frame)`` gives for every frame, several at a time; ``what`` names the progress bar."""
+        frames = self.data.frames
+        with (ThreadPoolExecutor(os.cpu_count()) as pool,
+              Progress(what, len(frames), quiet=self.quiet) as progress):
+            made = []
+            for result in pool.map(make, range(len(frames)), frames):
+                made.append(result)
+                progress.advance()
+            return made
+
+    def depths(self, camera: str, name: Callable[[int], str], per_metre: float) -> tuple[float, float]:
+        """D of every frame as uint16 of planar z, 0 where there is none or the format's range ends.
+
+        Args:
+            camera: Its id.
+            name: File name of a frame's image by the frame's place among the frames.
+            per_metre: Units of the format in a metre.
+
+        Returns:
+            The nearest and the farthest depth that was written [m]; inf and 0 if there is none.
+        """
+        def encode(place: int, frame: int) -> tuple[float, float]:
+            units = to_units(planar_depth(self.data, frame, camera), per_metre)
+            files.write_png(self.out / name(place), units)
+            there = units[units > 0] / per_metre
+            return there.min(initial=np.inf), there.max(initial=0.0)
+
+        nearest, farthest = np.transpose(self.each(f"depth {camera}", encode))
+        return float(nearest.min()), float(farthest.max())
+
+    def greys(self, camera: str, name: Callable[[int], str]) -> None:
+        """The colour images in grey (ITU-R 601 luma of the 8 bit values), for formats that ask for it."""
+        from PIL import Image
+
+        def encode(place: int, frame: int) -> None:
+            pixels = self.data.pixels(self.images, frame, camera)
+            files.write_png(self.out / name(place), np.asarray(Image.fromarray(pixels).convert("L")))
+
+        self.each(f"grey {camera}", encode)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether the dataset has D."""
+        return "D" in self.data.outputs
+
+    def poses(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+        """Times int64 [N] and T_w_c [N, 4, 4] of a camera at its frames."""
+        return self.data.views(camera)
+
+    def noise(self, name: str) -> str:
+        """What noise the readings of ``imu0`` or ``depth0``, or the images of a letter, have, in words."""
+        if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
+            return NO_NOISE
+        about = self.data.meta.get("noise")
+        if about and about["profile"].get(PROFILE_BLOCKS[name]):
+            return f"with the noise of profile {about['profile']['name']}, seed {about['seed']}"
+        return "with the noise of the scene"
+
+    @property
+    def noises(self) -> dict[str, str]:
+        """What noise each sensor and the images have, in words."""
+        return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
+
+    def by_noise(self) -> dict[str, list[str]]:
+        """Names of sensors and images by the noise that they have."""
+        names: dict[str, list[str]] = {}
+        for name, words in self.noises.items():
+            names.setdefault(words, []).append(name)
+        return names
+
+
+def baseline(job: Job, left: str, right: str) -> float | None:
+    """Metres from one camera to the other along x, where the pair is rectified; None where it is not."""
+    if not np.allclose(job.data.intrinsics(left), job.data.intrinsics(right), rtol=1e-12):
+        return None
+    T = np.linalg.inv(job.poses(left)[1]) @ job.poses(right)[1]
+    shape = np.eye(4)
+    shape[0, 3] = T[0, 0, 3]
+    size = 1.0 + np.abs(job.poses(left)[1][:, :3, 3]).max()
+    return float(T[0, 0, 3]) if T[0, 0, 3] > 0 and np.allclose(T, shape, rtol=0, atol=1e-12 * size) else None
+
+
+def to_units(z: np.ndarray, per_metre: float) -> np.ndarray:
+    """uint16 of depth [m], rounded; 0 where it is not finite or too large for 16 bit."""
+    units = np.rint(z * per_metre)
+    return np.where(units <= 65535, units, 0).astype(np.uint16)
+
+
+def seconds(time_ns: int) -> str:
+    """Nanoseconds as seconds with nine decimals, exactly: a float64 of nanoseconds since 1970 is good to 256 ns."""
+    sign, time_ns = "-" if time_ns < 0 else "", abs(int(time_ns))
+    return f"{sign}{time_ns // 10**9}.{time_ns % 10**9:09d}"
+
+
+def numbers(values) -> str:
+    """Floats with one blank between them that read back to the same float64."""
+    return " ".join(map(repr, np.asarray(values, float).ravel().tolist()))
+
+
+def quaternion(T: np.ndarray, scalar_first: bool) -> np.ndarray:
+    """Hamilton quaternions [N, 4] with w >= 0 of poses [N, 4, 4]."""
+    return Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True, scalar_first=scalar_first)

@@ -1,0 +1,59 @@
+"""KITTI odometry: sequences/NN with grey and colour images, calibration and times; poses/NN.txt.
+
+Depth has the units of KITTI's depth benchmark, 256 to the metre and 0 for none. It lies in ``depth_2`` (and
+``depth_3``) of the sequence, and under ``train`` as the benchmark names and numbers it, beside its colour images.
+"""
+
+import warnings
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.export.job import Job, baseline, numbers, seconds
+from varos_warp.scene.frames import inverse
+
+IMAGES = "AD"
+PER_METRE = 256.0
+T_CAMERA_VELODYNE = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+"""There is no lidar: one with KITTI's axes (x forward, y left, z up) in the place of the camera."""
+
+
+def write(job: Job) -> None:
+    """Write one sequence of the first camera and, if another is its rectified partner to the right, of that."""
+    number = job.data.meta["sequence"]
+    folder = f"sequences/{number}"
+    left, *others = job.cameras
+    baselines = {camera: b for camera in others if (b := baseline(job, left, camera)) is not None}
+    pair = [left, *list(baselines)[:1]]
+    if skipped := [camera for camera in job.cameras if camera not in pair]:
+        warnings.warn(f"KITTI holds a rectified pair at most: {', '.join(skipped)} left out", stacklevel=2)
+    for place, camera in enumerate(pair, start=2):
+        job.greys(camera, lambda i, place=place: f"{folder}/image_{place - 2}/{i:06d}.png")
+        for i, frame in enumerate(job.data.frames):
+            job.link(camera, job.images, frame, f"{folder}/image_{place}/{i:06d}.png")
+        if job.has_depth:
+            job.depths(camera, lambda i, place=place: f"{folder}/depth_{place}/{i:06d}.png", PER_METRE)
+            _depth_benchmark(job, folder, f"train/varos_drive_{number}_sync", place)
+    time_ns, T_w_c = job.poses(left)
+    job.text(f"{folder}/times.txt", [seconds(t - time_ns[0]) for t in time_ns])
+    job.text(f"{folder}/calib.txt", calibration(job.data.intrinsics(left, "opencv"),
+                                                baselines[pair[1]] if len(pair) > 1 else 0.0))
+    T = inverse(T_w_c[0]) @ T_w_c
+    T[0] = np.eye(4)
+    job.text(f"poses/{number}.txt", [numbers(pose[:3]) for pose in T])
+
+
+def _depth_benchmark(job: Job, folder: str, drive: str, place: int) -> None:
+    """The same depth and colour files where the loaders of the depth benchmark look for them."""
+    for i in range(len(job.data)):
+        files.link(job.out / f"{folder}/depth_{place}/{i:06d}.png",
+                   job.out / f"{drive}/proj_depth/groundtruth/image_{place:02d}/{i:010d}.png")
+        files.link(job.out / f"{folder}/image_{place}/{i:06d}.png",
+                   job.out / f"{drive}/image_{place:02d}/data/{i:010d}.png")
+
+
+def calibration(K: np.ndarray, baseline_m: float) -> list[str]:
+    """P0 to P3 and Tr: 0 and 2 are the left camera, 1 and 3 the right; pykitti asks for all of them."""
+    left, right = np.column_stack([K, np.zeros(3)]), np.column_stack([K, [-K[0, 0] * baseline_m, 0.0, 0.0]])
+    rows = {"P0": left, "P1": right, "P2": left, "P3": right, "Tr": T_CAMERA_VELODYNE}
+    return [f"{name}: {numbers(matrix)}" for name, matrix in rows.items()]

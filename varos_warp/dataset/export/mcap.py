@@ -1,0 +1,217 @@
+"""ROS 2: an MCAP bag of images, calibration, IMU, depth gauge and the true course, by the library rosbags.
+
+Compressed images are the dataset's PNG files as they are; depth is PNG of 16 bit millimetres (REP 118), planar z, 0
+for none. Raw ones, where asked for, are rgb8, and float32 metres with inf for none. The topics are those that
+image_transport knows a camera by. The log time of a message is its stamp.
+"""
+
+import io
+from collections.abc import Callable, Iterator
+from operator import itemgetter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset.export.job import Job, baseline, quaternion, to_units
+from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.points import planar_depth
+from varos_warp.errors import InputError
+
+IMAGES = "AD"
+PER_METRE = 1000.0
+Event = tuple[int, str, Callable]
+"""Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
+TYPES = {"imu0": "sensor_msgs/msg/Imu", "depth0": "std_msgs/msg/Float64", "ground_truth": "nav_msgs/msg/Odometry",
+         "tf": "tf2_msgs/msg/TFMessage", "tf_static": "tf2_msgs/msg/TFMessage",
+         "camera_info": "sensor_msgs/msg/CameraInfo", "compressed": "sensor_msgs/msg/CompressedImage",
+         "image": "sensor_msgs/msg/Image", "depth": "sensor_msgs/msg/Image"}
+"""Message type by the last word of the topic."""
+
+
+def write(job: Job) -> None:
+    """Write ``bag/bag.mcap`` and its metadata.yaml.
+
+    Raises:
+        InputError: If rosbags is not installed.
+    """
+    try:
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError("needs the package rosbags", key="to", value="mcap",
+                         remedy='pip install "varos_warp[export]"') from error
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    events = sorted(_events(job, Messages(store.types)), key=itemgetter(0))
+    writer = Writer(job.out / "bag", version=8, storage_plugin=StoragePlugin.MCAP)
+    if job.raw:
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer as bag, Progress("bag", len(events), "messages", job.quiet) as progress:
+        topics = {}
+        for time_ns, topic, make in events:
+            kind = TYPES[topic.rsplit("/", 1)[-1]]
+            if topic not in topics:
+                profiles = [_latched()] if topic == "/tf_static" else []
+                topics[topic] = bag.add_connection(topic, kind, typestore=store, offered_qos_profiles=profiles)
+            bag.write(topics[topic], time_ns, store.serialize_cdr(make(), kind))
+            progress.advance()
+
+
+def _latched():
+    """Static transforms reach whoever comes late."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    none = QosTime(0, 0)
+    return Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, none, none,
+               QosLiveliness.AUTOMATIC, none, False)
+
+
+def _events(job: Job, messages: "Messages") -> Iterator[Event]:
+    """Every message of the bag, sensor by sensor; static transforms first."""
+    data = job.data
+    yield data.start_ns, "/tf_static", lambda: messages.fixed(data.start_ns, _frames(job))
+    if "imu0" in job.data.recorded:
+        imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
+        for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
+            yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w, *variance)
+    if "depth0" in job.data.recorded:
+        gauge = data.depth_gauge()
+        for t, depth in zip(gauge["time_ns"].tolist(), gauge["depth"].tolist(), strict=True):
+            yield t, "/depth0", lambda depth=depth: messages["std_msgs/msg/Float64"](depth)
+    if "vehicle" in data.recorded:
+        yield from _course(data.states(), messages)
+    for camera in job.cameras:
+        yield from _camera(job, camera, messages)
+
+
+def _imu_variance(sensor: dict) -> tuple[float, float]:
+    """Of the white noise in a sample of the accelerometer and of the gyroscope; 0, ROS says, is unknown."""
+    noise = sensor.get("noise") or {}
+    return tuple((noise.get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
+                 for name in ("accelerometer", "gyroscope"))
+
+
+def _course(states: dict, messages: "Messages") -> Iterator[Event]:
+    """The vehicle: pose in the world, velocities in its own axes, as Odometry has them; and the pose as transform."""
+    forward = Rotation.from_quat(states["quaternion"], scalar_first=True).inv().apply(states["velocity"])
+    for t, p, q, v, w in zip(states["time_ns"].tolist(), states["position"], states["quaternion"], forward,
+                             states["angular_velocity"], strict=True):
+        yield t, "/ground_truth", lambda t=t, p=p, q=q, v=v, w=w: messages.odometry(t, p, q, v, w)
+        yield t, "/tf", lambda t=t, p=p, q=q: messages["tf2_msgs/msg/TFMessage"](
+            [messages.transform(t, "world", "vehicle", p, q)])
+
+
+def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
+    """Image, calibration and depth of every frame."""
+    name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
+    before = job.cameras[:job.cameras.index(camera)]
+    baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
+
+    def image(t: int, frame: int):
+        png = job.data.layout.png(camera, job.images, frame).read_bytes()
+        return messages.png(t, name, png, "rgb8; png compressed bgr8")
+
+    def depth(t: int, frame: int):
+        from PIL import Image
+
+        png = io.BytesIO()
+        Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
+        return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
+
+    def raw_image(t: int, frame: int):
+        return messages.raw(t, name, job.data.pixels(job.images, frame, camera), "rgb8")
+
+    def raw_depth(t: int, frame: int):
+        return messages.raw(t, name, planar_depth(job.data, frame, camera).astype("<f4"), "32FC1")
+
+    for t, frame in zip(job.poses(camera)[0].tolist(), job.data.frames, strict=True):
+        yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, baseline_m)
+        made = {"image/compressed": image} | ({"image": raw_image} if job.raw else {})
+        if job.has_depth:
+            made |= {"depth/compressed": depth} | ({"depth": raw_depth} if job.raw else {})
+        for topic, make in made.items():
+            yield t, f"/{name}/{topic}", lambda t=t, frame=frame, make=make: make(t, frame)
+
+
+def _frames(job: Job) -> list[tuple[str, str, np.ndarray]]:
+    """Parent, child and T_parent_child of what is fixed."""
+    result = [("vehicle", name, np.array(facts["T_v_s"])) for name, facts in job.data.meta["sensors"].items()]
+    for camera in job.cameras:
+        facts = job.data.camera(camera)
+        parent = "world" if facts["mount"] == "world" else "vehicle"
+        result.append((parent, f"cam{camera}", np.array(facts["T_w_c" if parent == "world" else "T_v_c"])))
+    return result
+
+
+class Messages:
+    """Makes ROS messages; quaternions are x y z w there, and are given scalar first here.
+
+    Args:
+        types: Message classes by their names.
+    """
+
+    def __init__(self, types):
+        self._types = types
+
+    def __getitem__(self, name: str):
+        return self._types[name]
+
+    def header(self, time_ns: int, frame_id: str):
+        """Stamp and frame."""
+        stamp = self["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
+        return self["std_msgs/msg/Header"](stamp, frame_id)
+
+    def vector(self, values, kind: str = "Vector3"):
+        """A Vector3 or Point."""
+        return self[f"geometry_msgs/msg/{kind}"](*map(float, values))
+
+    def rotation(self, q):
+        """A Quaternion of (w, x, y, z)."""
+        w, x, y, z = map(float, q)
+        return self["geometry_msgs/msg/Quaternion"](x, y, z, w)
+
+    def imu(self, time_ns: int, acceleration, angular_velocity, acceleration_variance: float,
+            angular_velocity_variance: float):
+        """An Imu; -1 says that it has no orientation."""
+        none, each = np.array([-1.0, *np.zeros(8)]), np.eye(3).ravel()
+        return self["sensor_msgs/msg/Imu"](
+            self.header(time_ns, "imu0"), self.rotation((1, 0, 0, 0)), none, self.vector(angular_velocity),
+            angular_velocity_variance * each, self.vector(acceleration), acceleration_variance * each)
+
+    def odometry(self, time_ns: int, position, q, velocity, angular_velocity):
+        """An Odometry of the vehicle in the world."""
+        pose = self["geometry_msgs/msg/Pose"](self.vector(position, "Point"), self.rotation(q))
+        twist = self["geometry_msgs/msg/Twist"](self.vector(velocity), self.vector(angular_velocity))
+        return self["nav_msgs/msg/Odometry"](
+            self.header(time_ns, "world"), "vehicle", self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
+
+    def transform(self, time_ns: int, parent: str, child: str, position, q):
+        """A TransformStamped: pose of the child in the parent."""
+        return self["geometry_msgs/msg/TransformStamped"](
+            self.header(time_ns, parent), child,
+            self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)))
+
+    def fixed(self, time_ns: int, frames):
+        """A TFMessage of transforms that do not change."""
+        return self["tf2_msgs/msg/TFMessage"]([
+            self.transform(time_ns, parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0])
+            for parent, child, T in frames])
+
+    def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, baseline_m: float):
+        """A CameraInfo without distortion; of the right camera of a rectified pair, P holds the baseline."""
+        P = np.column_stack([K, [-K[0, 0] * baseline_m, 0.0, 0.0]])
+        region = self["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        return self["sensor_msgs/msg/CameraInfo"](
+            self.header(time_ns, frame_id), facts["height"], facts["width"], "plumb_bob", np.zeros(5), K.ravel(),
+            np.eye(3).ravel(), P.ravel(), 0, 0, region)
+
+    def png(self, time_ns: int, frame_id: str, data: bytes, form: str):
+        """A CompressedImage."""
+        return self["sensor_msgs/msg/CompressedImage"](self.header(time_ns, frame_id), form,
+                                                       np.frombuffer(data, np.uint8))
+
+    def raw(self, time_ns: int, frame_id: str, pixels: np.ndarray, encoding: str):
+        """An Image of little-endian pixels [H, W] or [H, W, C]."""
+        height, width = pixels.shape[:2]
+        return self["sensor_msgs/msg/Image"](self.header(time_ns, frame_id), height, width, encoding, 0,
+                                             pixels.nbytes // height, np.frombuffer(pixels.tobytes(), np.uint8))

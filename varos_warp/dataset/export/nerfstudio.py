@@ -1,0 +1,58 @@
+"""nerfstudio: transforms.json with OpenGL camera poses, images, depth in millimetres and points to begin with.
+
+(https://docs.nerf.studio/quickstart/data_conventions.html) The parser turns and scales poses unless told not to:
+``nerfstudio-data --orientation-method none --center-method none --auto-scale-poses False``.
+"""
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.export.seed import seeds
+
+IMAGES = "AD"
+PER_METRE = 1000.0
+T_OPENCV_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+"""An OpenGL camera has y up and z backwards."""
+
+
+def write(job: Job) -> None:
+    """Write transforms.json; intrinsics stand once where all cameras share them, else at every frame."""
+    models = [_intrinsics(job, camera) for camera in job.cameras]
+    shared = all(model == models[0] for model in models)
+    frames = []
+    for camera, model in zip(job.cameras, models, strict=True):
+        names = [job.data.layout.png(camera, job.images, frame).name for frame in job.data.frames]
+        for frame, name, T in zip(job.data.frames, names, job.poses(camera)[1], strict=True):
+            job.link(camera, job.images, frame, f"images/{name}")
+            frames.append({"file_path": f"images/{name}"} | ({} if shared else model)
+                          | ({"depth_file_path": f"depths/{name}"} if job.has_depth else {})
+                          | {"transform_matrix": (T @ T_OPENCV_OPENGL).tolist()})
+    head = {"camera_model": "OPENCV"} | (models[0] if shared else {}) | (_depth(job) if job.has_depth else {})
+    files.write_json(job.out / "transforms.json", head | {"frames": frames})
+
+
+def _intrinsics(job: Job, camera: str) -> dict:
+    K, facts = job.data.intrinsics(camera), job.data.camera(camera)
+    return {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": facts["width"], "h": facts["height"],
+            "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+
+
+def _depth(job: Job) -> dict:
+    """Write depth images and points.ply; what transforms.json says of them.
+
+    ``near`` and ``far`` [m] along the camera's z are ours: the parser passes over them, a user may want them.
+    """
+    import trimesh
+
+    found = [job.depths(camera, lambda i, camera=camera: "depths/" + job.data.layout.png(
+        camera, job.images, job.data.frames[i]).name, PER_METRE) for camera in job.cameras]
+    points = [seed for camera in job.cameras for seed in seeds(job, camera)]
+    head = {"depth_unit_scale_factor": 1 / PER_METRE}
+    if not any(len(seed.xyz) for seed in points):
+        return head
+    cloud = trimesh.PointCloud(np.concatenate([seed.xyz for seed in points]),
+                               np.concatenate([seed.rgb for seed in points]))
+    files.write_bytes(job.out / "points.ply", cloud.export(file_type="ply"))
+    return head | {"near": min(near for near, _ in found), "far": max(far for _, far in found),
+                   "ply_file_path": "points.ply"}

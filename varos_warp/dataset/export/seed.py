@@ -1,0 +1,41 @@
+"""Points on what the cameras see, back-projected from D: where Gaussian splatting and COLMAP's tools begin."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.reader.points import planar_depth, points_at
+
+COUNT = 50_000
+"""Points in all, as many from each image."""
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Points that one image saw."""
+
+    xyz: np.ndarray
+    """World coordinates, float64 [N, 3], [m]."""
+    rgb: np.ndarray
+    """Colour of the pixel, uint8 [N, 3]."""
+    uv: np.ndarray
+    """Where in the image, float64 [N, 2], [px]; the centre of the top left pixel is (0.5, 0.5)."""
+
+
+def seeds(job: Job, camera: str) -> list[Seed]:
+    """Points from every frame of a camera, at pixels drawn anew in each; the same at every call.
+
+    They are as exact as D is: half of one of its 65535 steps along the camera's z, and the middle of a pixel.
+    """
+    count = -(-COUNT // (len(job.cameras) * len(job.data)))
+    K, T_w_c = job.data.intrinsics(camera), job.poses(camera)[1]
+
+    def points(place: int, frame: int) -> Seed:
+        z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)
+        seen = np.flatnonzero(np.isfinite(z) & (z > 0))
+        rng = np.random.default_rng([job.data.cameras.index(camera), frame])
+        row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
+        return Seed(points_at(z, K, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
+
+    return job.each(f"points {camera}", points)

@@ -1,0 +1,1 @@
+"""A dataset on disk, read back: frames, poses, sensors, points, PyTorch."""

@@ -1,0 +1,337 @@
+"""`Dataset`: a dataset on disk, opened for reading."""
+
+import operator
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout, from_runs, runs
+from varos_warp.dataset.reader import schema
+from varos_warp.dataset.reader.frame import Frame
+from varos_warp.errors import InputError
+from varos_warp.render.image.outputs import OUTPUTS
+
+SCHEMA_VERSION = 1
+"""Of dataset.json; raised when a key changes its meaning."""
+
+
+class Dataset:
+    """A dataset on disk, opened for reading; images are decoded one at a time, when asked for.
+
+    It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
+    first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
+    may share it; it pickles as its path, so that worker processes may have it too.
+
+    Args:
+        root: Folder that holds ``dataset.json``.
+
+    Raises:
+        InputError: If there is no readable dataset; reading methods raise it for damaged or missing files.
+    """
+
+    def __init__(self, root):
+        self.root, self._kept = Path(root), {}
+        if not (self.root / "dataset.json").is_file():
+            raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
+                             remedy="Give the folder that `varos-warp run` wrote to.")
+        self.meta = files.read_json(self.root / "dataset.json", remedy="Make the dataset anew.")
+        if not isinstance(self.meta, dict) or self.meta.get("schema_version") != SCHEMA_VERSION:
+            raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}",
+                             file=self.root / "dataset.json", remedy="Make it anew, or read it with the version of "
+                             "varos_warp that made it.")
+        if flaw := schema.first_flaw(self.meta):
+            raise InputError(f"the entry {flaw} is missing or damaged", file=self.root / "dataset.json",
+                             remedy="Make the dataset anew.")
+        cameras = tuple(camera["id"] for camera in self.meta["cameras"])
+        self.layout = Layout(self.root, self.meta["sequence"], self.meta["vehicle"], cameras)
+        self.frames: list[int] = from_runs(self.meta["frames"]["ranges"])
+        self.outputs: list[str] = self.meta["outputs"]
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Every frame, through the first camera."""
+        return (self[index] for index in range(len(self)))
+
+    def __getitem__(self, key) -> Frame | list[Frame]:
+        """``data[index]``, ``data[start:stop]`` or either with a camera's id, ``data[index, "R0"]``.
+
+        Raises:
+            IndexError: If there are not so many frames.
+            InputError: If there is no such camera.
+        """
+        index, camera = key if isinstance(key, tuple) else (key, None)
+        camera = self._camera(camera)
+        if isinstance(index, slice):
+            return [Frame(self, i, camera) for i in range(*index.indices(len(self)))]
+        place = operator.index(index)
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"there is no index {place}: the dataset has {len(self)} frames")
+        return Frame(self, place % len(self), camera)
+
+    def frame(self, number: int, camera: str | None = None) -> Frame:
+        """The frame with a number of the sequence, which is that of its files; raises IndexError if there is none."""
+        return self[self._index(number), camera]
+
+    def _index(self, number: int) -> int:
+        if number not in self._indices:
+            raise IndexError(f"there is no frame {number}: the dataset has {runs(self.frames)}, the ends exclusive")
+        return self._indices[number]
+
+    @cached_property
+    def _indices(self) -> dict[int, int]:
+        return {number: index for index, number in enumerate(self.frames)}
+
+    def __reduce__(self):
+        return type(self), (self.root.absolute(),)
+
+    def _once(self, key, read: Callable):
+        """What ``read()`` returns, which is called the first time only; two threads may both call it, with no harm."""
+        if key not in self._kept:
+            self._kept[key] = read()
+        return self._kept[key]
+
+    def __repr__(self) -> str:
+        what = f"{len(self)} frames, outputs {''.join(self.outputs)}, cameras {', '.join(self.cameras)}"
+        return f"Dataset({str(self.root)!r}: {what})"
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Ids of the cameras."""
+        return self.layout.cameras
+
+    @property
+    def recorded(self) -> list[str]:
+        """``vehicle`` and the sensors on it where they were written; `varos-warp render` writes none of them."""
+        folders = [self.layout.states.parent, *(self.layout.sensor(name).parent for name in self.meta["sensors"])]
+        return ["vehicle", *self.meta["sensors"]] if any(map(Path.exists, folders)) else []
+
+    def _camera(self, camera: str | None) -> str:
+        if camera is not None and camera not in self.cameras:
+            raise InputError("no such camera", key="camera", value=camera,
+                             remedy=f"There are: {', '.join(self.cameras)}.")
+        return self.cameras[0] if camera is None else camera
+
+    def camera(self, camera: str | None = None) -> dict:
+        """What dataset.json says of a camera; absent: the first."""
+        return self.meta["cameras"][self.cameras.index(self._camera(camera))]
+
+    def intrinsics(self, camera: str | None = None, convention: str = "center_half") -> np.ndarray:
+        """K [3, 3] in pixels.
+
+        Args:
+            camera: Its id; absent: the first.
+            convention: ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``:
+                it is (0, 0), as in OpenCV, Kalibr, ORB-SLAM3 and KITTI.
+        """
+        return np.array(self.camera(camera)["K_" + convention], float)
+
+    # ---------------------------------------------------------------------------------------------------- images
+
+    def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
+        """A decoded image: linear radiance of A and B (from 8 bits), unit normals of C, metres of D, numbers of S.
+
+        Args:
+            output: Its letter.
+            frame: Number of the frame in the sequence.
+            camera: Its id; absent: the first.
+        """
+        if output not in OUTPUTS:
+            raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
+        return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
+
+    def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
+        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W].
+
+        Args:
+            output: Its letter.
+            frame: Its number.
+            camera: Its id; absent: the first.
+            truth: Of A: without the camera noise that it may have.
+        """
+        camera = self._camera(camera)
+        clean = truth and output == "A" and self.has_noise("A")
+        return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
+
+    def require_images(self, outputs=None, cameras=None) -> None:
+        """Refuse to go on where the PNG of an image is not there, or not whole.
+
+        Args:
+            outputs: Letters; absent: all.
+            cameras: Ids; absent: all.
+
+        Raises:
+            InputError: Naming the first such file.
+        """
+        paths = [self.layout.png(camera, output, frame) for camera in cameras or self.cameras
+                 for output in outputs or self.outputs for frame in self.frames]
+        missing = [path for path in paths if not files.is_complete(path)]
+        if missing:
+            more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
+            raise InputError(f"this image{more} missing or damaged", file=missing[0],
+                             remedy="`run` again to complete the dataset.")
+
+    def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
+        """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
+        channels = files.read_exr(self.layout.exr(self._camera(camera), output, frame))
+        return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
+
+    def segments(self) -> list[dict]:
+        """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
+        return files.read_json(self.layout.segments)["segments"]
+
+    def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
+        """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""
+        return self.image("D", frame, camera)
+
+    def scale(self, output: str, frame: int, camera: str | None = None):
+        """What an image's pixels are decoded with: gain of A and B, range [m] of D, None for C."""
+        if output == "D":
+            return tuple(self.meta["depth"]["range_m"])
+        return self.gain(output, frame, camera) if OUTPUTS[output].is_color else None
+
+    def gain(self, output: str, frame: int, camera: str | None = None) -> float:
+        """Exposure gain of A or B."""
+        camera = self._camera(camera)
+        gains = self._once(("gains", output, camera), lambda: self.gains(output, camera))
+        if frame not in gains:
+            raise InputError(f"has no gain of frame {frame}", file=self._exposure_file(output, camera),
+                             remedy="`run` again to make it anew.")
+        return gains[frame]
+
+    def _exposure_file(self, output: str, camera: str) -> Path:
+        return self.layout.camera_file(camera, f"_exposure_{output}.csv")
+
+    def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
+        """Exposure gain of every frame of A or B."""
+        path = self._exposure_file(output, self._camera(camera))
+        table = files.read_csv(path)
+        if missing := {"frame", "gain"} - set(table):
+            raise InputError(f"has no column {' and no column '.join(sorted(missing))}", file=path,
+                             remedy="`run` again to make it anew.")
+        return dict(zip(table["frame"].tolist(), table["gain"].tolist(), strict=True))
+
+    # ------------------------------------------------------------------------------------------- poses and sensors
+
+    def time_ns(self, camera: str | None = None) -> np.ndarray:
+        """Time of every frame, int64 [N]."""
+        return files.read_numbers(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
+
+    def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, ``imu0``, ``depth0`` or ``vehicle``."""
+        table = files.read_numbers(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
+        T = np.tile(np.eye(4), (len(table[0]), 1, 1))
+        T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
+        return table[0], T
+
+    def views(self, camera: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Times int64 [N] and T_w_c [N, 4, 4] of a camera at the frames; both are kept, so do not change them.
+
+        Raises:
+            InputError: If they are not those of the frames.
+        """
+        return self._once(("views", self._camera(camera)), lambda: self._views(self._camera(camera)))
+
+    def _views(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+        time_ns, T_w_c = self.poses(camera)
+        if len(time_ns) != len(self) or not np.array_equal(time_ns, self.time_ns(camera)):
+            raise InputError("the poses are not those of the frames and of their time stamps",
+                             file=self.layout.poses(camera, "transformation_matrix"),
+                             remedy="Check it with `varos-warp validate`, then `run` again.")
+        return time_ns, T_w_c
+
+    def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
+        """Pose [4, 4] of a camera (OpenCV axes) at a frame, by its number."""
+        return self.views(camera)[1][self._index(frame)].copy()
+
+    def T_w_v(self, frame: int) -> np.ndarray:
+        """Pose [4, 4] of the vehicle at a frame, by its number; where it was not written, from a camera on it.
+
+        Raises:
+            InputError: If neither the vehicle nor a camera on it is in the dataset.
+        """
+        return self._once("T_w_v", self._vehicle_at_frames)[self._index(frame)].copy()
+
+    def _vehicle_at_frames(self) -> np.ndarray:
+        if "vehicle" in self.recorded:
+            (time_ns, T_w_v), at = self.poses("vehicle"), self.views()[0]
+            index = np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+            if np.array_equal(time_ns[index], at):
+                return T_w_v[index]
+            raise InputError("has no pose at the time of some frame",
+                             file=self.layout.poses("vehicle", "transformation_matrix"),
+                             remedy="Check it with `varos-warp validate`, then `run` again.")
+        mounted = [camera for camera in self.cameras if "T_v_c" in self.camera(camera)]
+        if not mounted:
+            raise InputError("there is no vehicle in the dataset", file=self.layout.states,
+                             remedy="`varos-warp simulate` into the same folder adds it.")
+        return self.views(mounted[0])[1] @ np.linalg.inv(self.camera(mounted[0])["T_v_c"])
+
+    def states(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray]:
+        """The vehicle at every tick, or at those in start_ns <= time < stop_ns.
+
+        Returns:
+            time_ns int64 [N]; position, velocity, acceleration [N, 3] in world axes; quaternion [N, 4], w first;
+            angular_velocity, angular_acceleration [N, 3] in vehicle axes.
+        """
+        widths = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
+                  "angular_acceleration": 3}
+        return self._samples(self.layout.states, widths, start_ns, stop_ns)
+
+    def imu(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+            ) -> dict[str, np.ndarray]:
+        """Readings of the IMU, all or those in start_ns <= time < stop_ns; ``truth``: without the noise in them.
+
+        Returns:
+            time_ns int64 [N], acceleration (specific force) [m/s^2] and angular_velocity [rad/s] [N, 3].
+        """
+        first = 7 if truth and self.has_noise("imu0") else 1
+        return self._samples(self.layout.sensor("imu0"), {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns,
+                             first)
+
+    def has_noise(self, name: str) -> bool:
+        """Whether the readings of ``imu0`` or ``depth0``, or ``A`` of the cameras, have noise."""
+        if name == "A":
+            return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
+        return bool(self.meta["sensors"][name].get("noise"))
+
+    def imu_bias(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
+        """The bias in the readings of `imu`, of the same form; None where they have no noise."""
+        if not self.has_noise("imu0"):
+            return None
+        return self._samples(self.layout.imu_bias, {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns)
+
+    def depth_gauge(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+                    ) -> dict[str, np.ndarray]:
+        """time_ns int64 [N] and depth [m] below the surface [N], all or those in start_ns <= time < stop_ns.
+
+        ``truth``: without the noise in them.
+        """
+        first = 2 if truth and self.has_noise("depth0") else 1
+        return self._samples(self.layout.sensor("depth0"), {"depth": 1}, start_ns, stop_ns, first)
+
+    def _samples(self, path: Path, widths: dict[str, int], start_ns, stop_ns, first: int = 1) -> dict[str, np.ndarray]:
+        """Rows of a table from one time to another: ``time_ns`` and, from column ``first`` on, a block a name."""
+        table = self._once((path, first), lambda: files.read_numbers(path, first + sum(widths.values())))
+        rows = slice(*(None if t is None else np.searchsorted(table[0], t) for t in (start_ns, stop_ns)))
+        result, column = {"time_ns": table[0][rows].copy()}, first
+        for name, width in widths.items():
+            block = np.column_stack([values[rows] for values in table[column:column + width]]).astype(float)
+            result[name] = block if width > 1 else block[:, 0]
+            column += width
+        return result
+
+    def torch(self, outputs: str = "ACD", camera: str | None = None, **options):
+        """A PyTorch data set of this one: `varos_warp.dataset.reader.torch.TorchDataset`.
+
+        Raises:
+            InputError: If PyTorch is not installed.
+        """
+        from varos_warp.dataset.reader.torch import TorchDataset
+
+        return TorchDataset(self, outputs, camera, **options)

@@ -1,0 +1,1 @@
+"""The main job: a scene becomes a dataset, on one device or several."""

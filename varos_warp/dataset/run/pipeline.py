@@ -1,0 +1,232 @@
+"""Rendering, with denoising and writing beside it.
+
+The calling thread renders, or a few that take turns (`AT_ONCE`). A pool of threads denoises, encodes and writes, a task
+for each image type: compression, EXR files and array arithmetic leave the interpreter free (measured: Pillow 13,
+OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `room` frames are between the renderer
+and the disk, which bounds the memory whichever the length of the sequence.
+"""
+
+import contextlib
+import threading
+import time
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from varos_warp.dataset.run.timing import Clock
+from varos_warp.dataset.write.images import ImageJob, Store, Stored
+from varos_warp.errors import InputError
+from varos_warp.render.image import exposure
+from varos_warp.render.launch import finish
+from varos_warp.render.planner.by_frame import spp_of
+from varos_warp.render.planner.cost import timed
+
+PLANNED = ("max_scatterings", "max_bounces", "integrator")
+"""What a plan says of every frame."""
+AT_ONCE = {"cpu": 1, "cuda": 3}
+"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
+GIVE_UP = 3
+"""Jobs in a row that cannot be made: something is broken for all of them."""
+
+
+def room(cores: int) -> int:
+    """Frames that may be waiting for the disk: enough to keep the cores busy, 1.4 GB at most at 1280 x 720."""
+    return max(2, min(8, cores // 2))
+
+
+@dataclass
+class Rendered:
+    """What is known after images were rendered and written."""
+
+    statistics: dict[tuple[str, str, int], exposure.Statistics] = field(default_factory=dict)
+    """What the exposure needs of A and B, by camera, letter and frame."""
+    clamped: Counter[str] = field(default_factory=Counter)
+    """Values that were cut to the largest half float, by letter."""
+    timings: list[dict] = field(default_factory=list)
+    """For the log: an entry for each image job."""
+    failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
+    """What could not be made, and why."""
+
+    def add(self, other: "Rendered") -> None:
+        """Take in what is known of further images."""
+        self.statistics |= other.statistics
+        self.clamped += other.clamped
+        self.timings += other.timings
+        self.failures += other.failures
+
+
+def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
+                  T_w_v: Callable[[int], np.ndarray], *, made: Rendered | None = None, clock: Clock | None = None,
+                  done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
+                  turn: Callable[[], contextlib.AbstractContextManager] | None = None,
+                  place: contextlib.AbstractContextManager | None = None, at_once: int = 1,
+                  cores: int | None = None) -> Rendered:
+    """Render images and write their files. Exposure is left to whoever knows all frames.
+
+    An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
+    row. Files get their names when they are whole, so whatever ends this, another call with what `Store.missing` then
+    names goes on from there.
+
+    Args:
+        renderer: The scene's renderer.
+        store: Writes the images.
+        plan: Of the sequence, as `Plan.to_dict` has it.
+        jobs: What to render.
+        T_w_v: Pose [4, 4] of the vehicle at a frame.
+        made: What is known already, to be added to; whole also when this is interrupted.
+        clock: Counts the time of the stages.
+        done: Called after each image.
+        say: Told what the user should know.
+        turn: Makes what is held while the device is told what to do, where several threads share the renderer.
+        place: Held until an image is rendered.
+        at_once: Images to be under way on the device; 1: the calling thread renders.
+        cores: That denoise and write; absent: all that the process may use.
+
+    Raises:
+        InputError: If the disk refuses a file.
+        KeyboardInterrupt: As soon as the images under way are written.
+    """
+    from varos_warp.render.launch import usable_cores
+
+    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), done, say,
+               turn or contextlib.nullcontext, place or contextlib.nullcontext())
+    cores = cores or usable_cores()
+    under_way: deque[tuple[ImageJob, Future]] = deque()
+    with (run.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as run.writers,
+          _renderers(at_once) as pool):
+        for job in jobs:
+            if len(under_way) >= room(cores):
+                run.collect(*under_way.popleft())
+            under_way.append((job, pool.submit(run.render, job)))
+            if under_way[-1][1].done() and under_way[-1][1].exception():
+                run.collect(*under_way.pop())
+        while under_way:
+            run.collect(*under_way.popleft())
+    return run.made
+
+
+@contextlib.contextmanager
+def _renderers(count: int) -> Iterator[Executor]:
+    """Threads that render; when something goes wrong, what they have not begun they do not begin."""
+    pool = ThreadPoolExecutor(count, "render") if count > 1 else _HereAndNow()
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+class _HereAndNow(Executor):
+    """Does what it is given in the calling thread, before it goes on."""
+
+    def submit(self, function, /, *args):
+        """A future that is done."""
+        future = Future()
+        try:
+            future.set_result(function(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+_done: WeakKeyDictionary[object, float] = WeakKeyDictionary()
+"""When the last image was done, by renderer: images that are under way side by side share the time."""
+
+
+class _Run:
+    """State of `render_frames`."""
+
+    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, done, say, turn, place):
+        self.renderer, self.store, self.plan, self.T_w_v = renderer, store, plan, T_w_v
+        self.made, self.clock, self.done, self.say, self.in_a_row = made, clock, done, say, 0
+        self.turn, self.place, self.noting = turn, place, threading.Lock()
+        self.writers: Executor
+        keys = (("denoise", "A"), ("denoise_b", "B"))
+        on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
+        self.options = {key: plan[key] for key in PLANNED} | {
+            "layers": tuple(store.render.layers), "tolerance": plan["tile_tolerance"],
+            "denoised_only": not store.render.linear_exr} | {
+            key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
+
+    def render(self, job: ImageJob) -> list[Future]:
+        """Render an image, and have it written."""
+        try:
+            with self.place, self.clock("render"):
+                image, seconds = self.timed(job)
+        except InputError:
+            raise
+        except Exception:
+            with self.noting:
+                self.done()
+            raise
+        writing = [self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
+                   for letter in job.letters]
+        with self.noting:
+            self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
+                                      "seconds": round(seconds, 4)} | self.samples_of(job, image))
+            self.done()
+        return writing
+
+    def timed(self, job: ImageJob):
+        """An image, and the seconds it took without those of compiling, nor those before the image before was done."""
+        start = time.perf_counter()
+        image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
+            self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
+            spp=spp_of(self.plan, job.camera, job.frame), **self.options), self.turn))
+        overlap = max(_done.get(self.renderer, start) - start, 0.0)
+        _done[self.renderer] = time.perf_counter()
+        return image, max(seconds - overlap, 0.0)
+
+    def samples_of(self, job: ImageJob, image) -> dict:
+        """What the log says of an image's samples; tells the user of any that were not numbers."""
+        lost = {letter: made.lost_samples for letter in "AB" if (made := getattr(image, letter, None)) is not None}
+        for letter, count in lost.items():
+            if count:
+                self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite "
+                         "or not a number and count as black")
+        spp = getattr(getattr(image, "A", None), "spp", None)
+        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
+            lost.values()) else {})
+
+    def collect(self, job: ImageJob, rendering: Future) -> None:
+        """Wait until an image is rendered and written."""
+        errors = []
+        try:
+            writing = zip(job.letters, rendering.result(), strict=True)
+        except InputError:
+            raise
+        except Exception as error:
+            writing, errors = (), [error]
+        for letter, future in writing:
+            try:
+                self.keep(job, letter, future.result())
+            except InputError:
+                raise
+            except Exception as error:
+                errors.append(error)
+        if errors:
+            self.fail(job, *errors)
+        else:
+            self.in_a_row = 0
+
+    def keep(self, job: ImageJob, letter: str, stored: Stored) -> None:
+        """Note what is known of an image."""
+        self.made.clamped[letter] += stored.clamped
+        if stored.statistics is not None:
+            self.made.statistics[job.camera, letter, job.frame] = stored.statistics
+
+    def fail(self, job: ImageJob, *errors: Exception) -> None:
+        """Note what kept a job from being made, or give up: jobs count, however many of their images fail."""
+        for error in errors:
+            traceback.clear_frames(error.__traceback__)  # which hold images, and buffers on the device
+            self.made.failures.append((job, error))
+            self.say(f"frame {job.frame}, camera {job.camera} failed: {error}")
+        self.in_a_row += 1
+        if self.in_a_row >= GIVE_UP:
+            raise errors[0]

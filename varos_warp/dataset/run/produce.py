@@ -1,0 +1,374 @@
+"""The main job: a scene becomes a dataset on disk. What is complete there is kept, what is missing is made.
+
+Rendering (which may be divided into shards and interrupted) writes linear EXR files; the exposure of A follows from
+all of them afterwards. So the bytes do not depend on how the work was divided.
+"""
+
+import contextlib
+import os
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout, from_runs
+from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.run.engine import Engine
+from varos_warp.dataset.run.pipeline import Rendered
+from varos_warp.dataset.run.timing import BESIDE, Clock
+from varos_warp.dataset.write import folder
+from varos_warp.dataset.write import texts as writers
+from varos_warp.dataset.write.checksums import write_checksums
+from varos_warp.dataset.write.expose import expose
+from varos_warp.dataset.write.images import ImageJob, Store
+from varos_warp.errors import InputError
+from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
+
+
+@dataclass
+class Summary:
+    """What a run did."""
+
+    out: str
+    frames: int
+    """Frames asked for."""
+    rendered: int = 0
+    """Images rendered, of any type and camera."""
+    kept: int = 0
+    """Images that were there already."""
+    complete: bool = True
+    """Whether every image of the frames asked for is there; False while other shards are missing."""
+    seconds: float = 0.0
+    device: str | None = None
+    messages: list[str] = field(default_factory=list)
+    stages: dict[str, float] = field(default_factory=dict)
+    """Seconds of each stage (timing.py)."""
+    rate: float | None = None
+    """Frames of a camera per second, without the first one, which waits for compilers and caches."""
+
+
+def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), shard: tuple[int, int] = (0, 1),
+            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None, workers: int | None = None,
+            scheduler: str | None = None) -> Summary:
+    """Simulate, render and write a dataset; completes one that was interrupted, and leaves a complete one alone.
+
+    Args:
+        scene: The scene.
+        out: Folder; made where it is missing.
+        device: ``auto``, ``cpu`` or ``cuda:N``.
+        frames: Which frames of the sequence.
+        shard: (i, n): render only every n-th of these frames, from the i-th; the run that finds all of them complete
+            does the exposure.
+        sensors: Whether to write IMU, depth gauge and vehicle.
+        images: Whether to render.
+        quiet: No progress on stderr.
+        renderer: A `FrameRenderer` of this scene, where there is one already.
+        workers: Render in so many processes of this host (cluster.py).
+        scheduler: Render on the workers of this Dask scheduler, ``dask://HOST:PORT``.
+
+    Raises:
+        InputError: If the folder cannot be used, holds a dataset of another scene, or another run is at it; or there
+            is no such device, worker or scheduler.
+        RuntimeError: If images could not be made; all others are.
+    """
+    start = time.monotonic()
+    layout = Layout.of(scene, out)
+    engine = _engine(device, renderer, workers, scheduler) if images else contextlib.nullcontext()
+    new = not layout.root.exists()
+    try:
+        with folder.claimed(layout.root, shard), engine:
+            previous = folder.open_folder(scene, layout, alone=shard[1] == 1)
+            job = _Job(scene, layout, shard, quiet)
+            job.simulate(frames, previous)
+            job.run(engine, sensors, images)
+    finally:
+        if new:
+            with contextlib.suppress(OSError):
+                layout.root.rmdir()  # what failed before the first file leaves no empty folder
+    job.summary.seconds = round(time.monotonic() - start, 3)
+    job.summary.stages = job.clock.rounded()
+    return job.summary
+
+
+def _engine(device: str, renderer, workers: int | None, scheduler: str | None):
+    """What renders."""
+    if workers is None and scheduler is None:
+        return Engine(device, renderer)
+    from varos_warp.dataset.run.cluster import Cluster
+
+    return Cluster(device, workers, scheduler)
+
+
+def simulated(scene, quiet: bool = False):
+    """The scene's `Simulation`, with a progress bar."""
+    from varos_warp.sim.trajectory import simulate
+
+    with Progress("simulating", 100, "%", quiet) as progress:
+        return simulate(scene, progress=progress.reach)
+
+
+def select(frames: slice, count: int) -> list[int]:
+    """Numbers of the frames that a slice names.
+
+    Raises:
+        InputError: If there are none.
+    """
+    chosen = list(range(count))[frames]
+    if not chosen:
+        words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop))
+        raise InputError("names no frame", key="frames", value=words,
+                         remedy=f"The sequence has frames 0 to {count - 1}.")
+    return chosen
+
+
+class _Job:
+    """State of one run."""
+
+    def __init__(self, scene, layout: Layout, shard: tuple[int, int], quiet: bool):
+        self.scene, self.layout, self.shard, self.quiet = scene, layout, shard, quiet
+        self.clock, self.made = Clock(), Rendered()
+        self.work: list[ImageJob] = []
+
+    def simulate(self, frames: slice, previous: dict | None) -> None:
+        """The course of the vehicle, and the frames of it that are asked for."""
+        with self.clock("simulate"):
+            self.simulation = simulated(self.scene, self.quiet)
+        self.count = len(self.simulation.frame_ticks)
+        self.selected = select(frames, self.count)
+        self.summary = Summary(str(self.layout.root), len(self.selected))
+        for message in self.simulation.messages:
+            self.say(message)
+        if frames.stop is not None and frames.stop > self.count:
+            self.say(f"frames up to {frames.stop - 1} are asked for, but the sequence ends with frame {self.count - 1}")
+        self.take_over(previous)
+
+    def take_over(self, previous: dict | None) -> None:
+        """What earlier runs, or other shards, decided holds for this one, too."""
+        self.previous = previous
+        before = previous["samples"] if previous else {}
+        self.plan, self.device = before.get("plan"), previous and previous["device"]
+        self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
+        self.store = Store(self.layout, self.scene.render, self.denoisers)
+
+    def run(self, engine, sensors: bool, images: bool) -> None:
+        """Everything after the simulation."""
+        self.engine = engine
+        if images:
+            self.find_work()
+        if self.work:
+            with self.clock("load"):
+                self.load()
+        with folder.planning(self.layout.root, self.tell_of_waiting):
+            self.take_over(folder.recorded(self.scene, self.layout))
+            if self.work:
+                self.settle()
+            self.write_texts(sensors, images)
+        try:
+            if images:
+                self.render()
+                self.finish()
+            if self.summary.complete:
+                with self.clock("checksums"):
+                    write_checksums(self.layout.root)
+        finally:
+            self.write_log()
+
+    def say(self, message: str) -> None:
+        """Tell the user, and keep it for the summary."""
+        self.summary.messages.append(message)
+        self.tell(f"note: {message}")
+
+    def tell(self, words: str) -> None:
+        """Tell the user."""
+        if not self.quiet:
+            print(words, file=sys.stderr, flush=True)
+
+    def tell_of_waiting(self) -> None:
+        """Of another shard that is planning."""
+        self.tell("waiting for the plan that another shard makes ...")
+
+    def T_w_v(self, frame: int) -> np.ndarray:
+        """Pose of the vehicle at a frame."""
+        return self.simulation.trajectory.T_w_v(self.simulation.frame_ticks[frame])
+
+    def poses(self) -> list[np.ndarray]:
+        """T_w_v of the whole sequence, whichever part of it this run renders."""
+        return [self.T_w_v(frame) for frame in range(self.count)]
+
+    def time_ns(self, frames: list[int]) -> np.ndarray:
+        """Time of frames."""
+        return self.simulation.trajectory.time_ns[np.asarray(self.simulation.frame_ticks)[frames]]
+
+    # -------------------------------------------------------------------------------------------------- preparing
+
+    def find_work(self) -> None:
+        """Find what this shard has to render."""
+        index, of = self.shard
+        mine = self.selected[index::of]
+        self.work = list(self.store.missing(mine))
+        self.summary.rendered = sum(len(job.letters) for job in self.work)
+        wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
+        self.summary.kept = wanted - self.summary.rendered
+
+    def choose_denoisers(self) -> None:
+        """Find what really denoises what is to be rendered, which is not what was asked for without pyoidn.
+
+        Raises:
+            InputError: If earlier frames were denoised otherwise.
+        """
+        render = self.scene.render
+        for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
+            if not any(letter in job.letters for job in self.work):
+                continue
+            method, before = self.engine.available_method(asked), self.denoisers[letter]
+            if before not in (None, method):
+                raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
+                                 f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
+                                 remedy="Go on where Open Image Denoise (pyoidn) is installed alike, or give another "
+                                        "folder with -o.")
+            self.denoisers[letter] = method
+
+    def load(self) -> None:
+        """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
+        from varos_warp.sim.trajectory import path_samples
+
+        self.engine.start(self.layout.root, self.tell)
+        self.choose_denoisers()
+        for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation),
+                                        compare=not self.plan):
+            self.say(warning)
+        if "S" in self.scene.render.outputs and len(self.engine.segments) > SEGMENT_LEVELS:
+            raise InputError(f"{len(self.engine.segments)} objects cannot be numbered in 16 bits", key="render.outputs",
+                             value="S", remedy="Leave out S, or scatter fewer.")
+
+    def settle(self) -> None:
+        """Decide what is still open: denoisers, the device on record, the plan."""
+        self.choose_denoisers()
+        self.note_device()
+        with self.clock("plan"):
+            self.plan = self.plan or self.make_plan()
+
+    def note_device(self) -> None:
+        """Keep the first device on record, and say when another one goes on."""
+        self.device = self.device or self.engine.devices[0]
+        words = Counter(_device(here) for here in self.engine.devices)
+        self.summary.device = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in words.items())
+        for here in {here["model"]: here for here in self.engine.devices}.values():
+            if here["model"] != self.device["model"]:
+                self.say(f"earlier frames were rendered on {_device(self.device)}, these are on {_device(here)}: "
+                         "pixels may differ in rounding; dataset.json keeps the first")
+
+    def make_plan(self) -> dict:
+        """What the planner chooses for the whole sequence."""
+        start = time.monotonic()
+        self.tell("planning from a few poses ...")
+        plan = self.engine.plan()
+        error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
+        took = time.monotonic() - start
+        self.say(f"planned in {took:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
+        if plan.shortfall:
+            self.say(plan.shortfall)
+        return plan.to_dict()
+
+    # ------------------------------------------------------------------------------------------------------ texts
+
+    def write_texts(self, sensors: bool, images: bool) -> None:
+        """Everything but the images. dataset.json comes first: it says whose folder this is."""
+        before = self.previous["outputs"] if self.previous else []
+        asked = self.scene.render.outputs if images else []
+        self.outputs = [letter for letter in OUTPUTS if letter in before or letter in asked]
+        frames = set(from_runs(self.previous["frames"]["ranges"])) if before else set()
+        self.frames = sorted(frames | set(self.selected if images or not before else ()))
+        self.write_metadata()
+        if self.work and "S" in self.scene.render.outputs:
+            files.write_json(self.layout.segments, {"0": "nothing", "segments": self.engine.segments})
+        writers.write_readme(self.layout, self.scene)
+        if sensors:
+            writers.write_sensors(self.layout, self.scene, self.simulation)
+        poses, time_ns = np.array([self.T_w_v(frame) for frame in self.frames]), self.time_ns(self.frames)
+        for camera in self.scene.vehicle.cameras:
+            writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
+        writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
+
+    def write_metadata(self) -> None:
+        """Write dataset.json; the versions and the device stay those that the first frame was rendered with."""
+        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
+                                   outputs=self.outputs, plan=self.plan, device=self.device,
+                                   denoisers=self.denoisers)
+        if self.previous and self.previous["device"]:
+            content["versions"] = self.previous["versions"]
+        files.write_json(self.layout.metadata, content)
+
+    # -------------------------------------------------------------------------------------------------- rendering
+
+    def render(self) -> None:
+        """Render what is missing.
+
+        Raises:
+            RuntimeError: If images could not be made.
+        """
+        if not self.work:
+            return
+        with Progress("rendering", len(self.work), quiet=self.quiet) as progress:
+            self.engine.render(self.store, self.plan, self.work, made=self.made, clock=self.clock,
+                               done=progress.advance, say=self.say)
+            self.summary.rate = round(progress.rate, 4)
+        if self.made.failures:
+            (job, error), *rest = self.made.failures
+            more = f"; {len(rest)} more failed" if rest else ""
+            raise RuntimeError(f"frame {job.frame}, camera {job.camera} could not be made: {error}{more}. All others "
+                               "are; the same command tries again") from error
+
+    def write_log(self) -> None:
+        """When and how fast this run rendered; the only file that differs from run to run."""
+        if not self.made.timings:
+            return
+        stamp, first = datetime.now(UTC), self.engine.devices[0]
+        name = f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json"
+        seconds = self.clock.rounded()
+        content = {"ended": stamp.isoformat(timespec="seconds"), "device": first["name"],
+                   "model": first["model"], "compile_seconds": round(self.engine.compile_seconds, 3),
+                   "devices": self.engine.devices, "versions": writers.versions(), "stages": seconds,
+                   "messages": self.summary.messages,
+                   "frames": self.made.timings}
+        with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
+            files.write_json(self.layout.root / "log" / name, content)
+        words = [", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)
+                 for stages in ([stage for stage in seconds if stage not in BESIDE], BESIDE)]
+        self.tell("time: " + "; beside it, in all threads: ".join(filter(None, words)))
+
+    # --------------------------------------------------------------------------------------------------- finishing
+
+    def finish(self) -> None:
+        """Expose A and B once all frames asked for are rendered, and make the contact sheet."""
+        for letter, count in self.made.clamped.items():
+            if count:
+                self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
+        left = sum(len(job.letters) for job in self.store.missing(self.selected))
+        self.summary.complete = left == 0
+        if left:
+            self.say(f"{left} images belong to other shards and are not there yet; the run that completes them (or "
+                     "any later one) exposes A and B and ends the dataset")
+            return
+        with self.clock("expose"):
+            for camera in self.layout.cameras:
+                for letter in filter(lambda letter: OUTPUTS[letter].is_color, self.outputs):
+                    self.expose(camera, letter)
+            from varos_warp.dataset.report import contact_sheet
+
+            contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")
+
+    def expose(self, camera: str, letter: str) -> None:
+        """One camera's A or B."""
+        frames = [f for f in self.frames if files.is_complete(self.layout.exr(camera, letter, f))]
+        expose(self.layout, getattr(self.scene.render.exposure, letter), camera, letter, frames, self.time_ns(frames),
+               self.made.statistics)
+
+
+def _device(device: dict) -> str:
+    return f"{device['name']} ({device['model']})"

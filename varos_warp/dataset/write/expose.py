@@ -1,0 +1,71 @@
+"""Exposure of a dataset: gains from the statistics of all frames, and the PNG that they decide."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.write import texts as writers
+from varos_warp.dataset.write.images import develop
+from varos_warp.errors import InputError
+from varos_warp.render.image import exposure
+
+Known = dict[tuple[str, str, int], exposure.Statistics]
+"""Statistics by camera, letter and frame."""
+
+
+def expose(layout: Layout, setting: str | float, camera: str, letter: str, frames: list[int], time_ns: np.ndarray,
+           made: Known) -> None:
+    """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
+
+    The gains come last: if it is interrupted, the next run finds the old ones and does it again.
+
+    Args:
+        layout: Of the dataset.
+        setting: The scene's ``render.exposure`` of the letter.
+        camera: Its id.
+        letter: A or B.
+        frames: Numbers [N] of the frames whose EXR is there.
+        time_ns: Their times [N].
+        made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
+    """
+    from varos_warp.render.launch import usable_cores
+
+    table = layout.camera_file(camera, f"_exposure_{letter}.csv")
+    old, known = _read_gains(table), exposure.known_gain(setting, letter) is not None
+
+    def statistics(frame: int) -> exposure.Statistics:
+        found = made.get((camera, letter, frame)) or (old[frame][1] if frame in old else None)
+        return found or exposure.statistics(_read_half(layout.exr(camera, letter, frame)))
+
+    def write(frame: int, gain: float) -> None:
+        path = layout.png(camera, letter, frame)
+        fresh = known and (camera, letter, frame) in made
+        exposed = fresh or (frame in old and old[frame][0] == gain)
+        if not (exposed and files.is_complete(path)):
+            files.write_png(path, develop(letter, _read_half(layout.exr(camera, letter, frame)), gain))
+
+    with ThreadPoolExecutor(usable_cores(), "expose") as pool:
+        found = list(pool.map(statistics, frames))
+        gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
+        list(pool.map(write, frames, gains.tolist()))
+    files.write_csv(table, [writers.TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
+                    [s.log_average for s in found], [s.highlight for s in found])
+
+
+def _read_half(path: Path) -> np.ndarray:
+    channels = files.read_exr(path)
+    return np.stack([channels[c] for c in "RGB"], -1)
+
+
+def _read_gains(path: Path) -> dict[int, tuple[float, exposure.Statistics]]:
+    """Gain and statistics of every frame that were written before; nothing where there are none to trust."""
+    try:
+        table = files.read_csv(path)
+        rows = zip(table["frame"].tolist(), table["gain"].tolist(), table["log_average"].tolist(),
+                   table["highlight"].tolist(), strict=True)
+    except (InputError, KeyError):
+        return {}
+    return {frame: (gain, exposure.Statistics(average, highlight)) for frame, gain, average, highlight in rows}

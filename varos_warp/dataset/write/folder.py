@@ -1,0 +1,238 @@
+"""The folder of a dataset: whose it is, whether another run is writing to it, and what must not be mixed in it."""
+
+import contextlib
+import errno
+import itertools
+import os
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+import varos_warp
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.write import texts as writers
+from varos_warp.errors import InputError
+from varos_warp.scene.load import scene_to_dict
+
+LOCKS = ".lock"
+"""Folder of the lock files, while there are runs."""
+MOST_TRIES = 1000
+"""To make a lock, while other runs that end remove the folder; where it cannot be made at all, that shows soon."""
+_NAME = re.compile(r"run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
+"""Of a run's lock file: host, process and shard."""
+_counter = itertools.count()
+_FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
+"""Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
+
+
+# ---------------------------------------------------------------------------------------------------------- the locks
+
+
+@contextlib.contextmanager
+def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
+    """Keep other runs out of a folder, but for other shards of the same division.
+
+    Every run holds a lock of the operating system on a file of its own, whose name says who it is; a run that was
+    killed holds none, whatever it left. (On NFS and Lustre the file system must support locks, as it mostly does.)
+
+    Args:
+        root: Of the dataset; made where it is missing.
+        shard: (i, n): this run renders every n-th frame from the i-th.
+
+    Raises:
+        InputError: If another run is at it, naming it; or the folder cannot be written to.
+    """
+    folder = root / LOCKS
+    own = folder / f"run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
+    with files.writing(root):
+        lock = _hold(own)
+    try:
+        for other in folder.glob("run.*.lock"):
+            if other != own and _in_use(other):
+                _refuse_conflict(root, other, shard)
+        yield
+    finally:
+        _drop(lock, own)
+        with contextlib.suppress(OSError):
+            own.unlink()  # Windows removes no file that is open
+        _remove_unused(folder)
+
+
+def _hold(path: Path) -> FileLock:
+    """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
+    missing: OSError = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    for _ in range(MOST_TRIES):
+        try:
+            _make(path.parent)
+            lock = FileLock(path)
+            lock.acquire()
+            if path.exists():
+                return lock
+            lock.release()
+        except FileNotFoundError as error:  # the folder may have gone with the last run, too
+            missing = error
+    raise missing
+
+
+def _make(folder: Path) -> None:
+    """Make a folder that another run may be removing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        if folder.exists():  # as a file
+            raise
+
+
+def _drop(lock: FileLock, path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+    lock.release()
+
+
+def _in_use(path: Path, remove: bool = True) -> bool:
+    """Whether a process holds this lock; a file that a dead one left is removed, or stays."""
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except (Timeout, OSError):
+        return path.exists()
+    if remove:
+        _drop(lock, path)
+    else:
+        lock.release()
+    return False
+
+
+def at_work(root: Path) -> list[str]:
+    """The runs that are writing to a folder, in words; removes nothing."""
+    found = [(path, _NAME.fullmatch(path.name)) for path in sorted((root / LOCKS).glob("run.*.lock"))]
+    return [_words(name) for path, name in found if name and _in_use(path, remove=False)]
+
+
+def _words(name: re.Match) -> str:
+    return f"process {int(name[2])} on {name[1]}"
+
+
+def _remove_unused(folder: Path) -> None:
+    """Leave nothing behind, unless others are at work."""
+    with contextlib.suppress(OSError):
+        if not any(folder.glob("run.*.lock")):
+            (folder / "plan.lock").unlink(missing_ok=True)
+            folder.rmdir()
+
+
+def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
+    """Only shards of one division may work beside each other, each once."""
+    found = _NAME.fullmatch(other.name)
+    if not found:
+        return
+    index, of = int(found[3]), int(found[4])
+    if of == shard[1] > 1 and index != shard[0]:
+        return
+    part = f", shard {index}/{of}," if of > 1 else ""
+    with contextlib.suppress(OSError):
+        part += f" since {time.strftime('%Y-%m-%d %H:%M', time.localtime(other.stat().st_mtime))}"
+    raise InputError(f"another run is writing to this folder: {_words(found)}{part}", file=root,
+                     remedy="Wait for it, or end it; several runs can share a folder as --shard I/N, each with an I of "
+                            "its own and the same N.")
+
+
+@contextlib.contextmanager
+def planning(root: Path, tell=None) -> Iterator[None]:
+    """One shard at a time may plan and write dataset.json; ``tell`` is called where this means to wait."""
+    path = root / LOCKS / "plan.lock"
+    with files.writing(root):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            if tell is not None:
+                tell()
+            lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+# ------------------------------------------------------------------------------------------------------- whose it is
+
+
+def open_folder(scene, layout: Layout, alone: bool = True) -> dict | None:
+    """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new.
+
+    Args:
+        scene: The scene.
+        layout: Of its dataset; the folder is there.
+        alone: Whether no other run can be writing to it: what killed ones left is then removed, from any host.
+
+    Raises:
+        InputError: If the folder belongs to something else, or holds a dataset of another scene.
+    """
+    root = layout.root
+    with files.writing(root):
+        files.sweep(root, alone)
+        entries = [entry for entry in root.iterdir() if not entry.name.startswith(".")]
+    if entries and not layout.metadata.exists():
+        raise InputError("the folder is not empty and holds no dataset", file=root,
+                         remedy="Give a new folder with -o, or empty this one.")
+    return recorded(scene, layout)
+
+
+def recorded(scene, layout: Layout) -> dict | None:
+    """Contents of dataset.json; None where there is none yet.
+
+    Raises:
+        InputError: If it is of another scene, or damaged.
+    """
+    if not layout.metadata.exists():
+        return None
+    meta = Dataset(layout.root).meta
+    if meta.get("noise"):
+        raise InputError("noise was added to the dataset in this folder, which cannot go on without it",
+                         file=layout.metadata, key="noise.profile.name", value=meta["noise"]["profile"]["name"],
+                         remedy="`run` into the folder of the dataset that it was made of, and add the noise anew.")
+    check_same(scene, meta, layout.metadata)
+    return meta
+
+
+def check_same(scene, meta: dict, file: Path) -> None:
+    """Refuse to mix what two different scenes make.
+
+    Raises:
+        InputError: Naming the first key that differs.
+    """
+    here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
+    there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
+    different = [d for d in _differences(there, here) if not d[0].startswith(_FREE)]
+    if different:
+        key, old, new = different[0]
+        rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
+        also = f" (also different: {', '.join(rest)})" if rest else ""
+        raise InputError(f"the dataset in this folder was made with {_short(old)}, not {_short(new)}{also}", file=file,
+                         key=key, remedy="Give the same scene and options, another folder with -o, or delete this one.")
+
+
+def _short(value) -> str:
+    text = "no value" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _differences(there, here, path: str = "") -> Iterator[tuple[str, object, object]]:
+    """(key, value there, value here) of everything that differs between two trees of dicts and lists."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        pairs = [(key, there.get(key), here.get(key)) for key in {**there, **here}]
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        pairs = [(i, *pair) for i, pair in enumerate(zip(there, here, strict=True))]
+    else:
+        if there != here:
+            yield path, there, here
+        return
+    for key, a, b in pairs:
+        yield from _differences(a, b, f"{path}.{key}" if path else str(key))

@@ -1,0 +1,145 @@
+"""The image files of a frame: which ones there are to be, which are missing, and how what was rendered becomes them."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.run.timing import Clock
+from varos_warp.errors import InputError
+from varos_warp.render.image import exposure
+from varos_warp.render.image.denoise import denoise_image
+from varos_warp.render.image.outputs import OUTPUTS, linear_channels, to_half
+
+_EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
+"""By its bits; 0 for what is not a number, which no image has."""
+_oidn_turn = threading.Lock()
+"""Open Image Denoise uses all cores and much memory: one image at a time."""
+
+
+class ImageJob(NamedTuple):
+    """Images to be rendered at once."""
+
+    frame: int
+    camera: str
+    letters: str
+    """Image types."""
+
+
+@dataclass
+class Stored:
+    """What is known of an image once it is written."""
+
+    clamped: int = 0
+    """Values that were cut to the largest half float."""
+    statistics: exposure.Statistics | None = None
+    """Of A and B."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """Writes images, from any thread.
+
+    Args:
+        layout: Of the dataset.
+        render: The scene's block of that name.
+        denoisers: What denoises A and B on the host, where the renderer did not.
+    """
+
+    layout: Layout
+    render: object
+    denoisers: dict[str, str | None]
+
+    def missing(self, frames: list[int]) -> Iterator[ImageJob]:
+        """What there is to render of these frames."""
+        for frame in frames:
+            for camera in self.layout.cameras:
+                letters = "".join(letter for letter in self.render.outputs
+                                  if not all(map(files.is_complete, self.rendered_files(camera, letter, frame))))
+                if letters:
+                    yield ImageJob(frame, camera, letters)
+
+    def rendered_files(self, camera: str, letter: str, frame: int) -> list[Path]:
+        """Files that only rendering can make; the PNG of A and B follow from their EXR."""
+        layout = self.layout
+        if not OUTPUTS[letter].is_color:
+            depth_exr = [layout.exr(camera, letter, frame)] if letter == "D" and self.render.depth_exr else []
+            return [layout.png(camera, letter, frame), *depth_exr]
+        linear = [layout.linear(camera, frame)] if letter == "A" and self.render.linear_exr else []
+        return [layout.exr(camera, letter, frame), *linear]
+
+    def write(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
+        """Write what was rendered of one type.
+
+        Args:
+            job: Whose it is.
+            letter: Its type.
+            image: What the renderer made.
+            clock: Counts the time for ``denoise`` and ``encode``.
+
+        Raises:
+            InputError: If the disk refuses it.
+            RuntimeError: If the image is not fit to be written, such as one with NaN.
+        """
+        try:
+            if OUTPUTS[letter].is_color:
+                return self._write_color(job, letter, image, clock)
+            with clock("encode"):
+                self._write_geometry(job, letter, image)
+            return Stored()
+        except InputError:
+            raise
+        except ValueError as error:
+            raise RuntimeError(f"frame {job.frame}, camera {job.camera}, image {letter}: {error}") from error
+
+    def _write_color(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
+        """A or B: as rendered where asked for, denoised as half floats, and exposed if the gain is known."""
+        frame, camera, _ = job
+        if letter == "A" and self.render.linear_exr:
+            with clock("encode"):
+                files.write_exr(self.layout.linear(camera, frame), linear_channels(image))
+        denoised = image.denoised if image.denoised is not None else self._denoise(image, letter, clock)
+        with clock("encode"):
+            half, clamped = to_half(denoised)
+            files.write_exr(self.layout.exr(camera, letter, frame), {"RGB": half})
+            gain = exposure.known_gain(getattr(self.render.exposure, letter), letter)
+            if gain is not None:
+                files.write_png(self.layout.png(camera, letter, frame), develop(letter, half, gain))
+            return Stored(clamped, exposure.statistics(half))
+
+    def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
+        method = self.denoisers[letter]
+        if method != "oidn":
+            with clock("denoise"):
+                return denoise_image(image, method)
+        with _oidn_turn, clock("denoise"):
+            return denoise_image(image, method)
+
+    def _write_geometry(self, job: ImageJob, letter: str, image) -> None:
+        """C, D or S."""
+        frame, camera, _ = job
+        path, encode = self.layout.png(camera, letter, frame), OUTPUTS[letter].encode
+        if letter == "C":
+            files.write_png(path, encode(image.normal))
+        elif letter == "S":
+            files.write_png(path, encode(image.instance))
+        else:
+            if self.render.depth_exr:
+                channels = {"Z": image.depth, "range": image.range}
+                files.write_exr(self.layout.exr(camera, letter, frame),
+                                {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
+            distance = image.depth if self.render.depth_kind == "z" else image.range
+            files.write_png(path, encode(distance, self.render.depth_range_m))
+
+
+def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:
+    """Pixels of A or B, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
+
+    That is what `OUTPUTS[letter].encode` makes of them, in a sixth of its time at 1280 x 720.
+    """
+    return np.take(OUTPUTS[letter].encode(_EVERY_HALF, gain), half.view(np.uint16))

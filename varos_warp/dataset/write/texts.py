@@ -1,0 +1,303 @@
+"""The text files of a dataset: sensors, poses, lights, camera calibration, dataset.json and README.txt."""
+
+import hashlib
+import platform
+from importlib import metadata, resources
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+import varos_warp
+from varos_warp.dataset import files
+from varos_warp.dataset.layout import Layout, runs
+from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
+from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.scene.description.world import GROUND_TEXTURES
+from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
+from varos_warp.scene.load import scene_to_dict
+from varos_warp.scene.water import optical_properties
+
+TIME = "# timestamp [ns]"
+
+
+# ----------------------------------------------------------------------------------------------------- poses, sensors
+
+
+def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarray) -> None:
+    """Poses [N, 4, 4] as Euler angles (paper 4.1), as matrices (authoritative) and as quaternions."""
+    position, rotation = T_w_x[:, :3, 3], Rotation.from_matrix(T_w_x[:, :3, :3])
+    place = ["s_x_vw", "s_y_vw", "s_z_vw"]
+    files.write_csv(layout.poses(name, "euler"), [TIME, *place, "theta_x_vw", "theta_y_vw", "theta_z_vw"],
+                    time_ns, position, euler_angles(rotation))
+    header = [TIME] + [h for row, s in zip("123", place, strict=True) for h in (f"r{row}1", f"r{row}2", f"r{row}3", s)]
+    files.write_csv(layout.poses(name, "transformation_matrix"), header, time_ns, T_w_x[:, :3].reshape(-1, 12))
+    quaternion = rotation.as_quat(canonical=True, scalar_first=True)
+    files.write_csv(layout.poses(name, "quaternion"), [TIME, *place, "q_w", "q_x", "q_y", "q_z"],
+                    time_ns, position, quaternion)
+
+
+def _xyz(name: str, unit: str) -> list[str]:
+    """Headers of the three components of a vector."""
+    return [f"{name}_{axis} [{unit}]" for axis in "xyz"]
+
+
+def write_sensors(layout: Layout, scene, simulation) -> None:
+    """Vehicle, IMU and depth gauge: data and the pose of each at each of its samples."""
+    trajectory, vehicle = simulation.trajectory, scene.vehicle
+    poses = vehicle_poses(trajectory)
+    write_poses(layout, "vehicle", trajectory.time_ns, poses)
+    quaternion = ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"]
+    files.write_csv(
+        layout.states,
+        [TIME, *_xyz("p_wv", "m"), *_xyz("v_wv", "m s^-1"), *_xyz("a_wv", "m s^-2"), *quaternion,
+         *_xyz("w_wv_v", "rad s^-1"), *_xyz("alpha_wv_v", "rad s^-2")],
+        trajectory.time_ns, trajectory.position, trajectory.velocity, trajectory.acceleration, trajectory.quaternion,
+        trajectory.angular_velocity, trajectory.angular_acceleration)
+    if vehicle.imu is not None:
+        imu = simulation.imu
+        if vehicle.imu.noise is None:
+            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity))
+        else:
+            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity),
+                      (imu.true_acceleration, imu.true_angular_velocity),
+                      (imu.acceleration_bias, imu.angular_velocity_bias))
+        write_poses(layout, "imu0", imu.time_ns, _at(trajectory, poses, imu.time_ns) @ pose_matrix(vehicle.imu))
+    if vehicle.depth_gauge is not None:
+        gauge = simulation.depth_gauge
+        write_depth_gauge(layout, gauge.time_ns, gauge.depth)
+        write_poses(layout, "depth0", gauge.time_ns,
+                    _at(trajectory, poses, gauge.time_ns) @ pose_matrix(vehicle.depth_gauge))
+
+
+def write_imu(layout: Layout, time_ns: np.ndarray, reading, truth=None, bias=None) -> None:
+    """Readings of the IMU; where they have noise, what they would be without it beside them, and its bias.
+
+    Args:
+        layout: Of the dataset.
+        time_ns: int64 [N].
+        reading: Specific force [m/s^2] and angular velocity [rad/s], each [N, 3].
+        truth: The same without noise.
+        bias: The slowly varying part of the noise.
+    """
+    def header(prefix: str) -> list[str]:
+        return [*_xyz(f"{prefix}a_RS_S", "m s^-2"), *_xyz(f"{prefix}w_RS_S", "rad s^-1")]
+
+    names = [TIME, *header(""), *(header("true_") if truth else ())]
+    files.write_csv(layout.sensor("imu0"), names, time_ns, *reading, *(truth or ()))
+    if bias:
+        files.write_csv(layout.imu_bias, [TIME, *header("b_")], time_ns, *bias)
+
+
+def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, truth: np.ndarray | None = None,
+                      bias: np.ndarray | None = None) -> None:
+    """Readings of the depth gauge [N] [m]; where they have noise, the true depth and the bias beside them."""
+    more = [] if truth is None else [truth, bias]
+    names = [TIME, "d_v_w [m]", "true_d_v_w [m]", "b_d_v_w [m]"]
+    files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
+
+
+def vehicle_poses(trajectory) -> np.ndarray:
+    """T_w_v [N, 4, 4] at every tick."""
+    T = np.tile(np.eye(4), (len(trajectory.time_ns), 1, 1))
+    T[:, :3, :3] = Rotation.from_quat(trajectory.quaternion, scalar_first=True).as_matrix()
+    T[:, :3, 3] = trajectory.position
+    return T
+
+
+def _at(trajectory, poses: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+    """Poses at the sensor's samples, each of which falls on a tick."""
+    index = np.searchsorted(trajectory.time_ns, time_ns).clip(max=len(trajectory.time_ns) - 1)
+    if not np.array_equal(trajectory.time_ns[index], time_ns):
+        raise ValueError("a sensor's sample does not fall on a tick of the simulation")
+    return poses[index]
+
+
+def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray,
+                 outputs: list[str]) -> None:
+    """Calibration, time stamps with file names, and poses of one camera at its frames [N]."""
+    path = layout.camera_file(camera.id, ".yaml")
+    text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
+    files.write_bytes(path, text.encode())
+    letters = "ABCDS" if "S" in outputs else "ABCD"  # the released sequence has four columns
+    names = [[layout.png(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
+             for letter in letters]
+    files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *letters], time_ns, *names)
+    write_poses(layout, camera.id, time_ns, np.array([camera_pose(camera, T) for T in T_w_v]))
+
+
+def light_pose(light) -> np.ndarray:
+    """T_v_l [4, 4]: z is the axis of the cone, from the light outwards."""
+    if light.kind == "point":
+        return transform(position=light.position)
+    return transform(look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C, light.position)
+
+
+def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:
+    """Position and direction of every light in the world at every frame, a row each."""
+    lights = scene.vehicle.lights
+    if not lights:
+        return
+    T = (T_w_v[:, None] @ np.array([light_pose(light) for light in lights])).reshape(-1, 4, 4)
+    direction = ["direction_w_x", "direction_w_y", "direction_w_z"]
+    files.write_csv(layout.lights, [TIME, "frame", "light", *_xyz("p_wl", "m"), *direction],
+                    np.repeat(time_ns, len(lights)), np.repeat(frames, len(lights)),
+                    np.tile(np.arange(len(lights)), len(frames)), T[:, :3, 3], T[:, :3, 2])
+
+
+# ------------------------------------------------------------------------------------------------------- dataset.json
+
+
+def describe_camera(layout: Layout, camera) -> dict:
+    """Calibration of a camera; the released file's keys (mm) first."""
+    K = intrinsics(camera)
+    K_opencv = K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    T = pose_matrix(camera) @ transform(R_V_C)
+    width, height = camera.resolution
+    return {
+        "id": camera.id, "folder": layout.camera_dir(camera.id).relative_to(layout.root).as_posix(),
+        "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
+        "width": width, "height": height, "resolution": {"width": width, "height": height},
+        "f_stop": camera.f_stop, "focus_m": camera.focus_m, "camera_model": "pinhole", "distortion": "none",
+        "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
+        "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
+    }
+
+
+def describe_light(light) -> dict:
+    """A light as the scene file has it, and its pose."""
+    return {**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
+
+
+def describe_sensor(sensor) -> dict:
+    """Rate, pose and noise of the IMU or the depth gauge."""
+    noise = getattr(sensor, "noise", None)
+    return {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
+            "noise": noise and noise.model_dump(mode="json")}
+
+
+def describe_water(scene) -> dict:
+    """Optical properties per channel R, G, B."""
+    water = optical_properties(scene)
+    return {"source": water.source, "sigma_a": water.sigma_a.tolist(), "sigma_s": water.sigma_s.tolist(),
+            "sigma_t": water.sigma_t.tolist(), "albedo": water.albedo.tolist(), "unit": "1/m",
+            "phase": water.phase.kind, "g": water.g,
+            **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()})}
+
+
+def describe_depth(scene) -> dict:
+    """How D maps to metres."""
+    render = scene.render
+    start, end = render.depth_range_m
+    return {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
+            "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS}
+
+
+def versions() -> dict[str, str]:
+    """Of what shapes the numbers."""
+    packages = {name: _version(name) for name in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "pyoidn")}
+    return {"varos_warp": varos_warp.__version__, "python": platform.python_version(), **packages}
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "absent"
+
+
+def sources(scene) -> dict[str, str]:
+    """SHA-256 of every mesh, image and table that the scene names; of images that mesh files name it knows nothing."""
+    terrain = getattr(scene.terrain, "file", None) or []
+    named = [terrain] if isinstance(terrain, str) else list(terrain)
+    objects = [*scene.objects, *(block.object for block in scene.scatter)]
+    named += [o.file for o in objects if getattr(o, "file", None)]
+    textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
+    named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
+    named += _phase_files(scene)
+    return {name: _digest(scene.resolve(name)) for name in dict.fromkeys(named)}
+
+
+def _phase_files(scene) -> list[str]:
+    """Tables of phase functions."""
+    water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
+    phase = getattr(water, "phase", None)
+    return [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
+
+
+def _digest(path: Path) -> str | None:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:  # the loader of the mesh says so
+        return None
+
+
+CONVENTIONS = {
+    "units": "metres, radians, seconds; time stamps int64 nanoseconds from the start of the sequence",
+    "transforms": "T_a_b maps b-coordinates to a-coordinates, 4x4 row by row",
+    "world": "w: right-handed, z up",
+    "vehicle": "v: x right, y forward, z up",
+    "camera": "c: OpenCV optical axes, x right, y down, z forward",
+    "light": "l: z along the axis of the cone, outwards",
+    "quaternions": "Hamilton, order w x y z, w >= 0, of R_w_x",
+    "euler": "theta_x, theta_y, theta_z about the fixed world axes x, then y, then z: R = Rz Ry Rx",
+    "imu": "specific force R_s_w (a - g), +9.81 on the up axis at rest, then angular velocity, both in sensor axes; "
+           "instantaneous at the time stamp",
+    "depth_gauge": "metres below the surface, positive down",
+    "pixels": "K_center_half: the centre of the top left pixel is (0.5, 0.5); K_opencv: it is (0, 0)",
+    "A": "8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, denoised",
+    "B": "as A, without water, ambient light of radiance 1, no depth of field",
+    "C": "world normal n in [-1, 1] as round((n + 1) * 127.5); (0, 0, 0) where nothing is hit",
+    "D": "round((d - start) / (end - start) * 65535), clamped; 65535: at or beyond the end, or nothing hit; "
+         "d is planar (along the camera's z) or range (along the ray), as depth.kind says",
+}
+
+
+def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
+             device: dict | None, denoisers: dict[str, str | None]) -> dict:
+    """Everything that dataset.json says.
+
+    Args:
+        layout: Of the dataset.
+        scene: The resolved scene.
+        frames: Numbers of the frames that the dataset has or is to have.
+        frame_count: Frames of the whole sequence.
+        outputs: Image types that it has or is to have.
+        plan: What the planner chose; None: nothing is rendered yet.
+        device: Where it was rendered first; None: nowhere yet.
+        denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
+    """
+    vehicle, render = scene.vehicle, scene.render
+    mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
+    return {
+        "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
+        "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
+        "versions": versions(), "device": device, "conventions": CONVENTIONS,
+        "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
+        "outputs": outputs,
+        "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
+                  "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
+        "depth": describe_depth(scene),
+        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
+        "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
+        "sensors": {name: describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
+        "lights": [describe_light(light) for light in vehicle.lights],
+        "water": describe_water(scene),
+        "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
+        "sources": sources(scene), "scene": scene_to_dict(scene),
+    }
+
+
+def write_readme(layout: Layout, scene) -> None:
+    """README.txt: each convention in words."""
+    text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
+    start, end = scene.render.depth_range_m
+    words = {"NAME": scene.name, "KIND": {"z": "planar: along the camera's z axis", "range": "along the ray"}[
+                 scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}", "GRAVITY": f"{scene.gravity:g}",
+             "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "SURFACE": f"{scene.surface_depth_m:g}",
+             "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
+    for word, value in words.items():
+        text = text.replace("{" + word + "}", value)
+    files.write_bytes(layout.root / "README.txt", text.encode())

@@ -1,0 +1,1 @@
+"""From films to finished images: adaptive samples, denoising, exposure, encoding."""

@@ -1,0 +1,136 @@
+"""Films: the sums of an image's samples, on the device, and taking more of them.
+
+Pixels may want very unlike numbers of samples. So they are taken in parts, lists of which are made anew whenever
+samples are taken, and the sums of the parts are added up in a fixed order: neither the number of threads nor the size
+of the lists changes a byte.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from varos_warp.kernels.conventions import BLOCK_DIM, RESIDENT_BLOCKS
+from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
+from varos_warp.kernels.film.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
+from varos_warp.render.launch import Launcher, Steps
+from varos_warp.scene.device import kind_of
+
+MOST_SAMPLES = {"cpu": 256, "cuda": 4}
+"""Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""
+GPU_THREADS = 1 << 19
+"""Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
+MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
+"""Parts at a time; each takes 160 bytes. At the end of each lot a GPU is less than full, and all pixels are visited."""
+PIXEL_TILE = 1 << 16
+"""Pixels that a CPU's thread visits at a time."""
+MOST_LISTED = 1 << 28
+"""Parts are larger where there would be more of them in all: their numbers have 32 bits."""
+
+
+class Films:
+    """The films of one device.
+
+    Args:
+        launcher: of the device.
+    """
+
+    def __init__(self, launcher: Launcher):
+        self.launcher, self.device = launcher, launcher.device
+        self._unused: dict[tuple, list[Film]] = defaultdict(list)
+        processors = wp.get_device(self.device).sm_count
+        self._resident = processors * RESIDENT_BLOCKS * BLOCK_DIM if processors else MOST_LISTED
+        """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
+
+    def black(self, resolution, adapts: bool = False) -> Film:
+        """A film without samples for an image of width and height, until it is given to `keep`.
+
+        Args:
+            resolution: Width and height.
+            adapts: Whether tiles have two sides, see render/image/adapt.py.
+        """
+        kind = (adapts, *resolution[::-1])
+        film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
+        for buffer in (film.sums, film.count, film.lost):
+            buffer.zero_()
+        return film
+
+    def keep(self, film: Film):
+        """Take a film back for another image."""
+        self._unused[len(film.count) == 2, *film.sums.shape[1:]].append(film)
+
+    def _new(self, adapts: bool, height: int, width: int) -> Film:
+        film = Film()
+        film.sums = self.buffer(SUMS, height, width)
+        tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
+        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
+        film.lost = wp.empty(1, dtype=int, device=self.device)
+        return film
+
+    def buffer(self, *shape: int) -> wp.array:
+        """Sums, or anything else with a float64 for each channel."""
+        return wp.empty(shape, dtype=wp.vec3d, device=self.device)
+
+    def take(self, film: Film, kernels: Sequence[wp.Kernel], before, after, samples: int | np.ndarray,
+             queued: bool = False):
+        """Take more samples.
+
+        Args:
+            film: The film.
+            kernels: Take the samples of ``film.parts`` from the number that they get between ``before`` and ``after``;
+                of several each has a share in every sample.
+            before: Their arguments before that number,
+            after: and after it.
+            samples: How many, of all pixels or [side, tile row, tile column].
+            queued: Whether their threads go on to the `next_part`.
+        """
+        self.launcher.upload(samples, film.wanted)
+        samples = np.broadcast_to(samples, film.count.shape)
+        area = tile_pixels(*film.sums.shape[1:])
+        pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
+        most = self._part_size(int((samples * pixels).sum()))
+        places = int(np.prod(film.count.shape[1:])) * TILE**2
+        counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of parts, tile by tile
+        self.launcher.run(count_parts, counts.shape, [film, most], [counts])
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
+        for begin in range(0, total, lot):
+            parts = min(lot, total - begin)
+            film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
+            film.part_sums = self.buffer(SUMS, parts)
+            self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
+            threads = min(parts, self._resident) if queued else parts
+            for kernel in kernels:
+                film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
+                self.launcher.rows(kernel, (threads,), before, after, tile_rows=int(np.clip(parts // 32, 64, 1024)))
+                self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
+        film.parts = film.part_sums = film.next = None
+        self.launcher.run(note_samples, film.count.shape, [], [film])
+
+    def _part_size(self, samples: int) -> int:
+        """Most samples of a part, where there are so many in all."""
+        most = MOST_SAMPLES[kind_of(self.device)]
+        if self.device != "cpu":
+            most = min(most, max(1, samples // GPU_THREADS))
+        return max(most, samples // MOST_LISTED)
+
+    def tile_statistics(self, film: Film, denoised: float = 1.0) -> Steps[list[np.ndarray]]:
+        """Mean and variance of one sample, [side, tile row, tile column, 3].
+
+        Args:
+            film: The film.
+            denoised: All but one part in so many of the correction's variance is taken away later.
+        """
+        pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
+        self.launcher.run(pixel_statistics, pixels[0].shape, [film, denoised], pixels)
+        tiles = [self.buffer(*film.count.shape) for _ in pixels]
+        for image, means in zip(pixels, tiles, strict=True):
+            self.launcher.run(average_tiles, means.shape, [image], [means])
+        return (yield from self.launcher.fetch(*tiles))
+
+
+def tile_pixels(height: int, width: int) -> np.ndarray:
+    """Pixels of the tiles of an image [tile row, tile column], of which the last ones may be smaller."""
+    rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
+    return np.outer(rows, cols)

@@ -1,0 +1,1 @@
+"""How many samples and which integrator a sequence needs, and what it will cost."""

@@ -1,0 +1,184 @@
+"""Samples by frame: what the views of a sequence need differs, and the one that needs most need not rule all frames.
+
+Poses along the sequence are judged with few images each (pilot.error), closer together where their needs are unlike. A
+frame between two poses takes a number between theirs, in proportion, or what the more demanding one needs if they are
+unlike even so. As always, what a frame takes follows from the scene alone, not from other frames.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from heapq import nlargest
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from varos_warp.render.planner import pilot
+from varos_warp.render.planner.error_law import FEWEST_SPP, REACH, ErrorLaw
+
+SHARE = 0.04
+"""Of all samples of a sequence, at most about so many are spent on judging its poses."""
+FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
+"""Stretches between evenly spread poses: with fewer, or with samples that are few anyway, all frames take the same."""
+UNLIKE = 1.5
+"""The ends of a stretch are unlike if one needs more than so many times what the other needs."""
+HALVINGS, HALVED = 2, 0.25
+"""Then it is halved, so often, and at a time at most as many as that share of the poses."""
+FEWER = (4, 2, 1)
+"""A pose is judged with so many times fewer samples than it may need,"""
+JUDGES = 2
+"""by so many images with as many."""
+FIRST = 8
+"""The first poses may need as many, or a `REACH`-th of what the noisiest view needs, if that is more."""
+BEYOND, ROUNDS = 1.5, 4
+"""If it needs more than so many times what it was judged with, it is judged again with that, up to so often in all."""
+JUDGING_THREADS = 2
+"""That judge images while others are rendered."""
+
+
+def judged_frames(count: int, pixels: float) -> list[int]:
+    """Evenly spread frames of ``count`` to judge, with the first and the last; none where that would not pay.
+
+    Args:
+        count: Frames of the sequence.
+        pixels: Of an image of the pilot over those of an image of the sequence.
+    """
+    cost = (sum(1.0 / fewer for fewer in FEWER) + JUDGES) * pixels
+    stretches = min(int(SHARE * count / cost), MOST_STRETCHES, count - 1)
+    if stretches < FEWEST_STRETCHES:
+        return []
+    return np.linspace(0, count - 1, stretches + 1).round().astype(int).tolist()
+
+
+@dataclass(frozen=True)
+class Look:
+    """A few images of one view."""
+
+    spp: list[int]
+    """Samples per pixel of each of the ``images``, in ascending order."""
+    images: list[np.ndarray]
+    """Denoised radiance [H, W, 3]."""
+    judges: list[np.ndarray]
+    """Radiance of others."""
+
+    def needs(self, target: float, steepest: float) -> int:
+        """Samples per pixel that keep the relative RMSE below a target in every channel.
+
+        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the judges are too
+        noisy to tell the square of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and
+        no fewer are taken than were judged.
+
+        Args:
+            target: That error.
+            steepest: Exponent of the error in the samples, at the least.
+        """
+        errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
+        vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
+        errors = np.where(vague[:, None], upper, errors)
+        failed = np.flatnonzero(errors.max(1) > target)
+        enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
+        near = slice(enough - 1, enough + 1) if 0 < enough < len(self.spp) else slice(None)
+        needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
+        most = self.spp[enough] if enough < len(self.spp) else REACH * self.spp[-1]
+        least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
+        return max(least, min(needed, most))
+
+
+def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
+    """Look at a view.
+
+    Args:
+        image: Makes the radiance [H, W, 3] of an image of it, from its samples per pixel, the number of its random
+            numbers, and whether to denoise it.
+        spp: About what it may need.
+    """
+    counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
+    images = [image(count, k, True) for k, count in enumerate(counts)]
+    return Look(counts, images, [image(spp, len(counts) + k, False) for k in range(JUDGES)])
+
+
+Place = tuple[str, int]
+"""Camera and frame."""
+
+
+def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: dict[Place, int], target: float,
+                   steepest: float) -> dict[Place, int]:
+    """Samples per pixel that each view needs.
+
+    Args:
+        image: Makes the radiance of a view, the first argument, as in `look`.
+        views: The views, and what they may need, `FEWER[0]` at least.
+        target: As in `Look.needs`, like ``steepest``.
+    """
+    needed, judged = {}, views
+    for _ in range(ROUNDS):
+        with ThreadPoolExecutor(JUDGING_THREADS) as pool:  # on a GPU judging takes as long as rendering
+            found = {view: pool.submit(look(partial(image, view), count).needs, target, steepest)
+                     for view, count in judged.items()}
+        needed |= {view: future.result() for view, future in found.items()}
+        judged = {view: needed[view] for view, count in judged.items() if needed[view] > BEYOND * count}
+    return needed
+
+
+def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: list[Place], known: dict[Place, int],
+                  target: float, steepest: float) -> dict[Place, int]:
+    """Samples per pixel that views along a sequence need, and others halfway where they differ much.
+
+    Args:
+        image: As in `samples_needed`, like ``target`` and ``steepest``.
+        views: The first views.
+        known: What others need, among them the one that is thought to need most.
+    """
+    most = max(known.values())
+    first = min(max(FIRST, most // REACH), most)
+    unknown = dict.fromkeys(sorted({*views} - {*known}), first)
+    needed = known | samples_needed(image, unknown, target, steepest)
+    for _ in range(HALVINGS):
+        needed |= samples_needed(image, halfway(needed), target, steepest)
+    return needed
+
+
+def halfway(needed: dict[Place, int]) -> dict[Place, int]:
+    """Views between neighbours that are unlike, and about what they may need."""
+    unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
+              for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
+    chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
+    return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], (needed[a] + needed[b]) // 2) for a, b in chosen}
+
+
+def knots(needed: dict[Place, int]) -> dict[str, list[list[int]]]:
+    """Pairs of a frame and its samples, between which they change in proportion."""
+    given = {}
+    for (camera, frame), spp in sorted(needed.items()):
+        pairs = given.setdefault(camera, [])
+        before = pairs[-1] if pairs else [frame, spp]
+        if spp > UNLIKE * before[1]:
+            pairs.append([before[0] + 1, spp])
+        elif before[1] > UNLIKE * spp:
+            pairs.append([frame - 1, before[1]])
+        pairs.append([frame, spp])
+    return given
+
+
+def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
+    """The fewest and the most samples of all cameras' frames (`knots`)."""
+    counts = [spp for pairs in given.values() for _, spp in pairs]
+    return min(counts), max(counts)
+
+
+def spp_of(plan: dict[str, Any], camera: str, frame: int) -> int:
+    """Samples per pixel of A of one frame by a plan, as `Plan.to_dict` has it."""
+    given = (plan.get("spp_by_frame") or {}).get(camera)
+    if not given:
+        return plan["spp"]
+    after = bisect_right(given, frame, key=lambda pair: pair[0])
+    (start, spp), (end, next_spp) = given[after - 1], given[min(after, len(given) - 1)]
+    return spp - (spp - next_spp) * (frame - start) // max(end - start, 1)  # rounded up, in whole numbers everywhere
+
+
+def mean_spp(plan: dict[str, Any], camera: str, count: int) -> float:
+    """The same, on average over the frames of a sequence."""
+    return float(np.mean([spp_of(plan, camera, frame) for frame in range(count)]))

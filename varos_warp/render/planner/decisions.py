@@ -1,0 +1,133 @@
+"""What a planner decided: its choices with their reasons and errors, and what follows from them for a frame."""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from varos_warp.render.options import resolve_integrator
+from varos_warp.render.planner import by_frame
+from varos_warp.scene.description import Scene
+
+TRACERS = {"reference": "reference path tracer", "path": "path tracer",
+           "field": "path tracer with the field of open water"}
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One choice of the planner."""
+
+    what: str
+    choice: str
+    reason: str
+    error: tuple[float, float, float] | None = None
+    """Predicted relative RMSE of the choice, per channel; None where it is not known."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types."""
+        error = None if self.error is None else [float(f"{e:.3g}") for e in self.error]
+        return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": error}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to render with, and why."""
+
+    spp: int
+    """Samples per pixel of A, of the frames that need most."""
+    max_scatterings: int | None
+    """Most scatterings in the water on a path; None: no bound."""
+    max_bounces: int | None = None
+    """Most reflections on surfaces; None: no bound."""
+    integrator: str = "auto"
+    tile_tolerance: float | None = None
+    """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
+    spp_by_frame: dict[str, list[list[int]]] | None = None
+    """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
+    ``spp``."""
+    decisions: list[Decision] = field(default_factory=list)
+    models: dict[str, str] = field(default_factory=dict)
+    """How each output is made, by its letter."""
+    cost: dict[str, Any] | None = None
+    """Seconds on this device; only where they were asked for."""
+    meshes: dict[str, Any] | None = None
+    """What was kept of every mesh, why, and what that costs; from `varos_warp.render.planner.detail`."""
+
+    @property
+    def reasons(self) -> list[str]:
+        """One sentence for each decision."""
+        return [f"{d.what} {d.choice}: {d.reason}" for d in self.decisions]
+
+    @property
+    def shortfall(self) -> str | None:
+        """One sentence where the tolerance is not kept."""
+        return next((f"{d.what} {d.choice}: {d.reason}" for d in self.decisions if d.what == "tolerance"), None)
+
+    @property
+    def error(self) -> np.ndarray | None:
+        """Predicted relative RMSE [3] of an image: noise, and the error of the field; None: not predicted."""
+        samples = [d.error for d in self.decisions if d.what == "spp"]
+        if samples in ([], [None]):
+            return None
+        models = [d.error for d in self.decisions if d.what != "spp" and d.error is not None]
+        return np.hypot(samples[0], np.sum([np.zeros(3), *models], axis=0))
+
+    @property
+    def spp_in_words(self) -> str:
+        """Samples per pixel of the frames."""
+        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
+        return f"{least} to {most}" if least < most else str(self.spp)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of `FrameRenderer.render` for A as planned."""
+        return {"spp": self.spp, "max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
+                "integrator": self.integrator, "tolerance": self.tile_tolerance}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types; the same on every machine as long as there is no ``cost``."""
+        apart = ("decisions", "cost", "meshes")
+        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
+        error = self.error
+        content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
+        content |= {} if self.cost is None else {"cost": self.cost}
+        content |= {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
+        return content | ({} if self.meshes is None else {"meshes": self.meshes})
+
+
+def mesh_decisions(meshes: dict | None) -> list[Decision]:
+    """Decisions on the meshes where any were reduced."""
+    if meshes is None or meshes["level_of_detail"] is None:
+        return []
+    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
+    depth = meshes.get("depth_error", {})
+    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
+    kept = f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"
+    return [Decision("meshes", f"level_of_detail {asked}", kept)]
+
+
+def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
+    """What makes each output, in words."""
+    render = scene.render
+    bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
+    limits = "".join(f", at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds
+                     if bound is not None)
+    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
+            for camera in scene.vehicle.cameras}
+    tracer = " or ".join(TRACERS[name] for name in sorted(used))
+    stop = "" if plan.tile_tolerance is None else (
+        f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
+    words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel{stop}, "
+                  f"denoise {render.denoise}",
+             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
+             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
+             "S": "first hits of pixel centres"}
+    return {letter: how for letter, how in words.items() if letter in render.outputs}
+
+
+def in_words(seconds: float) -> str:
+    """A time for people."""
+    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {name}"
+    return f"{seconds:.2g} seconds"

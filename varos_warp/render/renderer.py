@@ -1,0 +1,120 @@
+"""One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
+
+import functools
+
+import numpy as np
+import warp as wp
+
+from varos_warp.errors import InputError
+from varos_warp.kernels.transport.first_hits import make_first_hits_kernel
+from varos_warp.render.image.films import Films
+from varos_warp.render.image.frame import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
+from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.render.launch import Launcher, Steps, finish
+from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
+from varos_warp.render.radiance import RadianceRenderer, Shot
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import DeviceScene, resolve_device
+from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.segments import segment_table
+
+__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
+           "SegmentImage", "resolve_integrator", "stream_key"]
+
+
+def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
+    """32-bit key of the random numbers of one image; pixel and sample are added in the kernel."""
+    return int(np.random.SeedSequence([seed, frame, *camera.encode(), *output.encode()]).generate_state(1)[0])
+
+
+class FrameRenderer:
+    """Renders frames of one scene on one device; uploads and compiles once.
+
+    Several frames may be under way (`steps`), from several threads too, but of these only one at a time may use it.
+
+    Args:
+        scene: the scene.
+        device: ``auto``, ``cpu`` or ``cuda:N``.
+        parts: its geometry, where it is built already.
+        threads: CPU threads; absent: all that the process may use. Does not change a byte of the result.
+    """
+
+    def __init__(self, scene: Scene, device: str = "auto", parts: list[Part] | None = None, threads: int | None = None):
+        self.scene = scene
+        self.device = resolve_device(device)
+        self.device_name = wp.get_device(self.device).name
+        self.parts = build_parts(scene) if parts is None else parts
+        self.world = DeviceScene(scene, self.parts, self.device)
+        self.segments = segment_table(scene, self.world.part_names)
+        """What the numbers of S stand for: a row for each."""
+        self.launcher = Launcher(self.device, threads)
+        self.films = Films(self.launcher)
+        self.radiance = RadianceRenderer(scene, self.world, self.films)
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time spent so far on compiling kernels."""
+        return self.launcher.compile_seconds
+
+    def render(self, T_w_v, camera: str | Camera | None = None, outputs="ABCD", *, seed: int | None = None,
+               frame: int = 0, **options) -> Frame:
+        """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
+
+        Args:
+            T_w_v: pose of the vehicle in the world.
+            camera: id of a camera of the scene, or a camera that is not in it; absent: the first.
+            outputs: any of A, B, C, D and S.
+            seed: of the random numbers; absent: the scene's.
+            frame: number of the frame, which keys the random numbers too.
+            options: spp, integrator, denoise and all others that `RenderOptions` has (render/options.py).
+
+        Raises:
+            InputError: If something unknown is asked for.
+            TypeError: If there is no such option.
+        """
+        return finish(self.steps(T_w_v, camera, outputs, seed=seed, frame=frame, **options))
+
+    def steps(self, T_w_v, camera=None, outputs="ABCD", *, seed=None, frame=0, **options) -> Steps[Frame]:
+        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
+        check_names("outputs", outputs, OUTPUTS)
+        how = options_of(self.scene, options)
+        view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
+        seed = self.scene.seed if seed is None else seed
+        guides = functools.cache(lambda: self.radiance.trace_guides(view, T_w_v))
+        images = {}
+        for letter, make in (("A", self.radiance.water), ("B", self.radiance.ambient)):
+            if letter in outputs:
+                key = stream_key(seed, frame, view.id, letter)
+                images[letter] = yield from make(Shot(view, T_w_v, how, key, guides))
+        if set("CDS") & set(outputs):
+            images |= yield from self._render_first_hits(view, T_w_v, outputs)
+        return Frame(**images)
+
+    def _camera(self, name: str | Camera | None) -> Camera:
+        if name is None or isinstance(name, Camera):
+            return name or self.scene.vehicle.cameras[0]
+        cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
+        if name not in cameras:
+            raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(cameras)}.")
+        return cameras[name]
+
+    def _render_first_hits(self, view, T_w_v, outputs) -> Steps[dict[str, NormalImage | DepthImage | SegmentImage]]:
+        shape = view.resolution[::-1]
+        normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
+        instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
+        if self.world.has_surfaces:
+            camera = self.world.camera(view, T_w_v, pinhole=True)
+            kernel = make_first_hits_kernel(self.world.has_instances)
+            self.launcher.rows(kernel, shape, [self.world.data, camera], [normal, depth, distance, instance])
+        arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
+        wanted = [letter for letter in arrays if letter in outputs]
+        fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
+        on_host = {letter: [next(fetched) for _ in arrays[letter]] for letter in wanted}
+        if "S" in on_host:
+            ids, = on_host["S"]
+            on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
+        kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
+        return {letter: kinds[letter](*images) for letter, images in on_host.items()}

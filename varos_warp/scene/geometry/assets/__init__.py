@@ -1,0 +1,63 @@
+"""Parametric man-made objects and boulders (paper 3.1.2): closed solids with rounded edges, outward normals."""
+
+import numpy as np
+
+from varos_warp.scene.description.world import (
+    Bolt,
+    Boulder,
+    Elbow,
+    Flange,
+    Nut,
+    ParametricObject,
+    Pipe,
+    PipeSupport,
+    Valve,
+)
+from varos_warp.scene.geometry.assets.fasteners import HEX_SIZES_MM, bolt, hex_measures, nut
+from varos_warp.scene.geometry.assets.pipes import FLANGES_MM, elbow, flange, flange_measures, pipe, pipe_support, valve
+from varos_warp.scene.geometry.assets.rocks import boulder
+
+__all__ = ["DETAIL", "FLANGES_MM", "HEX_SIZES_MM", "bolt", "boulder", "default_chord_error", "elbow", "flange",
+           "flange_measures", "hex_measures", "make_asset", "nut", "pipe", "pipe_support", "valve"]
+
+DETAIL = 0.002
+"""Chord error by default, as a share of the radius: 52 points around a pipe."""
+FINEST_DEFAULT = 5e-5
+"""No default is finer [m]: half a pixel, 10 cm before a camera of 1000 pixels focal length."""
+COARSEST_DEFAULT = 25.0 / 65535
+"""No default is coarser [m]: one step of image D at its default range."""
+
+_MAKERS = {Pipe: pipe, Elbow: elbow, Flange: flange, PipeSupport: pipe_support, Bolt: bolt, Nut: nut, Valve: valve,
+           Boulder: boulder}
+
+
+def make_asset(block: ParametricObject, key: str = "object",
+               chord_error_m: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices float64 [V, 3] [m] and faces int32 [F, 3] of a parametric object, in its own axes, before its scale.
+
+    Args:
+        block: The object.
+        key: Where it stands in the scene file, for messages.
+        chord_error_m: How far the triangles may lie from the true surface in the world, that is after the object's
+            scale [m]; absent: the block's ``chord_error_m``, or ``default_chord_error``. No less than
+            4e-6 of the radius is made of it.
+
+    Raises:
+        InputError: An unknown bolt size, or measures that make no solid.
+    """
+    wanted = chord_error_m or block.chord_error_m or default_chord_error(block, key)
+    return _MAKERS[type(block)](block, key, wanted / np.max(block.scale))
+
+
+def default_chord_error(block: ParametricObject, key: str = "object") -> float:
+    """Chord error in the world [m] of an object that asks for none: by its radius, from 0.05 to 0.38 mm.
+
+    A boulder has no true surface that its triangles stand for: an 80th of its radius is fine enough.
+    """
+    if isinstance(block, Boulder):
+        return float(block.diameter / 160.0 * np.max(block.scale))
+    if isinstance(block, Bolt | Nut):
+        radius = 0.5 * hex_measures(block.size, f"{key}.size")[0]
+    else:
+        radius = block.radius
+    return float(np.clip(DETAIL * radius * np.max(block.scale), FINEST_DEFAULT, COARSEST_DEFAULT))

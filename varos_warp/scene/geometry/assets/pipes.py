@@ -1,0 +1,220 @@
+"""Pipes and what belongs to them: straight pipe, elbow, flange, support and valve."""
+
+import numpy as np
+import trimesh
+from scipy.spatial import Delaunay
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description.world import Elbow, Flange, Pipe, PipeSupport, Valve
+from varos_warp.scene.geometry.assets.lofts import (
+    SUPPORT,
+    arc_steps,
+    band,
+    circle_points,
+    divided,
+    lathe,
+    loft,
+    outward,
+    rounded,
+)
+from varos_warp.scene.geometry.terrain import join
+
+WALL = 0.08
+"""Thickness of a pipe's wall, as a share of its radius, where none is given."""
+RIM = 0.25
+"""Radius of the rounded rims, as a share of the wall."""
+
+FLANGES_MM = {
+    15: (21.3, 95, 65, 14, 4, 14), 20: (26.9, 105, 75, 14, 4, 16), 25: (33.7, 115, 85, 14, 4, 16),
+    32: (42.4, 140, 100, 18, 4, 18), 40: (48.3, 150, 110, 18, 4, 18), 50: (60.3, 165, 125, 18, 4, 20),
+    65: (76.1, 185, 145, 18, 8, 20), 80: (88.9, 200, 160, 18, 8, 20), 100: (114.3, 220, 180, 18, 8, 22),
+    125: (139.7, 250, 210, 18, 8, 22), 150: (168.3, 285, 240, 22, 8, 24), 200: (219.1, 340, 295, 22, 12, 26),
+    250: (273.0, 405, 355, 26, 12, 29), 300: (323.9, 460, 410, 26, 12, 32), 350: (355.6, 520, 470, 26, 16, 35),
+    400: (406.4, 580, 525, 30, 16, 38), 500: (508.0, 715, 650, 33, 20, 46), 600: (610.0, 840, 770, 36, 20, 55),
+}
+"""EN 1092-1, PN 16, type 01 (plate), by DN: outer diameters of pipe and flange, diameters of bolt circle and holes,
+number of holes, thickness [mm]."""
+BORE = 1.012
+"""Bore of a flange over the pipe's outer diameter; 1.01 to 1.015 in the standard."""
+
+
+def pipe(block: Pipe, key: str = "pipe", chord_error: float = 1e-4):
+    """A tube along z, centred, with rounded rims; a rod where the wall is as thick as the radius."""
+    r, half = block.radius, 0.5 * block.length
+    wall = WALL * r if block.wall is None else block.wall
+    b = RIM * min(wall, r, block.length)
+    outside = [(r, -half), (r, half)]
+    if wall >= r:
+        profile = rounded([(0.0, -half), *outside, (0.0, half)], b, chord_error)
+    else:
+        profile = rounded([*outside, (r - wall, half), (r - wall, -half)], b, chord_error, closed=True)
+    return lathe(profile, circle_points(r, chord_error), closed=wall < r)
+
+
+def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
+    """A tube bent in the xz plane from the origin along +z towards +x, with rounded rims; a full turn is a torus."""
+    r, R, angle = block.radius, block.bend_radius, np.radians(block.angle_deg)
+    if R <= r:
+        raise InputError(f"must exceed the pipe's radius of {r} m", key=f"{key}.bend_radius", value=R,
+                         remedy="The inside of the bend would cross itself.")
+    wall = min(WALL * r if block.wall is None else block.wall, r)
+    # half of the error around, half along: at the middle of a quad they add up; 25 degrees a step are smoothed over
+    least = int(np.ceil(block.angle_deg / 25.0))
+    around, steps = circle_points(r, 0.5 * chord_error), arc_steps(R + r, angle, 0.5 * chord_error, least)
+    if block.angle_deg == 360.0:
+        steps = max(steps, circle_points(R + r, 0.5 * chord_error))
+        return loft([_bend_ring(R, r, a, around) for a in np.linspace(0.0, angle, steps, endpoint=False)], closed=True)
+    length, b = R * angle, RIM * min(wall, r, R * angle)
+    outside = [(r, 0.0), (r, length)]
+    if wall >= r:
+        profile = rounded([(0.0, 0.0), *outside, (0.0, length)], b, chord_error)[1:-1]
+    else:
+        profile = rounded([*outside, (r - wall, length), (r - wall, 0.0)], b, chord_error, closed=True)
+    profile = divided(profile, length / steps, closed=wall < r)
+    return loft([_bend_ring(R, radius, along / R, around) for radius, along in profile], closed=wall < r)
+
+
+def flange(block: Flange, key: str = "flange", chord_error: float = 1e-4):
+    """A plate flange around z from z = 0 up, with the proportions of the DN whose pipe is nearest in radius."""
+    outer, circle, hole, count, thickness = flange_measures(block.radius)
+    b = 0.04 * thickness
+    inner = BORE * block.radius
+    longest = 1.8 * (min(outer - circle - hole, circle - inner - hole) - 2.0 * SUPPORT * b)
+    rim = [(circle, thickness), (outer, thickness), (outer, 0.0), (circle, 0.0)]
+    bore = [(circle, 0.0), (inner, 0.0), (inner, thickness), (circle, thickness)]
+    eye = [(circle, 0.0), (hole, 0.0), (hole, thickness), (circle, thickness)]
+    angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
+    walls = [_wall(rim, 0.0, b, chord_error, longest), _wall(bore, 0.0, b, chord_error, longest)]
+    walls += [_wall(eye, circle * np.exp(1j * angle), b, chord_error, longest) for angle in angles]
+    return _plate(walls)
+
+
+def flange_measures(radius: float) -> tuple[float, float, float, int, float]:
+    """Radii of flange, bolt circle and holes, number of holes, thickness [m] for a pipe of outer ``radius`` [m]."""
+    nearest = min(FLANGES_MM.values(), key=lambda row: abs(np.log(row[0] / (2e3 * radius))))
+    pipe_diameter, outer, circle, hole, count, thickness = nearest
+    scale = radius / pipe_diameter
+    return outer * scale, circle * scale, hole * scale, count, 2.0 * thickness * scale
+
+
+def pipe_support(block: PipeSupport, key: str = "pipe_support", chord_error: float = 1e-4):
+    """A saddle under a pipe along y: a half-round groove in a block that widens to its foot."""
+    r = block.radius
+    height = 2.0 * r if block.height is None else block.height
+    if height < 1.15 * r:
+        raise InputError(f"the foot must lie at least {1.15 * r:.4g} m below the pipe's axis", key=f"{key}.height",
+                         value=height, remedy="Leave it out for twice the radius.")
+    half, b = 0.6 * r, 0.03 * r
+    outline, cap = _saddle(r, height, chord_error)
+    normals = _outward_normals(outline)
+    ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, chord_error)[1:-1]
+    rings = [outline - inset * normals for inset, _ in ends]
+    return loft([np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
+                 for ring, (_, y) in zip(rings, ends, strict=True)], cap=cap)
+
+
+def valve(block: Valve, key: str = "valve", chord_error: float = 1e-4):
+    """Two flanges and a body on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes."""
+    r = block.radius
+    along = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # z to -y
+    across = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z to x
+
+    def disc(radius, low, high, bevel=0.12):
+        profile = [(0.0, low), (radius, low), (radius, high), (0.0, high)]
+        return lathe(rounded(profile, bevel * min(radius, high - low), chord_error), circle_points(radius, chord_error))
+
+    body = [(1.4 * r * np.sin(a), -1.2 * r * np.cos(a))
+            for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, chord_error, 8) + 1)[1:-1]]
+    plate = flange(Flange(kind="flange", radius=r), key, chord_error)
+    flip = np.array([1.0, -1.0, -1.0])
+    lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, circle_points(1.4 * r, chord_error)),
+             (plate[0] - [0.0, 0.0, 2.0 * r], plate[1]), ((plate[0] - [0.0, 0.0, 2.0 * r]) * flip, plate[1])]
+    upright = [disc(0.9 * r, r, 1.8 * r), disc(1.1 * r, 1.8 * r, 2.1 * r), disc(0.18 * r, 2.0 * r, 3.6 * r)]
+    wheel = trimesh.creation.torus(1.3 * r, 0.12 * r, major_sections=circle_points(1.42 * r, 0.5 * chord_error),
+                                   minor_sections=circle_points(0.12 * r, 0.5 * chord_error))
+    spoke = disc(0.07 * r, -1.3 * r, 1.3 * r)
+    lift = np.array([0.0, 0.0, 3.45 * r])
+    pieces = [(v @ along.T, f) for v, f in lying] + upright
+    pieces += [(np.asarray(wheel.vertices) + lift, np.asarray(wheel.faces))]
+    return join(pieces + [(spoke[0] @ axis.T + lift, spoke[1]) for axis in (along, across)])
+
+
+# ---------------------------------------------------------------------------------------------------------------- bends
+
+
+def _bend_ring(bend_radius, radius, angle, count):
+    """Circle of a pipe bend at ``angle`` [rad] along it: the centre is (R (1 - cos), 0, R sin)."""
+    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    outwards = bend_radius - radius * np.cos(around)
+    return np.column_stack([bend_radius - outwards * np.cos(angle), radius * np.sin(around), outwards * np.sin(angle)])
+
+
+# --------------------------------------------------------------------------------------------------------------- plates
+
+
+def _wall(profile, centre, bevel, chord_error, longest):
+    """Rings [R, m, 3] of a rounded edge around a ``centre`` (complex), from one face of a plate to the other.
+
+    No edge of a ring is longer than ``longest``, twice the gap to the next ring at most: then the circle around it
+    holds no other point, and the Delaunay triangulation of the faces keeps it (Gabriel and Sokal 1969).
+    """
+    line = rounded(profile, bevel, chord_error)[1:-1]
+    radius = line[:, 0].max()
+    count = max(circle_points(radius, chord_error), 4 * int(np.ceil(0.5 * np.pi * radius / longest)))
+    around = centre + line[:, :1] * np.exp(2j * np.pi / count * np.arange(count))
+    return np.stack([around.real, around.imag, np.broadcast_to(line[:, 1:], around.shape)], axis=-1)
+
+
+def _plate(walls):
+    """A plate between two parallel faces from its walls: the outer one first, from the top down; holes upwards."""
+    starts = np.cumsum([0] + [wall[..., 0].size for wall in walls])
+    numbers = [start + np.arange(wall[..., 0].size).reshape(wall.shape[:2])
+               for start, wall in zip(starts, walls, strict=False)]
+    faces = [band(number) for number in numbers]
+    for low in (True, False):  # outer walls end below, holes begin there
+        edges = [number[-1 if low == (i == 0) else 0] for i, number in enumerate(numbers)]
+        hole = np.concatenate([np.full(len(edge), i) for i, edge in enumerate(edges)])
+        points = np.concatenate([wall[-1 if low == (i == 0) else 0, :, :2] for i, wall in enumerate(walls)])
+        triangles = Delaunay(points).simplices
+        of = hole[triangles]
+        triangles = triangles[(of[:, 0] == 0) | (of != of[:, :1]).any(axis=1)]  # none across a hole
+        filled = np.concatenate(edges)[triangles]
+        faces.append(filled if low else filled[:, ::-1])
+    return outward(np.concatenate([wall.reshape(-1, 3) for wall in walls]), np.concatenate(faces))
+
+
+# -------------------------------------------------------------------------------------------------------------- saddles
+
+
+def _saddle(r, height, chord_error):
+    """Outline [2 n, 2] of a support, seen along the pipe, and the triangles between its lower and its upper half."""
+    ease = 0.2  # the groove ends so far below the pipe's axis [rad], and goes on along its tangent
+    arc = np.linspace(ease - np.pi, -ease, arc_steps(r, np.pi - 2.0 * ease, chord_error, 9) + 1)
+    groove = [(-r / np.cos(ease), 0.0), *(r * np.column_stack([np.cos(arc), np.sin(arc)])), (r / np.cos(ease), 0.0)]
+    shoulder, sole = 1.4 * r, 1.6 * r
+    top = np.array([(-sole, -height), (-shoulder, 0.0), *groove, (shoulder, 0.0), (sole, -height)])
+    top = rounded(top, r * np.array([0.0, 0.1, 0.06, *np.zeros(len(arc)), 0.06, 0.1, 0.0]), chord_error)[1:-1]
+    foot = np.array([(-shoulder, 0.0), (-sole, -height), (sole, -height), (shoulder, 0.0)])
+    foot = rounded(foot, 0.1 * r, chord_error)[1:-1]
+    corner = len(foot) // 2
+    between = np.column_stack([sole / shoulder * top[corner:-corner, 0], np.full(len(top) - 2 * corner, -height)])
+    outline = np.vstack([foot[:corner], between, foot[corner:], top[::-1]])
+    return outline, _strip(np.arange(len(top)), 2 * len(top) - 1 - np.arange(len(top)))
+
+
+def _strip(lower, upper):
+    """Triangles between two lines of point numbers, from left to right, of which the first two may be in one line."""
+    l, u = lower[2:-2], upper[2:-2]
+    left = np.concatenate([lower[1::-1], upper[:3]])
+    right = np.concatenate([lower[-2:], upper[:-4:-1]])
+    triangles = [(l[:-1], l[1:], u[1:]), (l[:-1], u[1:], u[:-1]),
+                 (np.full(4, l[0]), left[1:], left[:-1]), (np.full(4, l[-1]), right[:-1], right[1:])]
+    return np.concatenate([np.column_stack(corners) for corners in triangles])
+
+
+def _outward_normals(outline):
+    """Mitred outward normals [N, 2] of a closed outline that runs counter-clockwise."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
+    mean = normals + np.roll(normals, 1, axis=0)
+    return 2.0 * mean / np.sum(mean**2, axis=1, keepdims=True)

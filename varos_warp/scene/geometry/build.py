@@ -1,0 +1,85 @@
+"""Mesh files and parametric objects become parts of the world: placed, in float64."""
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, MeshObject, Object, ProceduralTerrain
+from varos_warp.scene.frames import euler_to_matrix
+from varos_warp.scene.geometry import assets, procedural, terrain
+from varos_warp.scene.geometry.joining import join
+from varos_warp.scene.geometry.mesh_files import load_skinned_mesh
+from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.scatter import Ground, scatter
+
+SMALLEST_M, LARGEST_M = 1e-9, 1e9
+"""Sizes of parts: the products of smaller lengths leave single precision, longer rays hit nothing."""
+
+
+def build_parts(scene: Scene) -> list[Part | Instances]:
+    """Everything solid in the scene (float64): the terrain, the objects in file order, then the blocks of scatter."""
+    parts = build_single_parts(scene)
+    return parts + build_instances(scene, parts)
+
+
+def build_single_parts(scene: Scene) -> list[Part]:
+    """What stands in one place only: the terrain, then the objects in file order."""
+    parts = [] if scene.terrain is None else [_part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))]
+    return parts + [object_part(scene, block, f"objects.{i}") for i, block in enumerate(scene.objects)]
+
+
+def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
+    """One mesh with many poses for every block of ``scatter``; ``parts`` are those that stand in one place."""
+    if not scene.scatter:
+        return []
+    ground = Ground(parts[0], parts[1:])  # nothing is scattered without a terrain, and it comes first
+    return [scatter(block, f"scatter.{i}", object_part(scene, block.object, f"scatter.{i}.object"), ground, scene.seed)
+            for i, block in enumerate(scene.scatter)]
+
+
+def object_part(scene: Scene, block: Object, key: str) -> Part:
+    """An object of the scene file where its block places it; ``key`` names it, also in messages."""
+    if isinstance(block, MeshObject):
+        path = scene.resolve(block.file)
+        mesh = load_skinned_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
+    else:
+        mesh = assets.make_asset(block, key)
+    return _part(scene, block, key, *mesh)
+
+
+def _terrain_mesh(scene):
+    block = scene.terrain
+    if isinstance(block, ProceduralTerrain):
+        return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
+                                           block.rockiness, block.seed)
+    files = [block.file] if isinstance(block.file, str) else block.file
+    alone = len(files) == 1 and block.preprocess is None and block.material is None
+    loaded = [load_skinned_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
+    vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
+    if block.preprocess is not None:
+        options = block.preprocess.model_dump()
+        vertices, faces = terrain.preprocess(vertices, faces, **options, key="terrain.preprocess")
+    if block.detail is not None:
+        vertices = procedural.add_detail(vertices, **block.detail.model_dump())
+    return vertices, faces, loaded[0][2]
+
+
+def _part(scene, block, key, vertices, faces, skin=None):
+    """A mesh where its block places it: scaled, turned, moved."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T
+    _check_size(turned, block, key)
+    placed = turned + np.asarray(block.position)
+    return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
+                material=scene.materials[block.material] if block.material is not None else Diffuse(),
+                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
+                smooth_shading=block.shading == "smooth", skin=skin)
+
+
+def _check_size(vertices, block, key):
+    """A part, at its scale, is of a size that rays can hit."""
+    reach, size = float(np.abs(vertices).max()), float(np.ptp(vertices, axis=0).max())
+    if not (reach <= LARGEST_M and size >= SMALLEST_M):
+        what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"
+        raise InputError(f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large", key=key,
+                         remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).")

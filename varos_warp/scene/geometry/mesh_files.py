@@ -1,0 +1,213 @@
+"""Mesh files: read into float64 vertices, z up, in metres, and the colours that they bring along."""
+
+import json
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from varos_warp.errors import InputError
+from varos_warp.scene.geometry.joining import join
+from varos_warp.scene.geometry.skins import join_skins
+from varos_warp.scene.geometry.topology import FARTHEST
+
+FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+
+TO_Z_UP = {
+    "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+"""Rotations from COLLADA's X_UP, Y_UP and Z_UP (right, up, in: -y x z; x y z; x z -y) to z up."""
+
+
+def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices float64 [V, 3] [m, z up] and faces int32 [F, 3] of a mesh file, its scene graph flattened.
+
+    DAE's ``<up_axis>`` and ``<unit>`` are obeyed, glTF is y up (but for files that trimesh wrote, which does not
+    rotate); OBJ, PLY, STL and OFF do not say and are taken as they are, in metres. Equal vertices are merged.
+
+    Args:
+        path: The file.
+        key: The scene file's key that names it, for messages.
+        up_axis: Overrides which axis of the file points up: x, y or z.
+
+    Raises:
+        InputError: The file is missing, empty, unreadable, without triangles, or holds vertices that are not finite.
+    """
+    return load_skinned_mesh(path, key, up_axis, with_skin=False)[:2]
+
+
+def load_skinned_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *, with_skin: bool = True):
+    """``load_mesh`` and the colours that the file brings along: vertices, faces and a Skin or None.
+
+    Base colour maps are read from GLB, glTF and OBJ files, colours of vertices or faces from PLY, GLB and OFF files.
+    """
+    path = Path(path)
+    vertices, faces, skin = _read(path, key, up_axis, with_skin)
+    _check_finite(vertices, path, key)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.merge_vertices()
+    kept = mesh.area_faces > 0.0
+    mesh.update_faces(kept)
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) == 0:
+        raise InputError("all triangles of the mesh have zero area", file=path, key=key, remedy="Export it anew.")
+    skin = skin and replace(skin, corners=skin.corners[kept])
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin
+
+
+def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The same as it stands in the file: nothing merged or dropped, and vertices may be NaN or infinite.
+
+    Raises:
+        InputError: The file is missing, empty, unreadable or without triangles.
+    """
+    return _read(Path(path), key, up_axis, False)[:2]
+
+
+def _read(path, key, up_axis, with_skin):
+    """Vertices, faces and, if asked for, the Skin of a mesh file, as it stands there."""
+    _check_file(path, key)
+    try:
+        with np.errstate(invalid="ignore"):  # vertices that are not finite are the caller's
+            read = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path, with_skin)
+            vertices, faces, axis, skin = read
+    except Exception as error:  # every format's reader raises its own kinds
+        problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
+        raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
+    _check_faces(vertices, faces, path, key)
+    up = TO_Z_UP[up_axis or axis]
+    with np.errstate(invalid="ignore"):
+        return vertices if (up == np.eye(3)).all() else vertices @ up.T, np.asarray(faces, np.int32), skin
+
+
+# -------------------------------------------------------------------------------------------------------------- checks
+
+
+def _check_file(path, key):
+    """A file of a known format that is there and not empty."""
+    if not path.is_file():
+        problem = "there is no such mesh file" if not path.exists() else "is a folder, not a mesh file"
+        raise InputError(problem, file=path, key=key, remedy="Paths are relative to the scene file; correct the path.")
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
+                         remedy=f"Use one of {', '.join(FORMATS)}.")
+    if path.stat().st_size == 0:
+        raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
+                         remedy="Copy or export it again; the transfer may have broken off.")
+
+
+def _check_faces(vertices, faces, path, key):
+    """Triangles, all between vertices that exist."""
+    if len(faces) == 0:
+        raise InputError("the mesh has no triangles", file=path, key=key,
+                         remedy="Point clouds and lines cannot be rendered; export a surface.")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"a face names vertex {faces.max()} of {len(vertices)}", file=path, key=key,
+                         remedy="The file is damaged; export it again.")
+
+
+def _check_finite(vertices, path, key):
+    """No vertex is NaN, infinite or so far that it must be a fault."""
+    bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
+    if bad.any():
+        number = int(np.flatnonzero(bad)[0])
+        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
+                         f"number {number})",
+                         file=path, key=key, remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
+
+
+# ------------------------------------------------------------------------------------------------------------- readers
+
+
+def _read_with_trimesh(path, with_skin):
+    """Vertices, faces, up axis and Skin or None of a file that trimesh reads in double precision."""
+    options = {"skip_materials": True} if path.suffix.lower() == ".obj" and not with_skin else {}
+    loaded = trimesh.load_scene(path, process=False, **options)
+    meshes, skinned = [], []
+    for node in loaded.graph.nodes_geometry:
+        matrix, name = loaded.graph[node]
+        mesh = loaded.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh):
+            meshes.append(_transformed(mesh.vertices, mesh.faces, matrix))
+            skinned.append((mesh, bool(np.linalg.det(matrix[:3, :3]) < 0.0)))
+    vertices, faces = join(meshes)
+    return vertices, faces, "y" if _gltf_is_y_up(path) else "z", join_skins(skinned) if with_skin else None
+
+
+def _transformed(vertices, faces, matrix):
+    """A mesh moved by an affine [4, 4]; a mirroring one turns the faces, so that outside stays outside."""
+    moved = np.asarray(vertices, float) @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved, np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else np.asarray(faces)
+
+
+def _gltf_is_y_up(path):
+    """By section 3.4 of glTF 2.0, +y is up. trimesh writes whatever it holds, unrotated, and signs as the generator."""
+    data = path.read_bytes() if path.suffix.lower() in (".glb", ".gltf") else b""
+    if data[:4] == b"glTF":
+        data = data[20:20 + struct.unpack_from("<I", data, 12)[0]]
+    return bool(data) and "trimesh" not in json.loads(data).get("asset", {}).get("generator", "")
+
+
+def _read_dae(path):
+    """COLLADA through pycollada, but positions and node transforms from the text, in double precision.
+
+    pycollada keeps float32, in which UTM coordinates move by half a metre, and it turns NaN into 0.
+    """
+    import collada
+
+    ignored = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+    document = collada.Collada(str(path), ignore=ignored)
+    meshes = []
+    for node in document.scene.nodes if document.scene is not None else []:
+        _walk_dae(node, np.eye(4), meshes)
+    vertices, faces = join(meshes)
+    unit = document.assetInfo.unitmeter
+    return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower(), None
+
+
+def _walk_dae(node, matrix, meshes):
+    """Append (vertices, faces) of every geometry under a COLLADA node, in the axes of the document."""
+    import collada
+
+    if isinstance(node, collada.scene.GeometryNode):
+        for primitive in node.geometry.primitives:
+            if hasattr(primitive, "triangleset"):
+                primitive = primitive.triangleset()
+            if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive.index):
+                source = primitive.sources["VERTEX"][0][4].xmlnode
+                positions = _numbers(next(e for e in source.iter() if str(e.tag).endswith("float_array")))
+                meshes.append(_transformed(positions.reshape(-1, 3), primitive.vertex_index, matrix))
+    elif isinstance(node, collada.scene.Node):
+        inner = node.node if isinstance(node, collada.scene.NodeNode) else node
+        for step in inner.transforms:
+            matrix = matrix @ _dae_matrix(step)
+        for child in inner.children:
+            _walk_dae(child, matrix, meshes)
+
+
+def _dae_matrix(step):
+    """Matrix [4, 4] of one COLLADA transform element; only ``lookat`` keeps pycollada's single precision."""
+    kind = str(step.xmlnode.tag).rpartition("}")[2]
+    values = _numbers(step.xmlnode)
+    T = np.eye(4)
+    if kind == "matrix":
+        return values.reshape(4, 4)
+    if kind == "translate":
+        T[:3, 3] = values
+    elif kind == "scale":
+        T[:3, :3] = np.diag(values)
+    elif kind == "rotate":
+        axis = values[:3] / np.linalg.norm(values[:3])
+        T[:3, :3] = Rotation.from_rotvec(np.radians(values[3]) * axis).as_matrix()
+    else:
+        return np.asarray(step.matrix, float)
+    return T
+
+
+def _numbers(element):
+    return np.array((element.text or "").split(), float)

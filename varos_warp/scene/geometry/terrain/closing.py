@@ -1,0 +1,53 @@
+"""A sheet closed along its outline: by a skirt down to a level below it, and by a bottom.
+
+Watertight, for a sheet, means that its outline is its only boundary; with skirt and bottom, that it has none.
+"""
+
+import numpy as np
+
+from varos_warp.scene.geometry.topology import boundary_edges, compact, groups
+
+DEPTH = 0.02
+"""How far the skirt reaches below the lowest vertex, as a share of the longer side."""
+
+
+def skirt_level(vertices) -> float:
+    """Height of the lower end of the skirt [m]."""
+    return float(vertices[:, 2].min() - DEPTH * np.ptp(vertices, axis=0).max())
+
+
+def add_skirt(vertices, faces):
+    """Walls from the outline straight down to ``skirt_level``."""
+    edges = boundary_edges(faces)
+    if len(edges) == 0:
+        return vertices, faces
+    rim, corners = np.unique(edges, return_inverse=True)
+    feet = vertices[rim] * [1.0, 1.0, 0.0] + [0.0, 0.0, skirt_level(vertices)]
+    a, b = edges.T
+    a_foot, b_foot = (corners.reshape(-1, 2) + len(vertices)).astype(faces.dtype).T
+    walls = np.concatenate([np.column_stack([b, a, a_foot]), np.column_stack([b, a_foot, b_foot])])
+    return np.concatenate([vertices, feet]), np.concatenate([faces, walls])
+
+
+def without_skirt(vertices, faces, level: float):
+    """The sheet alone: the faces with no vertex at the level of the skirt's feet."""
+    low = vertices[:, 2] < level + 0.5 * DEPTH * np.ptp(vertices, axis=0).max()
+    return compact(vertices, faces[~low[faces].any(axis=1)])
+
+
+def add_bottom(vertices, faces):
+    """A bottom: fans from below the middle of every outline, all but flat.
+
+    Where an outline is not star-shaped from there, they overlap. They are not quite flat so that none has no area.
+    """
+    edges = boundary_edges(faces)
+    if len(edges) == 0:
+        return vertices, faces
+    used, corners = np.unique(edges, return_inverse=True)
+    corners = corners.reshape(-1, 2)
+    loop = groups(corners, len(used))
+    middle = np.column_stack([np.bincount(loop, vertices[used, i] - vertices[0, i]) for i in range(3)])
+    middle = middle / np.bincount(loop)[:, None] + vertices[0]
+    middle[:, 2] -= 0.05 * DEPTH * np.ptp(vertices, axis=0).max()
+    fans = np.column_stack([edges[:, ::-1], loop[corners[:, 0]] + len(vertices)]).astype(faces.dtype)
+    return np.concatenate([vertices, middle]), np.concatenate([faces, fans])

@@ -1,0 +1,96 @@
+"""Fewer triangles by quadric edge collapse (Garland and Heckbert 1997, SIGGRAPH), in bounded memory."""
+
+import fast_simplification
+import numpy as np
+
+from varos_warp.scene.geometry.joining import join, merge_equal
+from varos_warp.scene.geometry.terrain.repair import clean, fill_holes
+from varos_warp.scene.geometry.topology import boundary_edges, compact, edge_uses
+
+TILE = 4_000_000
+"""Most triangles decimated in one go: the library takes about 350 bytes for each."""
+
+SPARE = 4
+"""A tile keeps so many times its share of the target, for the last pass over the whole to choose from."""
+
+
+AGGRESSIVENESS = (5.0, 7.0, 10.0)
+"""How quickly the library lets its error bound grow, raised until the target is met. 5 errs less than its default 7."""
+
+SIDE = 200.0
+"""Longer side of what the library sees: its error bounds are absolute, and the result shall not depend on the unit."""
+
+MOST_MENDED = 0.01
+"""Edges of more than two faces, as a share of the faces, beyond which they are the model's own and stay."""
+
+MENDINGS = 8
+"""Most rounds of cutting out edges of more than two faces and filling the holes."""
+
+
+def decimate(vertices, faces, target_vertices: int, progress=lambda share: None):
+    """About ``target_vertices`` vertices. Large meshes are first thinned out tile by tile, seams untouched.
+
+    Args:
+        vertices: float64 [V, 3] [m].
+        faces: int32 [F, 3].
+        target_vertices: At most about so many.
+        progress: Called with the share that is done.
+    """
+    target = max(4, round(len(faces) * target_vertices / len(vertices)))
+    centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # quadrics of large coordinates lose digits
+    scale = SIDE / max(np.ptp(vertices, axis=0).max(), 1e-30)
+    vertices = (vertices - centre) * scale
+    if len(faces) > TILE and SPARE * target < len(faces):
+        vertices, faces = _thin_out(vertices, faces, SPARE * target / len(faces), progress)
+    vertices, faces = clean(*_simplify(vertices, faces, target))
+    vertices, faces = _mend(vertices, faces)
+    return vertices / scale + centre, faces
+
+
+def _simplify(vertices, faces, target, **options):
+    """At most about ``target`` triangles."""
+    for aggressiveness in AGGRESSIVENESS:
+        if target < len(faces):
+            vertices, faces = fast_simplification.simplify(vertices, faces, target_count=target, agg=aggressiveness,
+                                                           **options)
+    return vertices, np.asarray(faces, np.int32)
+
+
+def _mend(vertices, faces):
+    """Edges that the library gave more than two faces are cut out with all that is around them, and the holes filled.
+
+    It collapses edges without a look at what they join; among millions it happens a few times.
+    """
+    for _ in range(MENDINGS):
+        many = edge_uses(faces)[1]
+        if len(many) == 0 or len(many) > MOST_MENDED * len(faces):
+            break
+        ends = np.unique([many >> 32, many & 0xFFFFFFFF])
+        kept = faces[~np.isin(faces, ends).any(axis=1)]
+        rims = boundary_edges(faces[np.isin(faces, ends).any(axis=1)])
+        widest = 2.0 * np.linalg.norm(np.ptp(vertices[rims], axis=1), axis=1).sum()
+        vertices, faces = clean(*fill_holes(vertices, kept, widest)[0])
+    return vertices, faces
+
+
+def _thin_out(vertices, faces, share, progress):
+    """Every tile decimated to a share of its triangles; its rim stays as it is, so that the tiles fit again."""
+    thin, tiles = [], _tiles(vertices, faces, np.arange(len(faces), dtype=np.int32))
+    for number, tile in enumerate(tiles):
+        part = compact(vertices, faces[tile])
+        thin.append(_simplify(*part, max(4, round(share * len(tile))), preserve_border=True))
+        progress(0.8 * (number + 1) / len(tiles))
+    return merge_equal(*join(thin))
+
+
+def _tiles(vertices, faces, members):
+    """Lists of neighbouring faces, none longer than ``TILE``: halves of halves along the longest side."""
+    if len(members) <= TILE:
+        return [members]
+    corner = faces[members, 0]
+    axis = int(np.argmax(np.ptp(vertices[corner], axis=0)))
+    place = vertices[corner, axis]
+    left = place < np.median(place)
+    if not left.any():
+        return [members]
+    return _tiles(vertices, faces, members[left]) + _tiles(vertices, faces, members[~left])

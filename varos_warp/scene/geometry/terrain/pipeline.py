@@ -1,0 +1,195 @@
+"""The steps from mesh files to a terrain, timed and counted: what ``varos-warp preprocess`` does."""
+
+import contextlib
+import sys
+import time
+from dataclasses import dataclass, field
+
+from varos_warp.errors import InputError
+from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
+from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
+from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
+from varos_warp.scene.geometry.terrain.decimation import decimate
+from varos_warp.scene.geometry.terrain.repair import (
+    HOLE_EDGES,
+    drop_not_finite,
+    drop_useless,
+    fill_holes,
+    orient,
+    suspicious_size,
+)
+from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
+
+STEPS = ("read", "merge", "repair", "shrinkwrap", "decimate", "close", "compare")
+
+
+@dataclass
+class Log:
+    """What was done to a mesh: seconds of wall clock and counts by step, and warnings."""
+
+    progress: object = None
+    """Called with the name of a step and the share of it that is done, 0 to 1."""
+    seconds: dict = field(default_factory=dict)
+    counts: dict = field(default_factory=dict)
+    warnings: list = field(default_factory=list)
+    closed: bool = False
+    """Whether the mesh has got a skirt."""
+
+    @contextlib.contextmanager
+    def step(self, name: str):
+        """Time a step; yields what its share is reported to."""
+        def share(done):
+            if self.progress is not None:
+                self.progress(name, done)
+
+        start = time.perf_counter()
+        share(0.0)
+        yield share
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        share(1.0)
+
+    def count(self, mesh_and_counts):
+        """Take the counts of a repair; returns its mesh."""
+        mesh, counts = mesh_and_counts
+        for key, value in counts.items():
+            self.counts[key] = self.counts.get(key, 0) + value
+        return mesh
+
+
+def preprocess(vertices, faces, *, region=None, merge_tolerance_m=0.001, fill_holes_m=None, shrinkwrap_resolution=None,
+               target_vertices=None, close="skirt", key="preprocess", device="cpu", log=None):
+    """A terrain made fit for use; the arguments are the scene file's block ``terrain.preprocess``.
+
+    Args:
+        vertices: float64 [V, 3] [m].
+        faces: int32 [F, 3].
+        region: Keep the faces that reach into xmin, ymin, xmax, ymax [m]; with a shrinkwrap, exactly the rectangle.
+        merge_tolerance_m: Vertices nearer than this become one (chains of such vertices, too) [m].
+        fill_holes_m: Holes at most so wide are filled [m], see ``fill_holes``; none: ten median edges.
+        shrinkwrap_resolution: Vertices along the longer side of a new surface; none: keep the mesh.
+        target_vertices: Decimate to about this many vertices; none: do not.
+        close: What closes a shrinkwrapped sheet along its outline: ``skirt``, ``solid`` (skirt and bottom) or ``none``.
+        key: Where the options stand, for messages.
+        device: Where the projections run.
+        log: Takes times, counts and warnings.
+
+    Returns:
+        Vertices float64 [V, 3] and faces int32 [F, 3].
+
+    Raises:
+        InputError: Nothing is left, or the tolerance is larger than the mesh's edges.
+    """
+    log = Log() if log is None else log
+    vertices, faces = _repair(vertices, faces, region, merge_tolerance_m, fill_holes_m, key, device, log)
+    wrapped_sheet = False
+    if shrinkwrap_resolution is not None:
+        with log.step("shrinkwrap") as share:
+            wrapped_sheet = is_sheet(vertices, faces)
+            vertices, faces = _wrap(vertices, faces, shrinkwrap_resolution, region, wrapped_sheet, key, device, share)
+            log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
+    if target_vertices is not None and target_vertices < len(vertices):
+        with log.step("decimate") as share:
+            vertices, faces = _decimate(vertices, faces, target_vertices, wrapped_sheet, share)
+        if len(faces) == 0:
+            raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
+                             value=target_vertices, remedy="Raise it.")
+    with log.step("close"):
+        log.closed = wrapped_sheet and close != "none"
+        vertices, faces = add_skirt(vertices, faces) if log.closed else (vertices, faces)
+        if log.closed and close == "solid":
+            vertices, faces = add_bottom(vertices, faces)
+    return vertices, faces
+
+
+def _repair(vertices, faces, region, merge_tolerance_m, fill_holes_m, key, device, log):
+    """The mesh cropped, merged, cleaned, its faces up, its holes filled."""
+    with log.step("merge"):
+        vertices, faces = log.count(drop_not_finite(vertices, faces))
+        if region is not None and len(faces):
+            vertices, faces = crop(vertices, faces, region, key)
+        count = len(vertices)
+        if len(faces):
+            vertices, faces = merge_near(vertices, faces, merge_tolerance_m, key)
+        log.counts["merged_vertices"] = log.counts.get("merged_vertices", 0) + count - len(vertices)
+    with log.step("repair"):
+        vertices, faces = log.count(drop_useless(vertices, faces))
+        if len(faces) == 0:
+            raise InputError("no triangles are left", key=key,
+                             remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.")
+        vertices, faces = log.count(orient(vertices, faces, device))
+        widest = HOLE_EDGES * median_edge(vertices, faces) if fill_holes_m is None else fill_holes_m
+        return log.count(fill_holes(vertices, faces, widest))
+
+
+def _wrap(vertices, faces, resolution, region, sheet, key, device, share):
+    """The shrinkwrap, its messages with the key of the scene file."""
+    try:
+        return shrinkwrap(vertices, faces, resolution, region, sheet=sheet, device=device, progress=share)
+    except InputError as error:
+        raise InputError(error.problem, key=f"{key}.shrinkwrap_resolution", value=resolution,
+                         remedy=error.remedy) from None
+
+
+def _decimate(vertices, faces, target_vertices, sheet, share):
+    """Fewer triangles; under a wrapped sheet stands a skirt meanwhile, which holds its outline in place."""
+    if not sheet:
+        return decimate(vertices, faces, target_vertices, share)
+    level, count = skirt_level(vertices), len(vertices)
+    vertices, faces = add_skirt(vertices, faces)
+    vertices, faces = decimate(vertices, faces, round(target_vertices * len(vertices) / count), share)
+    return without_skirt(vertices, faces, level)
+
+
+def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
+                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None, **options):
+    """Join mesh files and make one terrain of them; what ``varos-warp preprocess`` does.
+
+    Args:
+        files: Mesh files.
+        vertices: Target number of vertices; none: do not decimate.
+        scale: What the coordinates are multiplied by, to be metres.
+        up_axis: Which axis of the files points up: x, y or z; none: as they say.
+        region: See ``preprocess``; so too the other options.
+        samples: Points on either surface from which the error is measured.
+        device: Where the projections run.
+        progress: Called with the name of a step and the share of it that is done.
+
+    Returns:
+        The mesh (vertices float64 [V, 3], faces int32 [F, 3]) and a report: ``before`` (vertices at the same place
+        taken for one) and ``after`` as from ``mesh_facts``, the distances and normals of ``compare`` (of the surface,
+        without skirt and bottom), ``counts`` of what was removed and added, ``seconds`` by step, ``peak_memory_gb`` of
+        the process, and ``warnings``.
+    """
+    from varos_warp.scene.geometry.mesh_files import read_mesh
+
+    log = Log(progress)
+    with log.step("read"):
+        original = join(read_mesh(file, "MESH", up_axis) for file in files)
+        if len(original[1]) == 0:
+            raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
+        original = log.count(drop_not_finite(original[0] * scale, original[1]))
+        count = len(original[0])
+        original = merge_equal(*original)
+        log.counts["merged_vertices"] = count - len(original[0])
+    if len(original[1]) == 0:
+        raise InputError("no triangles are left", key="MESH", remedy="All have vertices that are NaN or infinite.")
+    warning = suspicious_size(original[0])
+    log.warnings += [warning] if warning else []
+    result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
+    with log.step("compare"):
+        surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
+        compared = original if region is None else crop(*original, region, "preprocess")
+        report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
+                  "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
+    return result, {**report, "counts": log.counts, "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
+                    "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
+
+
+def _peak_gb() -> float | None:
+    """Most memory that the process has held so far [GB]; none where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1e-9 if sys.platform == "darwin" else 1024e-9
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, 3)

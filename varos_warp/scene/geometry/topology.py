@@ -1,0 +1,138 @@
+"""Which edges, pieces and outlines a list of triangles has; by sorting keys, in bounded memory for tens of millions."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+CHUNK = 1 << 20
+"""Triangles looked at in one go, where what is computed of each takes more room than the triangle."""
+FARTHEST = 1e15
+"""A coordinate beyond is no place but a fault: a million kilometres in micrometres."""
+
+
+def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
+    """Slices that cover ``count`` things, ``size`` at a time."""
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Normals [F, 3], as long as twice the area, float64."""
+    normals = np.empty((len(faces), 3))
+    for part in chunks(len(faces)):
+        a, b, c = (np.asarray(vertices[faces[part, i]], float) for i in range(3))
+        normals[part] = np.cross(b - a, c - a)
+    return normals
+
+
+def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Without the vertices that no face uses."""
+    used = np.zeros(len(vertices), bool)
+    used[faces.ravel()] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return vertices[used], number[faces].reshape(-1, 3)
+
+
+def first_equal(rows: np.ndarray) -> np.ndarray:
+    """For every row [N, k] of 64-bit numbers, the number of the first row that is equal to it."""
+    keys = _row_keys(rows)
+    ordered = np.sort(keys)
+    result = np.arange(len(rows))
+    if not (ordered[1:] == ordered[:-1]).any():
+        return result
+    del ordered
+    order = np.argsort(keys, kind="stable")
+    new = np.ones(len(rows), bool)
+    for part in chunks(len(rows) - 1):
+        new[1:][part] = (rows[order[1:][part]] != rows[order[:-1][part]]).any(axis=1)
+    result[order] = order[np.maximum.accumulate(np.where(new, np.arange(len(rows)), 0))]
+    return result
+
+
+def _row_keys(rows):
+    """Equal 64-bit keys for equal rows, and hardly ever for others (the finaliser of splitmix64)."""
+    keys = np.zeros(len(rows), np.uint64)
+    for column in rows.T:
+        keys ^= np.ascontiguousarray(column).view(np.uint64)
+        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 0x9E3779B97F4A7C15)):
+            keys ^= keys >> np.uint64(shift)
+            keys *= np.uint64(factor)
+    return keys
+
+
+def edge_keys(faces: np.ndarray, directed: bool = False) -> np.ndarray:
+    """Every face's edges 01, 12, 20 as one int64 [F, 3] each: equal for the same pair of vertices."""
+    a, b = faces.astype(np.int64), np.roll(faces, -1, axis=1)
+    if not directed:
+        a, b = np.minimum(a, b), np.maximum(a, b)
+    a <<= 32
+    a |= b
+    return a
+
+
+def edge_uses(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Keys of the edges that are not shared by two faces: of those used once, and of those used three times or more."""
+    keys = np.sort(edge_keys(faces).ravel())
+    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]])) if len(keys) else np.zeros(0, int)
+    uses = np.diff(starts, append=len(keys))
+    return keys[starts[uses == 1]], keys[starts[uses > 2]]
+
+
+def boundary_edges(faces: np.ndarray) -> np.ndarray:
+    """Edges [E, 2] with one face only, in the direction in which that face runs through them."""
+    once, _ = edge_uses(faces)
+    if len(once) == 0:
+        return np.zeros((0, 2), np.int32)
+    keys = edge_keys(faces)
+    found = np.zeros(keys.shape, bool)
+    for part in chunks(len(keys)):
+        found[part] = once[np.searchsorted(once, keys[part]).clip(max=len(once) - 1)] == keys[part]
+    face, corner = np.nonzero(found)
+    return np.column_stack([faces[face, corner], faces[face, (corner + 1) % 3]])
+
+
+def is_consistent(faces: np.ndarray) -> bool:
+    """Whether no two faces run through an edge in the same direction."""
+    keys = np.sort(edge_keys(faces, directed=True).ravel())
+    return not (keys[1:] == keys[:-1]).any()
+
+
+def groups(edges: np.ndarray, count: int) -> np.ndarray:
+    """Label [count] of the connected group of every vertex, by edges [E, 2]."""
+    graph = coo_matrix((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def pieces(faces: np.ndarray, count: int) -> np.ndarray:
+    """Label [F] of the connected piece of every face of ``count`` vertices."""
+    return groups(np.concatenate([faces[:, :2], faces[:, 1:]]), count)[faces[:, 0]]
+
+
+def incidence(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The faces at every vertex: int32 [count + 1] where each list starts, and int32 [3 F] the lists."""
+    starts = np.arange(0, 3 * len(faces) + 1, 3, dtype=np.int32)
+    columns = csr_matrix((np.ones(3 * len(faces), np.int8), faces.ravel(), starts), shape=(len(faces), count)).tocsc()
+    return columns.indptr.astype(np.int32, copy=False), columns.indices.astype(np.int32, copy=False)
+
+
+def subdivide(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every triangle becomes four, cut at the middles of its edges; new vertices are numbered from ``count``.
+
+    Returns:
+        The edges [E, 2] at whose middles the new vertices lie, and the faces int32 [4 F, 3].
+    """
+    keys = edge_keys(faces).ravel()
+    order = np.argsort(keys)
+    ordered = keys[order]
+    new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    edges = np.column_stack([ordered[new] >> 32, ordered[new] & 0xFFFFFFFF]).astype(np.int32)
+    middle = np.empty(len(keys), np.int32)
+    middle[order] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
+    del keys, order, ordered, new
+    (a, b, c), (ab, bc, ca) = faces.T, middle.reshape(-1, 3).T
+    result = np.empty((4, len(faces), 3), np.int32)
+    for quarter, corners in zip(result, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)), strict=True):
+        for i, corner in enumerate(corners):
+            quarter[:, i] = corner
+    return edges, result.reshape(-1, 3)

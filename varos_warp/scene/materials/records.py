@@ -1,0 +1,130 @@
+"""Materials of a scene file as the device's Material records."""
+
+import zlib
+
+import numpy as np
+import warp as wp
+from scipy.special import ndtri
+
+from varos_warp.kernels.world import texture
+from varos_warp.kernels.world.tiling import PERIOD
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend, Texture
+from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.materials.textures import Textures
+
+
+def position_seed(seed: int, position) -> int:
+    """Seed of a procedural pattern: no two places look alike (paper 3.1.2)."""
+    return zlib.crc32(np.asarray(position, np.float64).tobytes(), seed)
+
+
+def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures: Textures) -> texture.Material:
+    """Record of a part's material.
+
+    Args:
+        part: The part, or a box around it: its lowest corner anchors the pattern.
+        scene: Gives the seed and the names of materials.
+        local_origin: float64 [3], origin of the device's world.
+        textures: Where images come from; must outlive the record.
+
+    Raises:
+        InputError: An image of the material is missing or damaged.
+    """
+    record = texture.Material()
+    low = part.vertices.min(axis=0)
+    record.offset = wp.vec3(*(local_origin - low))
+    record.seed = wp.uint32(position_seed(scene.seed, part.origin))
+    material = part.material
+    if part.skin is not None:
+        _set_skin(record, part, textures)
+    elif isinstance(material, SlopeBlend):
+        _set_ground(record, part, local_origin - low, textures, scene)
+    elif isinstance(material, Rust | Dirt):
+        _set_layer(record, part)
+    elif isinstance(material, Metal):
+        record.kind = int(texture.METAL)
+        record.base, record.roughness = wp.vec3(*material.base), material.roughness
+    elif isinstance(material, Diffuse):
+        record.kind = int(texture.DIFFUSE)
+        record.base = wp.vec3(*material.reflectance)
+    else:
+        raise TypeError(f"no device material for {type(material).__name__}")
+    return record
+
+
+def _set_skin(record, part, textures):
+    """The mesh file's own colours."""
+    record.kind = int(texture.COLOURED if part.skin.image is None else texture.MAPPED)
+    if part.skin.image is not None:
+        layer = texture.Layer()
+        layer.image = textures.map(part.skin.image)
+        record.layers = textures.layers([layer])
+
+
+def _set_ground(record, part, offset, textures, scene):
+    """Tiles on what is flat and what is steep, or one on both."""
+    material = part.material
+    record.kind = int(texture.GROUND)
+    key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")
+    layers = []
+    for name in ("flat",) if material.flat == material.steep else ("flat", "steep"):
+        block = getattr(material, name)
+        layer = texture.Layer()
+        layer.size = tile_size(block, part)
+        layer.image = textures.tile(block.texture, f"{key}.{name}.texture", layer.size)
+        layer.offset = wp.vec3(*np.remainder(offset, float(PERIOD) * layer.size))
+        if name == "flat" and block.texture == "sand":
+            layer.ripple = float(np.clip(0.11 * layer.size, 0.06, 0.3))
+        layers.append(layer)
+    record.layers = textures.layers(layers)
+
+
+def tile_size(block: Texture, part: Part) -> float:
+    """Width of a tile on a part [m]."""
+    extent = float(np.ptp(part.vertices[:, :2], axis=0).max())
+    return block.size_m or max(extent / block.tiles, 1e-6)
+
+
+def _set_layer(record, part):
+    """Rust or dirt over something; its patches are of the size of the part's features."""
+    material = part.material
+    extent = float(np.ptp(part.vertices, axis=0).max())
+    record.cycles = float(np.clip(4.0 / max(extent, 1e-6), 6.0, 60.0))
+    record.base = wp.vec3(*material.base)
+    deviation = float(texture.NOISE_DEVIATION)
+    if isinstance(material, Rust):
+        record.kind = int(texture.RUST)
+        record.metallic = int(material.roughness is not None)
+        record.roughness = material.roughness or 0.0
+        record.layer_dark, record.layer_pale = wp.vec3(0.20, 0.075, 0.03), wp.vec3(0.33, 0.15, 0.06)
+    else:
+        record.kind = int(texture.DIRT)
+        record.layer_dark, record.layer_pale = wp.vec3(*(0.85 * np.array(material.silt))), wp.vec3(*material.silt)
+        deviation = float(np.hypot(deviation, 0.5 / np.sqrt(3.0)))  # and half the slope, over a whole sphere
+    record.threshold = float(np.clip(-deviation * ndtri(material.amount), -10.0, 10.0))
+
+
+def corner_values(parts: list[Part | Instances]) -> np.ndarray:
+    """What ``texture.surface_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
+
+    Of texture maps u, v and their units per metre before the scale of instances, of colours the reflectances.
+    """
+    if not any(part.skin is not None for part in parts):
+        return np.zeros((0, 3), np.float32)
+    return np.concatenate([_part_values(part).reshape(-1, 3) for part in parts])
+
+
+def _part_values(part):
+    values = np.zeros((len(part.faces), 3, 3), np.float32)
+    if part.skin is None:
+        return values
+    corners = part.skin.corners
+    values[..., :corners.shape[-1]] = corners
+    if part.skin.image is not None:
+        a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
+        on_surface = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        u, v = corners[:, 1].astype(float) - corners[:, 0], corners[:, 2].astype(float) - corners[:, 0]
+        on_map = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        values[..., 2] = np.sqrt(on_map / np.maximum(on_surface, 1e-30))[:, None]
+    return values

@@ -1,0 +1,1 @@
+"""What the sensors read, and their noise."""

@@ -1,0 +1,77 @@
+"""A linear image sensor (EMVA 1288): radiance to photons, electrons, digital numbers, and back to linear values.
+
+    electrons = min(Poisson(radiance * vignetting * electrons per radiance), full well)
+    DN        = round(black level + (electrons + read noise + row noise) / electrons per DN), within 0 .. 2^bits - 1
+
+so that where nothing is clipped, mean DN = black + electrons / e and variance = (electrons + read^2 + row^2) / e^2 +
+1/12 with e electrons per DN: the photon transfer curve is a line of slope 1 / e.
+"""
+
+import numpy as np
+
+from varos_warp.scene.noise_profile import CameraNoise, Vignetting
+
+_CAMERA = 0x63616D
+
+
+def frame_generator(seed: int, frame: int, camera: str) -> np.random.Generator:
+    """Random numbers of one frame of one camera, whichever frames are made before it."""
+    return np.random.default_rng([seed, _CAMERA, frame, *camera.encode()])
+
+
+def vignette(model: Vignetting | None, K: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Share [H, W] of the light that reaches each pixel.
+
+    Args:
+        model: None: all of it.
+        K: Intrinsics [3, 3], the centre of the top left pixel at (0.5, 0.5).
+        shape: Rows and columns.
+    """
+    row, col = np.indices(shape) + 0.5
+    x, y = col - K[0, 2], row - K[1, 2]
+    if model is None:
+        return np.ones(shape)
+    if model.kind == "cos4":
+        return 1.0 / (1.0 + (x / K[0, 0]) ** 2 + (y / K[1, 1]) ** 2) ** 2
+    r2 = (x**2 + y**2) / ((shape[0] / 2) ** 2 + (shape[1] / 2) ** 2)
+    return np.maximum(1.0 + sum(a * r2 ** (i + 1) for i, a in enumerate(model.coefficients)), 0.0)
+
+
+def electrons_at_white(model: CameraNoise, gain: float) -> float:
+    """Electrons that fill the converter in a frame that is exposed with ``gain``."""
+    if model.electrons_per_dn is not None:
+        return model.electrons_per_dn * _levels(model)
+    return model.electrons_per_radiance / gain
+
+
+def _levels(model: CameraNoise) -> int:
+    """DN between black and white."""
+    return 2**model.bits - 1 - model.black_level
+
+
+def expose(model: CameraNoise, radiance: np.ndarray, gain: float, rng: np.random.Generator,
+           share: np.ndarray | float = 1.0) -> np.ndarray:
+    """Digital numbers, int32 [H, W, channels].
+
+    Args:
+        model: The sensor.
+        radiance: Linear [H, W, channels]; radiance * gain = 1 is white.
+        gain: Exposure gain of the frame.
+        rng: Of the frame.
+        share: Of the light that reaches each pixel [H, W].
+    """
+    white = electrons_at_white(model, gain)
+    signal = np.asarray(radiance, np.float64) * (gain * white) * np.asarray(share)[..., None]
+    well = model.full_well_electrons or np.inf
+    # Poisson numbers need a bound: so far above white and above the well, noise does not lead back
+    signal = np.clip(signal, 0.0, 4.0 * min(well, white) + 1000.0)
+    electrons = np.minimum(rng.poisson(signal) if model.shot_noise else signal, well)
+    electrons += model.read_noise_electrons * rng.standard_normal(signal.shape)
+    electrons += model.row_noise_electrons * rng.standard_normal((len(signal), 1, 1))
+    number = np.rint(model.black_level + electrons * (_levels(model) / white))
+    return np.clip(number, 0, 2**model.bits - 1).astype(np.int32)
+
+
+def to_linear(model: CameraNoise, numbers: np.ndarray) -> np.ndarray:
+    """Linear values of digital numbers: black 0, white 1; noise below black is negative."""
+    return (numbers - model.black_level) / _levels(model)

@@ -1,0 +1,62 @@
+"""Seeded noise of the IMU (Kalibr's units) and the depth gauge: white noise, and a bias that walks at random.
+
+The scene's own ``vehicle.imu.noise`` and the noise that is added to a finished dataset are made here, alike.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.scene.description import vehicle as description
+from varos_warp.scene.noise_profile import DepthGaugeNoise
+
+_IMU, _DEPTH_GAUGE = 0x696D75, 0x646570
+"""They part the random numbers of the sensors."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise and bias, each [n, axes], to be added to a measurement."""
+
+    white: np.ndarray
+    bias: np.ndarray
+
+
+def noise(count: int, rate_hz: float, density: float, random_walk: float, rng: np.random.Generator,
+          bias=0.0, turn_on_bias: float = 0.0, axes: int = 3) -> Noise:
+    """Noise of one sensor at ``rate_hz`` (IEEE Std 952; Kalibr's IMU noise model).
+
+    Args:
+        count: Samples.
+        rate_hz: Sample rate.
+        density: White noise [unit/sqrt(Hz)]; the standard deviation of a sample is density * sqrt(rate).
+        random_walk: Of the bias [unit * sqrt(Hz)]; it grows as random_walk * sqrt(t).
+        rng: Where the numbers come from.
+        bias: Constant part of the bias [axes] or for all axes [unit].
+        turn_on_bias: Standard deviation of the part that is drawn once [unit].
+        axes: Of the sensor.
+    """
+    white = density * np.sqrt(rate_hz) * rng.standard_normal((count, axes))
+    steps = random_walk / np.sqrt(rate_hz) * rng.standard_normal((count, axes))
+    start = np.asarray(bias) + turn_on_bias * rng.standard_normal(axes)
+    return Noise(white, np.cumsum(steps, axis=0) - steps[:1] + start)
+
+
+def imu_noise(model: description.ImuNoise, count: int, rate_hz: float, seed: int) -> tuple[Noise, Noise]:
+    """Noise of the accelerometer [m/s^2] and of the gyroscope [rad/s], in this order."""
+    return tuple(
+        noise(count, rate_hz, *(getattr(model, f"{sensor}_{part}") for part in ("noise_density", "random_walk")),
+              np.random.default_rng([seed, _IMU, i]), getattr(model, f"{sensor}_bias"),
+              getattr(model, f"{sensor}_turn_on_bias"))
+        for i, sensor in enumerate(("accelerometer", "gyroscope")))
+
+
+def depth_gauge_noise(model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float, seed: int
+                      ) -> tuple[np.ndarray, np.ndarray]:
+    """Readings of the depth gauge [n] and the bias in them [n], [m], of true depths [n]."""
+    rng = np.random.default_rng([seed, _DEPTH_GAUGE])
+    made = noise(len(depth), rate_hz, model.noise_density, model.random_walk, rng, model.bias, model.turn_on_bias, 1)
+    reading = depth + made.white[:, 0] + made.bias[:, 0]
+    if model.resolution > 0.0:
+        reading = np.rint(reading / model.resolution) * model.resolution
+    return reading, made.bias[:, 0]

@@ -1,0 +1,1 @@
+"""The vehicle: its body, thrusters, the current, and the controller."""
