@@ -88,7 +88,7 @@ def main() -> int:
     parser.add_argument("revision")
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(JOBS))
     parser.add_argument("--keep", type=Path, help="Folder of the sums of REVISION, made where it is missing.")
-    asked = parser.parse_args()
+    asked = parser.parse_intermixed_args()
     names, differing = asked.names or list(JOBS), 0
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "before"
