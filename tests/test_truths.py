@@ -12,8 +12,8 @@ def run(pytester):
 
     def run(tests, *arguments):
         pytester.makepyfile(test_it="import pytest\npytestmark = pytest.mark.subject('dynamics')\n" + tests)
-        result = pytester.runpytest_inprocess("-p", "truths", "--validation=page.md", *arguments)
-        path = pytester.path / "page.md"
+        result = pytester.runpytest_inprocess("-p", "truths", "--validation=pages", *arguments)
+        path = pytester.path / "pages" / "validation.md"
         return result, path.read_text(encoding="utf-8") if path.exists() else None
     return run
 
@@ -47,10 +47,25 @@ def test_the_page_is_the_same_bytes_every_time(run):
     assert run(RIGHT + WRONG)[1] == run(RIGHT + WRONG)[1]
 
 
-def test_only_tests_that_know_a_truth_run_and_a_parameter_of_that_name_is_none(run):
+def test_other_tests_run_beside_and_a_parameter_of_that_name_is_no_truth(run):
     others = "def test_other(): pass\n@pytest.mark.parametrize('truth', [1])\ndef test_parameter(truth): pass\n"
-    result, _ = run(RIGHT + others)
-    result.assert_outcomes(passed=1, deselected=2)
+    result, page = run(RIGHT + others)
+    result.assert_outcomes(passed=3)
+    assert "| **all** | 1 | 1 | 10 % |" in page
+
+
+def test_the_summary_has_the_truths_nearest_to_their_limits_only(run, pytester):
+    many = "".join(f"def test_{i}(truth):\n    truth('x{i}', source='s', expected=1.0, got=1.0 + {i}e-9, "
+                   "tolerance=1e-7, reason='rounding')\n" for i in range(12))
+    run(many)
+    text = (pytester.path / "pages" / "summary.md").read_text()
+    assert [f"| x{i} |" in text for i in range(12)] == [False, False] + [True] * 10
+
+
+def test_several_processes_write_the_same_page(run):
+    pytest.importorskip("xdist")
+    alone = run(RIGHT + RIGHT.replace("one_is_one", "one_is_still_one"))[1]
+    assert run(RIGHT + RIGHT.replace("one_is_one", "one_is_still_one"), "-n", "2")[1] == alone
 
 
 @pytest.mark.parametrize("missing", [

@@ -1,12 +1,12 @@
-"""Truths: numbers that are known otherwise, which tests assert and `pytest --validation=PATH` writes down.
+"""Truths: numbers that are known otherwise, which tests assert and `pytest --validation=FOLDER` writes down.
 
 A test asks for the fixture ``truth`` and calls it once for each number or array. What it compares, with what and within
 which error is recorded before it is asserted, so the page tells of failures too. Its subject is that of the marker
-``subject`` of the test or its module. With ``--validation`` only tests that ask for ``truth`` run, all of them: a page
-of some of the truths would look like a page of all.
+``subject`` of the test or its module. ``--validation`` needs a run of all tests, in one process or in several: a page
+of some of the truths would look like a page of all. It writes ``validation.md``, every truth, and ``summary.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,9 @@ SIGMAS = 4.0
 """Standard errors that a right estimate stays within: one false alarm in 16 000."""
 
 RECORDED = pytest.StashKey[dict]()
+"""Truths by test."""
+EXPECTED = pytest.StashKey[list]()
+"""Tests that know a truth, in their order."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ class Recorder:
 
 @pytest.fixture
 def truth(request) -> Recorder:
-    """Assert that a number is the known one, and record it for docs/validation.md."""
+    """Assert that a number is the known one, and record it for the validation page."""
     node = request.node
     marker = node.get_closest_marker("subject")
     kept = node.config.stash[RECORDED].setdefault(node.nodeid, [])
@@ -153,12 +156,10 @@ HEADER = """# Validation: what is known otherwise
 Each number that the tests compare with a closed form, a published value or an independent calculation: what was
 expected, what this package computed, and the error allowed, which is {sigmas:.0f} standard errors (one false alarm in
 16 000), or a tolerance with its reason. "Used" is how much of it the result took; more than 100 % fails the test. Of
-arrays, the element that used most is shown. Seeds are fixed, so that a difference in this page is a difference in the
+arrays, the element that used most is shown. Seeds are fixed, so that a difference in these pages is a difference in the
 program (or in a compiler's rounding).
 
-Written by the tests (ten minutes on two cores), not by hand: `make validation`, that is
-
-    python -m pytest --validation=docs/validation.md
+`make test` writes every number to `build/validation/validation.md`, and this summary beside it.
 
 Whole scenes are compared with other programs in [transport](transport.md). Not here, because the package has no such
 thing: refraction at flat ports and domes (the truths of Snell and Fresnel).
@@ -167,21 +168,31 @@ thing: refraction at flat ports and domes (the truths of Snell and Fresnel).
 |---|---|---|---|
 {summary}
 """
+NEAREST = 10
+"""Truths in the summary: those that used most of what is allowed."""
+COLUMNS = ["| quantity | expected | got | allowed | used | pass |", "|---|---|---|---|---|---|"]
+
+
+def summary(truths: list[Truth]) -> str:
+    """The numbers of truths by subject, and those nearest to their limits, in Markdown."""
+    chapters = [(subject, [t for t in truths if t.subject == subject]) for subject in SUBJECTS]
+    rows = [f"| {name} | {len(made)} | {sum(t.passed for t in made)} | {100 * max(t.share for t in made):.0f} % |"
+            for name, made in [*chapters, ("**all**", truths)] if made]
+    nearest = sorted(truths, key=lambda t: -t.share)[:NEAREST]
+    lines = [HEADER.format(sigmas=SIGMAS, summary="\n".join(rows)), "Nearest to their limits:\n", *COLUMNS]
+    return "\n".join([*lines, *(t.row() for t in nearest)]) + "\n"
 
 
 def page(truths: list[Truth]) -> str:
-    """The page, in Markdown."""
-    chapters = {subject: [t for t in truths if t.subject == subject] for subject in SUBJECTS}
-    summary = [f"| {name} | {len(made)} | {sum(t.passed for t in made)} | {100 * max(t.share for t in made):.0f} % |"
-               for name, made in [*chapters.items(), ("**all**", truths)] if made]
-    lines = [HEADER.format(sigmas=SIGMAS, summary="\n".join(summary))]
-    for subject, chapter in chapters.items():
+    """Every truth, in Markdown."""
+    lines = [summary(truths)]
+    for subject in SUBJECTS:
+        chapter = [t for t in truths if t.subject == subject]
         if chapter:
             lines.append(f"## {subject[0].upper()}{subject[1:]}\n")
         for name, source in dict.fromkeys((t.name, t.source) for t in chapter):
             rows = [t.row() for t in chapter if (t.name, t.source) == (name, source)]
-            lines += [f"**{name}.** {source}\n", "| quantity | expected | got | allowed | used | pass |",
-                      "|---|---|---|---|---|---|", *rows, ""]
+            lines += [f"**{name}.** {source}\n", *COLUMNS, *rows, ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -189,14 +200,16 @@ def page(truths: list[Truth]) -> str:
 
 
 def pytest_addoption(parser):
-    parser.addoption("--validation", metavar="PATH", help="run all tests that know a truth, and write them to a page")
+    parser.addoption("--validation", metavar="FOLDER", help="write all truths that the tests know to this folder")
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "subject(name): chapter of docs/validation.md that a test's truths belong to")
+    config.addinivalue_line("markers", "subject(name): chapter of the validation page that a test's truths belong to")
     config.stash[RECORDED] = {}
+    config.stash[EXPECTED] = []
+    is_worker = hasattr(config, "workerinput")
     whole = config.args_source is config.ArgsSource.TESTPATHS and not (config.option.keyword or config.option.markexpr)
-    if config.getoption("validation") and not whole:
+    if config.getoption("validation") and not whole and not is_worker:
         raise pytest.UsageError("--validation is a page of all truths: no paths, no -k and no -m beside it")
 
 
@@ -206,27 +219,38 @@ def knows_a_truth(item) -> bool:
     return "truth" in getattr(item, "fixturenames", ()) and "truth" not in parameters
 
 
-def pytest_collection_modifyitems(config, items):
-    if config.getoption("validation"):
-        config.hook.pytest_deselected(items=[item for item in items if not knows_a_truth(item)])
-        items[:] = [item for item in items if knows_a_truth(item)]
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error):
+    """Take over what a worker process of pytest-xdist recorded."""
+    output = getattr(node, "workeroutput", {})
+    node.config.stash[EXPECTED] = output.get("expected", [])  # every worker collects all tests
+    for test, truths in output.get("truths", {}).items():
+        node.config.stash[RECORDED][test] = [Truth(**fields) for fields in truths]
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session, exitstatus):
-    """Write the page, unless a truth is missing on it."""
-    config, path = session.config, session.config.getoption("validation")
-    if not path or config.option.collectonly:
-        return
+    """Write the pages, unless a truth is missing on them; in a worker process, pass on what was recorded."""
+    config, folder = session.config, session.config.getoption("validation")
     recorded = config.stash[RECORDED]
-    missing = [item.nodeid for item in session.items if not recorded.get(item.nodeid)]
+    expected = config.stash[EXPECTED] or [item.nodeid for item in session.items if knows_a_truth(item)]
+    if hasattr(config, "workeroutput"):
+        config.workeroutput["expected"] = expected
+        config.workeroutput["truths"] = {test: [asdict(made) for made in truths] for test, truths in recorded.items()}
+        return
+    if not folder or config.option.collectonly:
+        return
+    missing = [test for test in expected if not recorded.get(test)]
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if exitstatus not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
-        reporter.write_line(f"\n{path} not written: not all tests ran")
+        reporter.write_line(f"\n{folder} not written: not all tests ran")
         return
     if missing:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
-        reporter.write_line(f"\n{path} not written: no truth from {', '.join(missing)}")
+        reporter.write_line(f"\n{folder} not written: no truth from {', '.join(missing)}")
         return
-    truths = [made for item in session.items for made in recorded[item.nodeid]]
-    Path(path).write_text(page(truths), encoding="utf-8")
-    reporter.write_line(f"\n{path}: {len(truths)} truths")
+    truths = [made for test in expected for made in recorded[test]]
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for name, text in (("validation.md", page(truths)), ("summary.md", summary(truths))):
+        (Path(folder) / name).write_text(text, encoding="utf-8")
+    reporter.write_line(f"\n{folder}: {len(truths)} truths")
