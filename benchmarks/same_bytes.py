@@ -54,7 +54,7 @@ def content(path: Path) -> bytes:
     if path.name not in ("dataset.json", "out.json"):
         return path.read_bytes()
     data = json.loads(path.read_text())
-    data = {key: value for key, value in data.items() if key not in ("versions", "device", "seconds", "steps")}
+    data = {key: value for key, value in data.items() if key not in ("versions", "device", "seconds", "peak_memory_gb")}
     return json.dumps(data, sort_keys=True).encode()
 
 
