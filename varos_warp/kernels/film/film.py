@@ -196,8 +196,8 @@ def store(film: Film, part: int, sums: Sums):
 def next_part(film: Film):
     """The next part for a thread that has finished one; the number of parts if none is left.
 
-    Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that go on to another part wait
-    only once, in the end.
+    Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that go on to another part
+    wait only once, in the end.
     """
     if film.next.shape[0] == 0:
         return film.parts.shape[0]
