@@ -104,14 +104,8 @@ def equiangular_angle(h: float, ya: float, yb: float):
 
 
 @wp.func
-def sample_equiangular(h: float, ya: float, yb: float, u: float):
-    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle (Kulla and Fajardo 2012)."""
-    return equiangular_point(h, ya, yb, equiangular_angle(h, ya, yb), u)
-
-
-@wp.func
 def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
-    """The same with the ``angle`` known.
+    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle, the given ``angle`` (Kulla and Fajardo 2012).
 
     The rational form keeps its digits as h -> 0; the usual one is used where the foot of the light is in between.
     """

@@ -7,7 +7,7 @@ it would add without obstacles.
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import make_reservoir, offer, one_minus_cos_at, sample_equiangular
+from varos_warp.kernels.sampling import equiangular_point, make_reservoir, offer, one_minus_cos_at
 from varos_warp.kernels.transport.subpath import Vertex, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import (
@@ -108,7 +108,7 @@ def sample_scattering(medium: Medium, beam: Beam, u: float):
         drawn = sample_beam(medium.phase, beam.low, beam.high, u)
         y = wp.clamp(foot_at(lit.h, drawn[0]), lit.ya, lit.yb)
         return wp.vec2(y, 1.0 / (drawn[1] * lit.h))
-    return wp.vec2(sample_equiangular(lit.h, lit.ya, lit.yb, u), lit.angle)
+    return wp.vec2(equiangular_point(lit.h, lit.ya, lit.yb, lit.angle, u), lit.angle)
 
 
 @wp.func
