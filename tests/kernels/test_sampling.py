@@ -41,7 +41,7 @@ def equiangular(h: wp.array(dtype=float), ya: wp.array(dtype=float), yb: wp.arra
                 u: wp.array(dtype=float), angle: wp.array(dtype=float), y: wp.array(dtype=float)):
     i = wp.tid()
     angle[i] = sampling.equiangular_angle(h[i], ya[i], yb[i])
-    y[i] = sampling.sample_equiangular(h[i], ya[i], yb[i], u[i])
+    y[i] = sampling.equiangular_point(h[i], ya[i], yb[i], angle[i], u[i])
 
 
 def numbers(key=7, pixel=3, sample=5, dimension=1, n=N):

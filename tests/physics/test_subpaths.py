@@ -22,6 +22,7 @@ from exact_transport import (
 )
 
 from varos_warp.kernels.conventions import ALL, FAR
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.transport.subpath import (
     Subpath,
@@ -38,7 +39,7 @@ from varos_warp.kernels.transport.subpath import (
     water_vertex,
 )
 from varos_warp.kernels.world.intersect import Hit, SceneData
-from varos_warp.kernels.world.light import Light, brightest
+from varos_warp.kernels.world.light import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import hg_eval
 

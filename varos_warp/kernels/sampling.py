@@ -1,4 +1,4 @@
-"""Random numbers and the distributions drawn from them. Functions take ``u`` and return values; nothing has a state."""
+"""Random numbers and the distributions drawn from them. Functions take ``u`` and return values; none has a state."""
 
 import warp as wp
 
@@ -54,13 +54,19 @@ def half_key(key: wp.uint32, half: int):
 
 
 @wp.func
-def from_polar(axis: wp.vec3, cos_theta: float, sin_theta: float, phi: float):
-    """Unit vector at angle theta from ``axis`` (frame of Duff et al. 2017, JCGT 6(1))."""
+def basis(axis: wp.vec3):
+    """Two unit vectors perpendicular to ``axis`` and to each other (Duff et al. 2017, JCGT 6(1))."""
     s = wp.where(axis[2] < 0.0, -1.0, 1.0)
     a = -1.0 / (s + axis[2])
     b = axis[0] * axis[1] * a
     e1 = wp.vec3(1.0 + s * axis[0] * axis[0] * a, s * b, -s * axis[0])
-    e2 = wp.vec3(b, s + axis[1] * axis[1] * a, -axis[1])
+    return e1, wp.vec3(b, s + axis[1] * axis[1] * a, -axis[1])
+
+
+@wp.func
+def from_polar(axis: wp.vec3, cos_theta: float, sin_theta: float, phi: float):
+    """Unit vector at angle theta from ``axis``."""
+    e1, e2 = basis(axis)
     return wp.normalize(sin_theta * wp.cos(phi) * e1 + sin_theta * wp.sin(phi) * e2 + cos_theta * axis)
 
 
@@ -98,14 +104,8 @@ def equiangular_angle(h: float, ya: float, yb: float):
 
 
 @wp.func
-def sample_equiangular(h: float, ya: float, yb: float, u: float):
-    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle (Kulla and Fajardo 2012)."""
-    return equiangular_point(h, ya, yb, equiangular_angle(h, ya, yb), u)
-
-
-@wp.func
 def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
-    """The same with the ``angle`` known.
+    """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle, the given ``angle`` (Kulla and Fajardo 2012).
 
     The rational form keeps its digits as h -> 0; the usual one is used where the foot of the light is in between.
     """
@@ -121,7 +121,7 @@ def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
 
 @wp.func
 def one_minus_cos_at(y: float, h: float, distance: float):
-    """1 - cos(theta) = 1 + y/distance for scattering at y from a light's foot, without cancellation before the foot."""
+    """1 - cos(theta) = 1 + y/distance for scattering at y from a light's foot, without cancellation for y < 0."""
     if y < 0.0:
         return h * h / (distance * (distance - y))
     return 1.0 + y / distance
@@ -133,7 +133,7 @@ def joint_pdf(chord: float):
 
     That is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et al. 2013): sampling it and
     then the point on the ray equiangularly leaves no singularity in double scattering. It takes the distance between
-    the two unit vectors: from their cosine, gamma < 1e-3 has no digits in float32, and rays close to a lamp become
+    the two unit vectors: from their cosine, gamma < 1e-3 has no digits in float32, and rays close to a light become
     thousands of times too bright.
     """
     gamma = 2.0 * wp.asin(wp.min(0.5 * chord, 1.0))
@@ -153,28 +153,40 @@ LARGEST = wp.constant(1.0 - 2.0**-24)
 
 
 @wp.struct
-class Pick:
-    """State of a choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
+class Reservoir:
+    """A choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
 
     u: float
     """Uniform number, stretched again after each decision."""
     index: int
-    """The candidate held, and its weight."""
+    """The candidate held, -1 for none, and its weight."""
     weight: float
+    total: float
+    """Sum of the weights so far; total / weight is the inverse of the probability of the candidate."""
 
 
 @wp.func
-def reservoir(pick: Pick, index: int, weight: float, total: float):
-    """Take candidate ``index`` with probability weight/total, where ``total`` includes its weight."""
-    after = pick
+def make_reservoir(u: float):
+    """An empty reservoir that decides by the uniform number ``u``."""
+    reservoir = Reservoir()
+    reservoir.u = u
+    reservoir.index = -1
+    return reservoir
+
+
+@wp.func
+def offer(reservoir: Reservoir, index: int, weight: float):
+    """Take candidate ``index`` with the probability of its weight over the total that includes it."""
+    after = reservoir
+    after.total += weight
     if weight <= 0.0:
         return after
-    # without a division in the question: an approximate one may deny the only candidate
-    share = pick.u * total
+    # compared without a division: an approximate one may reject the only candidate
+    share = reservoir.u * after.total
     if share < weight:
         after.u = wp.min(share / weight, LARGEST)
         after.index = index
         after.weight = weight
     else:
-        after.u = wp.min((share - weight) / (total - weight), LARGEST)
+        after.u = wp.min((share - weight) / (after.total - weight), LARGEST)
     return after

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.kernels.conventions import ALL
-from varos_warp.kernels.field.open_water import Tables
+from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, develop, tile_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
@@ -95,7 +95,7 @@ class RadianceRenderer:
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(2)]
         scene = world.lit(shot.T_w_v)
         kernels = self._path_kernels(shot, bounds, with_field)
-        field = self.open_water.tables(view) if with_field else Tables()
+        field = self.open_water.tables(view) if with_field else Field()
         # a single pixel has no other side to decide for it
         shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
         spp = options.spp

@@ -8,15 +8,15 @@ import pytest
 import warp as wp
 
 from varos_warp.kernels.field.open_water import (
-    LampTable,
+    LightField,
     NodeGrid,
     grid_place,
     node_angle,
     node_distance,
-    scattered_again,
     scattered_irradiance,
-    single_scattering,
+    source_function,
 )
+from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light
 
@@ -38,7 +38,7 @@ def find_nodes(grid: NodeGrid, places: wp.array2d(dtype=wp.vec2)):
 
 @wp.kernel(enable_backward=False)
 def look_up(
-    tables: wp.array(dtype=LampTable),
+    tables: wp.array(dtype=LightField),
     lights: wp.array(dtype=Light),
     p: wp.array(dtype=wp.vec3),
     d: wp.array(dtype=wp.vec3),
@@ -47,7 +47,7 @@ def look_up(
 ):
     i = wp.tid()
     E[i] = scattered_irradiance(tables[0], lights[0], p[i], d[i])
-    S[i] = scattered_again(tables[0], lights[0], p[i], d[i])
+    S[i] = source_function(tables[0], lights[0], p[i], d[i])
 
 
 def lamp(position=(0, 0, 0), axis=(0, 0, 1), cone_deg=65.0, blend=0.0, intensity=1.0) -> Light:
@@ -110,7 +110,7 @@ def test_every_node_is_found_where_it_lies(half_angle, inside, outside):
 def table():
     """Any numbers, but the same on both sides of the plane of the axis, as the layout has it."""
     rng = np.random.default_rng(5)
-    made = LampTable()
+    made = LightField()
     made.grid = node_grid()
     for name, shape in (("irradiance", (9, 13, 7, 5)), ("source", (9, 13, 8, 5))):
         setattr(made, name, wp.array(rng.uniform(0.5, 1.5, (*shape, 3)), dtype=wp.vec3, device="cpu"))
@@ -120,7 +120,7 @@ def table():
 def looked_up(table, light, p, d):
     p, d = (wp.array(np.asarray(x, np.float32), dtype=wp.vec3, device="cpu") for x in (p, d))
     E, S = (wp.zeros(len(p), dtype=wp.vec3, device="cpu") for _ in range(2))
-    tables, lights = wp.array([table], dtype=LampTable, device="cpu"), wp.array([light], dtype=Light, device="cpu")
+    tables, lights = wp.array([table], dtype=LightField, device="cpu"), wp.array([light], dtype=Light, device="cpu")
     wp.launch(look_up, len(p), inputs=[tables, lights, p, d, E, S], device="cpu")
     return np.stack([E.numpy(), S.numpy()])
 

@@ -10,7 +10,7 @@ import warp as wp
 from chance import rng_array
 
 from varos_warp.kernels.field.lookup import NearLight, sample_near_light
-from varos_warp.kernels.field.open_water import single_scattering
+from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.transport.next_event import sample_in_scattered
 from varos_warp.kernels.world.intersect import SceneData

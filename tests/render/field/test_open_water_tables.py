@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from varos_warp.kernels.field.open_water import LampTable, scattered_again, scattered_irradiance
+from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
 from varos_warp.kernels.world.light import Light
 from varos_warp.render.field import open_water as tables
 from varos_warp.render.field import solver as orders
@@ -55,7 +55,7 @@ def veil(made: OpenWater, T) -> np.ndarray:
 
 @wp.kernel(enable_backward=False)
 def look_up(
-    lamps: wp.array(dtype=LampTable),
+    lamps: wp.array(dtype=LightField),
     lights: wp.array(dtype=Light),
     p: wp.array(dtype=wp.vec3),
     d: wp.array(dtype=wp.vec3),
@@ -64,7 +64,7 @@ def look_up(
 ):
     i = wp.tid()
     E[i] = scattered_irradiance(lamps[0], lights[0], p[i], d[i])
-    S[i] = scattered_again(lamps[0], lights[0], p[i], d[i])
+    S[i] = source_function(lamps[0], lights[0], p[i], d[i])
 
 
 def looked_up(made: OpenWater, p, d):

@@ -1,50 +1,50 @@
-"""What paths ask of the precomputed field of open water: irradiance at a point, and in-scattering along a ray."""
+"""How paths use the precomputed field of open water: light that surfaces reflect, and in-scattering along a ray."""
 
 import warp as wp
 
-from varos_warp.kernels.field.open_water import LampTable, Tables, node_distance, scattered_again, scattered_irradiance
-from varos_warp.kernels.sampling import Pick, asinh, reservoir
+from varos_warp.kernels.field.open_water import Field, LightField, node_distance, scattered_irradiance, source_function
+from varos_warp.kernels.sampling import asinh, make_reservoir, offer
 from varos_warp.kernels.transport.subpath import Vertex
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light, light_centre, light_strength
+from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count, light_strength
 from varos_warp.kernels.world.medium import transmittance
 
 wp.set_module_options({"enable_backward": False})
 
 STRAIGHT_SHARE = wp.constant(0.5)
-"""Share of places on a ray that are even on the way to the light."""
+"""Share of points of a ray that are drawn evenly on the way to the light."""
 
 
 @wp.func
-def reflected_field(scene: SceneData, field: Tables, vertex: Vertex):
-    """Radiance that a matte surface reflects of light scattered in open water; none of a metal."""
+def reflected_field(scene: SceneData, field: Field, vertex: Vertex):
+    """Radiance that a matte surface reflects of the field, reflectance E_F / pi; none for a metal."""
     E = wp.vec3(0.0)
     if vertex.surface.metal > 0.0:
         return E
-    for i in range(scene.lights.shape[0]):
-        E += scattered_irradiance(field.lamp[i], scene.lights[i], vertex.p, vertex.n)
+    for i in range(light_count(scene.lights)):
+        E += scattered_irradiance(field.lights[i], get_light(scene.lights, i), vertex.p, vertex.n)
     return wp.cw_mul(vertex.surface.reflectance, E) / wp.pi
 
 
 @wp.struct
 class NearLight:
-    """A ray in a measure that is even in the inverse of the distance from a light: asinh(y/h), y from its foot."""
+    """A ray in the measure asinh(y/h), y from the foot of a light, in which the inverse distance from it is even."""
 
     foot: float
     h: float
     low: float
-    """Where the ray begins and where the field ends; ``high`` - ``low`` is the integral of the inverse distance."""
+    """Where the ray begins, and where it or the field ends; the difference is the integral of the inverse distance."""
     high: float
 
 
 @wp.func
-def near_light(table: LampTable, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """A ray from ``o`` up to ``t_max`` as a light sees it."""
+def near_light(field: LightField, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """The measure of a light along the ray from ``o`` up to ``t_max``."""
     ray = NearLight()
     to_light = light_centre(light) - o
     ray.foot = wp.dot(to_light, d)
     ray.h = wp.max(wp.length(to_light - ray.foot * d), 1.0e-3 * wp.length(to_light) + 1.0e-6)
-    reach = wp.min(t_max, wp.max(ray.foot, 0.0) + node_distance(table.grid, table.grid.distances - 1))
+    reach = wp.min(t_max, wp.max(ray.foot, 0.0) + node_distance(field.grid, field.grid.distances - 1))
     ray.low = asinh(-ray.foot / ray.h)
     ray.high = asinh((reach - ray.foot) / ray.h)
     return ray
@@ -52,9 +52,9 @@ def near_light(table: LampTable, light: Light, o: wp.vec3, d: wp.vec3, t_max: fl
 
 @wp.func
 def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
-    """A place on the ray and the inverse of its density: even in `NearLight`'s measure, or on the way to the light.
+    """Distance on the ray and the inverse of its density: even in NearLight's measure, or on the way to the light.
 
-    Light that is scattered little comes straight from the light, and falls off in no other way there.
+    Light that is hardly deflected comes straight from the light and does not fall off on that way.
     """
     ahead = wp.min(ray.foot, t_max)
     share = wp.where(ahead > 0.0, STRAIGHT_SHARE, 0.0)
@@ -70,28 +70,24 @@ def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
 
 
 @wp.func
-def sample_field(scene: SceneData, field: Tables, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """Estimate of the radiance of light scattered twice or more that open water adds to a ray up to ``t_max``.
+def sample_field(scene: SceneData, field: Field, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
+    """Multiple in-scattering of open water along a ray up to ``t_max``, estimated by one sample.
 
-    One light is taken by its intensity over the distance, and one place on the ray as the field falls off or on the
-    way to the light; so the weights are bounded.
+    One light is chosen by its intensity over the distance, and one point of the ray as the field falls off or on the
+    way to the light, so that the weights are bounded.
     """
-    total = float(0.0)
-    pick = Pick()
-    pick.u = u
-    pick.index = -1
+    chosen = make_reservoir(u)
     ray = NearLight()
-    for i in range(scene.lights.shape[0]):
-        candidate = near_light(field.lamp[i], scene.lights[i], o, d, t_max)
-        weight = light_strength(scene.lights[i]) * (candidate.high - candidate.low)
-        total += weight
-        pick = reservoir(pick, i, weight, total)
-        if pick.index == i:
+    for i in range(light_count(scene.lights)):
+        light = get_light(scene.lights, i)
+        candidate = near_light(field.lights[i], light, o, d, t_max)
+        chosen = offer(chosen, i, light_strength(light) * (candidate.high - candidate.low))
+        if chosen.index == i:
             ray = candidate
-    if pick.index < 0:
+    if chosen.index < 0:
         return wp.vec3(0.0)
-    place = sample_near_light(ray, t_max, pick.u, v)
-    weight = place[1] * total / pick.weight
+    place = sample_near_light(ray, t_max, chosen.u, v)
+    weight = place[1] * chosen.total / chosen.weight
     t = place[0]
-    S = scattered_again(field.lamp[pick.index], scene.lights[pick.index], o + t * d, d)
+    S = source_function(field.lights[chosen.index], get_light(scene.lights, chosen.index), o + t * d, d)
     return weight * wp.cw_mul(transmittance(scene.medium, t), S)

@@ -1,38 +1,40 @@
-"""Kernels that fill the tables of kernels/field/open_water.py, order of scattering by order.
+"""Kernels that compute the field of kernels/field/open_water.py, one order of scattering after the other.
 
-Light that arrives at a node is kept in directions (gamma, phi): gamma is the angle to the direction to the lamp, phi
-goes around it from the plane of the lamp's axis, and -phi is as phi. What scattering makes of them is a matrix, the
-same for all nodes, and a matter of the host (render/field/solver.py); here light goes from one scattering to the next.
+Light that arrives at a node is kept in directions (gamma, phi), as explained there. Scattering from direction to
+direction is a matrix that all nodes share and the host applies (render/field/solver.py); the kernels here carry light
+from one scattering to the next.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.field.open_water import (
-    LampTable,
+    LightField,
     NodeGrid,
-    legendre_node,
     node_angle,
     node_distance,
     scale_at,
-    scattered_again,
-    single_scattering,
+    source_function,
 )
+from varos_warp.kernels.field.single_scattering import single_scattering
+from varos_warp.kernels.numerics import make_gauss_legendre
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light, light_centre
+from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count
 from varos_warp.kernels.world.medium import Medium, transmittance
 
 wp.set_module_options({"enable_backward": False})
 
 PANEL = wp.constant(3.0)
-"""Longest piece of a ray for eight nodes, in units of the logarithm of the distance from the lamp."""
+"""Longest panel of a ray with eight nodes, in units of the logarithm of the distance from the light."""
+
+legendre_node = make_gauss_legendre(8)
 
 
 @wp.func
 def node_point(grid: NodeGrid, row: int, col: int):
-    """Where a node lies; the lamp is at the origin and its axis along z."""
+    """Where a node lies; the light is at the origin and its axis along z."""
     theta = node_angle(grid, col)
     return node_distance(grid, row) * wp.vec3(wp.sin(theta), 0.0, wp.cos(theta))
 
@@ -44,13 +46,12 @@ def towards(grid: NodeGrid, row: int, col: int, direction: wp.vec2):
     to_light = wp.vec3(-wp.sin(theta), 0.0, -wp.cos(theta))
     across = wp.vec3(-wp.cos(theta), 0.0, wp.sin(theta))
     sideways = wp.vec3(0.0, 1.0, 0.0)
-    gamma = direction[0]
-    phi = direction[1]
+    gamma, phi = direction[0], direction[1]
     return wp.cos(gamma) * to_light + wp.sin(gamma) * (wp.cos(phi) * across + wp.sin(phi) * sideways)
 
 
 @wp.kernel(enable_backward=False)
-def light_scattered_once(
+def tabulate_single_scattering(
     scene: SceneData,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
@@ -58,25 +59,25 @@ def light_scattered_once(
     # out
     radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
 ):
-    """Radiance that arrives at the nodes after one scattering."""
+    """Radiance of light scattered once that arrives at the nodes."""
     tile_row, col, i = wp.tid()
     row = first_row + tile_row
     d = towards(grid, row, col, directions[i])
-    L = single_scattering(scene.medium, scene.lights[0], node_point(grid, row, col), d, FAR)
+    L = single_scattering(scene.medium, get_light(scene.lights, 0), node_point(grid, row, col), d, FAR)
     radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
 
 
 @wp.func
-def light_along(medium: Medium, table: LampTable, light: Light, p: wp.vec3, d: wp.vec3):
-    """Radiance that a ray without end receives by another scattering.
+def next_order(medium: Medium, field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
+    """Radiance that the source function of a field adds to an infinite ray.
 
-    The source falls off about as the inverse of the distance from the lamp, so it is even in the area hyperbolic sine;
-    at the lamp's foot, where it changes its side, the ray is taken apart.
+    It falls off roughly as the inverse of the distance from the light, so it is even in the area hyperbolic sine. The
+    ray is divided at the light's foot, where the light changes sides.
     """
     to_light = light_centre(light) - p
     foot = wp.dot(to_light, d)
     h = wp.max(wp.length(to_light - foot * d), 1.0e-3 * wp.length(to_light))
-    reach = node_distance(table.grid, table.grid.distances - 1)
+    reach = node_distance(field.grid, field.grid.distances - 1)
     start = asinh(-foot / h)
     L = wp.vec3(0.0)
     for side in range(2):
@@ -89,54 +90,54 @@ def light_along(medium: Medium, table: LampTable, light: Light, p: wp.vec3, d: w
             x = low + width * (float(k >> 3) + node[0])
             t = wp.max(foot + 0.5 * h * (wp.exp(x) - wp.exp(-x)), 0.0)
             weight = node[1] * width * 0.5 * h * (wp.exp(x) + wp.exp(-x))
-            L += weight * wp.cw_mul(transmittance(medium, t), scattered_again(table, light, p + t * d, d))
+            L += weight * wp.cw_mul(transmittance(medium, t), source_function(field, light, p + t * d, d))
     return L
 
 
 @wp.kernel(enable_backward=False)
-def light_scattered_again(
+def tabulate_next_order(
     scene: SceneData,
-    table: LampTable,
+    field: LightField,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
     first_row: int,
     # out
     radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
 ):
-    """Radiance that arrives at the nodes of ``grid`` after light of the ``table`` has scattered once more."""
+    """Radiance that arrives at the nodes of ``grid`` after light of the ``field`` has scattered once more."""
     tile_row, col, i = wp.tid()
     row = first_row + tile_row
     d = towards(grid, row, col, directions[i])
-    L = light_along(scene.medium, table, scene.lights[0], node_point(grid, row, col), d)
+    L = next_order(scene.medium, field, get_light(scene.lights, 0), node_point(grid, row, col), d)
     radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
 
 
 @wp.kernel(enable_backward=False)
-def fill_veil(
+def tabulate_in_scattering(
     scene: SceneData,
-    lamps: wp.array(dtype=LampTable),
+    lights: wp.array(dtype=LightField),
     camera: Camera,
     size: wp.vec2,
     nearest: float,
     log_step: float,
     first_row: int,
     # out
-    veil: wp.array3d(dtype=wp.vec3),  # [distance, row, col]
+    in_scattering: wp.array3d(dtype=wp.vec3),  # [distance, row, col]
 ):
-    """Radiance that light scattered twice or more adds to a camera's rays up to each distance."""
+    """Radiance that multiple in-scattering adds to a camera's rays up to each distance."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
-    ray = node_ray(camera, size, float(row), float(col), veil.shape[1], veil.shape[2])
+    ray = node_ray(camera, size, float(row), float(col), in_scattering.shape[1], in_scattering.shape[2])
     L = wp.vec3(0.0)
     start = float(0.0)
-    for k in range(veil.shape[0]):
+    for k in range(in_scattering.shape[0]):
         end = nearest * wp.exp(float(k) * log_step)
         for i in range(8):
             node = legendre_node(i)
             t = wp.lerp(start, end, node[0])
             S = wp.vec3(0.0)
-            for lamp in range(lamps.shape[0]):
-                S += scattered_again(lamps[lamp], scene.lights[lamp], ray.o + t * ray.d, ray.d)
+            for light in range(light_count(scene.lights)):
+                S += source_function(lights[light], get_light(scene.lights, light), ray.o + t * ray.d, ray.d)
             L += node[1] * (end - start) * wp.cw_mul(transmittance(scene.medium, t), S)
-        veil[k, row, col] = L
+        in_scattering[k, row, col] = L
         start = end

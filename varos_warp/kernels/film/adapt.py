@@ -1,4 +1,4 @@
-"""What the samples so far say of a film's tiles, for the decision how many more each needs (render/image/adapt.py)."""
+"""Statistics of the samples so far, from which render/image/adapt.py decides how many more each tile needs."""
 
 import warp as wp
 
@@ -26,12 +26,12 @@ def pixel_statistics(
 ):
     """Mean of a pixel's samples, and an estimate of the variance of one.
 
-    Of the correction's variance a denoiser takes away all but one part in ``denoised``.
+    Denoising is taken to divide the variance of the correction by ``denoised``.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
-    # as one difference: base and correction have the place in the pixel in common, and the surface's reflectance
+    # one difference for both: base and correction share the place in the pixel and the surface's reflectance
     off = base_difference(sums, count)
     off += half_difference(sums.correction, sums.odd_correction, count) / wp.sqrt(wp.float64(denoised))
     mean[row, col] = total_radiance(sums) / wp.float64(count)

@@ -1,4 +1,4 @@
-"""What is done to an image on its device before and after a denoiser that is not written in Warp."""
+"""Kernels that prepare images for an external denoiser, and finish what it returns."""
 
 import warp as wp
 
@@ -21,7 +21,7 @@ def positive_part(
     # out
     part: wp.array2d(dtype=wp.vec3),
 ):
-    """What is positive of ``sign`` times an image."""
+    """The positive part of ``sign`` times an image."""
     row, col = wp.tid()
     part[row, col] = wp.max(sign * image[row, col], wp.vec3(0.0))
 
@@ -44,7 +44,7 @@ def subtract(
     # out
     rest: wp.array2d(dtype=wp.vec3),
 ):
-    """An image without a part of it."""
+    """An image less a part of it."""
     row, col = wp.tid()
     rest[row, col] = image[row, col] - part[row, col]
 
@@ -81,7 +81,7 @@ def mean_around(image: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int)
 def square_around(
     smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int
 ):
-    """Mean over a square of the square of what is between two images."""
+    """Mean over a square of the squared difference of two images."""
     total = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)
     reach = side / 2
@@ -120,6 +120,6 @@ def clip_negative(
     # in and out
     image: wp.array2d(dtype=wp.vec3),
 ):
-    """Set what is negative to zero."""
+    """Set negative values to zero."""
     row, col = wp.tid()
     image[row, col] = wp.max(image[row, col], wp.vec3(0.0))

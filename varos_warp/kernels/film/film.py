@@ -1,6 +1,6 @@
-"""Sums of radiance samples in float64, and what they say of mean and standard error.
+"""Sums of radiance samples in float64, and the means and standard errors that follow from them.
 
-In float32 a running mean stalls: after 100 000 samples it is off by a hundred standard errors, and does not show it.
+In float32 a running mean stalls: after 100 000 samples it is off by a hundred standard errors, without any sign of it.
 """
 
 import warp as wp
@@ -8,11 +8,11 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Width of a tile [pixels]: its pixels get equally many samples, or those of each of its two sides do."""
+"""Width of a tile [pixels]. All pixels of a tile, or of each of its two sides, get the same number of samples."""
 
 SHARE_AROUND = wp.constant(0.1)
-"""Of the tiles around in a tile's variance. Without, the squares of errors over it came to 1.5 to 1.8 where single
-samples light a dark image, as they miss whole tiles; with a tenth they come to 0.9 to 1.1 there."""
+"""Share of the surrounding tiles in a tile's variance. Where single samples light a dark image, they miss whole tiles:
+without this share the squared errors over the variance are 1.5 to 1.8 there, with a tenth 0.9 to 1.1."""
 
 SUMS = 6
 """Sums of a pixel: those of `Sums`, but for ``lost``."""
@@ -27,11 +27,11 @@ class Sums:
     multiple: wp.vec3d
     """The layers."""
     correction: wp.vec3d
-    """What subpaths carry of their sum, and what the field did not know: all that has much noise, beside edges."""
+    """The part of their sum that subpaths carry, and the blocked single scattering: all that is noisy but edges."""
     odd: wp.vec3d
     odd_correction: wp.vec3d
-    """The same total, and correction, of every second sample. These have random numbers of their own, so the two halves
-    are independent images, and what is between them tells the error, however evenly samples are spread in each."""
+    """Total and correction of every second sample. Those have random numbers of their own, so the two halves are
+    independent images, and their difference shows the error, however evenly samples are spread within each."""
     lost: int
     """How many samples were infinite or not a number."""
 
@@ -51,17 +51,17 @@ class Film:
     """Sums over the samples of one image.
 
     Pixels belong to one side, or to two that alternate like the fields of a chessboard and may take different numbers
-    of samples (render/image/adapt.py). They are taken in parts, of no more than a few samples each, or a GPU would wait
-    for the threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
+    of samples (render/image/adapt.py). Samples are taken in parts of a few each, as a GPU would otherwise wait for the
+    threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
     """
 
     wanted: wp.array3d(dtype=int)
     """Samples that pixels are to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
-    """Samples that they have, alike."""
+    """Samples that they have, in the same layout."""
     parts: wp.array(dtype=PixelPart)
     part_sums: wp.array2d(dtype=wp.vec3d)
-    """What threads take, and their sums [SUMS, parts]."""
+    """The work of single threads, and its sums [SUMS, parts]."""
     next: wp.array(dtype=int)
     """One number: the first part that no thread has begun; empty where each thread takes one part."""
     sums: wp.array3d(dtype=wp.vec3d)
@@ -114,7 +114,7 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 @wp.func
 def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int):
-    """What is between the means of every second of ``count`` samples and of the others, of the variance of the mean.
+    """Difference of the means of odd and even samples; its square estimates the variance of the mean.
 
     Infinite for one sample.
     """
@@ -140,7 +140,7 @@ def count_parts(
     # out
     counts: wp.array(dtype=int),  # per pixel, tile by tile
 ):
-    """How many parts the samples that are wanted of each pixel make."""
+    """How many parts the wanted samples of each pixel make."""
     i = wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     counts[i] = 0
@@ -150,7 +150,7 @@ def count_parts(
 
 @wp.func
 def start_of(ends: wp.array(dtype=int), i: int):
-    """Where the entries of the ``i``-th start in a list of those of all, by the running sum of their numbers."""
+    """Where the entries of pixel ``i`` start in the list of all, from the running sum of their numbers."""
     if i == 0:
         return 0
     return ends[i - 1]
@@ -164,7 +164,7 @@ def list_parts(
     # out
     film: Film,  # the parts from ``begin`` on, as many as there is room for
 ):
-    """Write down the parts of each pixel, evenly many samples in each."""
+    """List the parts of each pixel, with its samples divided evenly."""
     i = first + wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     start = start_of(ends, i)
@@ -194,9 +194,9 @@ def store(film: Film, part: int, sums: Sums):
 
 @wp.func
 def next_part(film: Film):
-    """The part that a thread takes after another one; as many as there are if there is none left for it.
+    """The next part for a thread that has finished one; the number of parts if none is left.
 
-    Paths end at unlike times, and the threads of a GPU's warp wait for the longest. Those that go on to another part
+    Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that go on to another part
     wait only once, in the end.
     """
     if film.next.shape[0] == 0:
@@ -264,10 +264,10 @@ def tile_variances(
     samples: wp.array2d(dtype=wp.vec3d),  # of one sample
     blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels
 ):
-    """Estimates of variances; infinite for one sample. That of blocks tells something as a mean over several.
+    """Estimates of variances; infinite for one sample. A single value of ``blocks`` says little, their mean does.
 
-    Half of what is between the two halves of a pixel's samples is as wrong as their mean is, with either sign; what all
-    pixels of a block share stays in its mean (halves that differ by a sample tell a little less of that).
+    Half the difference of the two halves of a pixel's samples is distributed like the error of their mean, and what all
+    pixels of a block share stays in the mean over the block.
     """
     tile_row, tile_col = wp.tid()
     height, width = film.sums.shape[1], film.sums.shape[2]
@@ -321,9 +321,9 @@ def develop(
 ):
     """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
-    The standard error is by the samples of all pixels of a tile, and a little by those of the tiles around: pixels that
-    missed what is rare and bright would claim too little. ``base_variance`` is the pixel's own, of what is not
-    correction: of edges, textures and the lens's blur, mostly.
+    The standard error comes from the samples of all pixels of a tile, and a little from the tiles around: pixels that
+    missed what is rare and bright would claim too little. ``base_variance`` is the pixel's own, of all but the
+    correction: mostly of edges, textures and the blur of a lens.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from varos_warp.kernels.world.noise import cell_hash, high_half, low_half, periodic_cell, periodic_fbm
+from varos_warp.kernels.world.pattern_noise import cell_hash, high_half, low_half, periodic_cell, periodic_fbm
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,12 +6,12 @@ import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import brightest
-from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,7 +33,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         pixel: int,
         sample: int,
     ):
-        """Radiance along a ray: surfaces take their shares until the path escapes to the light around the scene."""
+        """Radiance along a ray: surfaces absorb light until the path escapes to the ambient light."""
         throughput = wp.vec3(1.0)
         origin = o
         direction = d
@@ -43,7 +43,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             if hit.face < 0:
                 return throughput
             n = shading_normal(scene, hit)
-            angle = wp.where(bounces == 0, pixel_angle, WALK_ANGLE)
+            angle = wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE)
             footprint = footprint_width(angle, hit.t, direction, hit.n)
             surface = hit_surface(scene, hit, n, footprint)
             bounces += 1
@@ -55,7 +55,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
             if u[2] >= survival:
                 return wp.vec3(0.0)
-            # around a smoothed normal some directions dip into the surface: mirrored out, no light is lost
+            # around a smoothed normal some directions point into the surface: mirrored out, no light is lost
             below = wp.min(wp.dot(direction, hit.n), 0.0)
             direction = direction - 2.0 * below * hit.n
             throughput /= survival

@@ -1,20 +1,23 @@
-"""Next event estimation: light of one of several lights on a segment of a path, chosen by how much it is unobstructed.
+"""Next event estimation: light that reaches a segment of a path straight from a light.
 
-On the way it is scattered into the segment, at its end it is reflected off the surface.
+It is scattered into the segment on the way, or reflected at its end. One of the lights is chosen, in proportion to what
+it would add without obstacles.
 """
 
 import warp as wp
 
-from varos_warp.kernels.sampling import Pick, one_minus_cos_at, reservoir, sample_equiangular
+from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampling import equiangular_point, make_reservoir, offer, one_minus_cos_at
 from varos_warp.kernels.transport.subpath import Vertex, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import (
     Light,
     LightSample,
     LitInterval,
-    brightest,
+    get_light,
     light_beam,
     light_centre,
+    light_count,
     light_sample,
     light_strength,
     light_towards,
@@ -25,12 +28,13 @@ from varos_warp.kernels.world.phase import beam_at, phase_eval, sample_beam
 wp.set_module_options({"enable_backward": False})
 
 LEAST_CHANGE = wp.constant(1.0e-3)
-"""Of the cdf of scattering angles over a part of a ray: below that it has no digits, and the density no change."""
+"""Relative change of the cumulative phase function over a lit interval below which float32 does not resolve it; the
+phase function is then taken as constant there."""
 
 
 @wp.struct
 class LightConnection:
-    """Radiance that light from ``q`` adds to a segment by one event at ``p``, as if nothing stood between the two."""
+    """Radiance that light from ``q`` adds to a segment by one event at ``p``, without regard to obstacles."""
 
     p: wp.vec3
     q: wp.vec3
@@ -38,7 +42,7 @@ class LightConnection:
     light: int
     """Which light; -1 for none."""
     blocked: int
-    """1 where something was found to stand between."""
+    """1 where an obstacle was found."""
 
 
 @wp.func
@@ -50,14 +54,14 @@ def irradiance(medium: Medium, sample: LightSample):
 
 @wp.struct
 class Beam:
-    """A light's light along the part of a ray that it lights, by the angle in which it is scattered into the ray."""
+    """The part of a ray that a light lights, in terms of the angle by which its light is scattered into the ray."""
 
     lit: LitInterval
     low: float
     high: float
-    """The first of `beam_at` at its ends."""
+    """The cumulative phase function (`beam_at`) at both ends."""
     peaked: int
-    """1 if the phase function changes along it, more than rounding of the cdf does."""
+    """1 if the phase function changes along it by more than LEAST_CHANGE."""
     total: float
     """Integral of the phase function over the squared distance, about [1/m]."""
 
@@ -70,7 +74,7 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     if beam.lit.angle > 0.0:
         start = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.ya))
         beam.total = beam.lit.angle * start[1]
-        # a peak behind lies far along the ray, where thick water leaves nothing of it
+        # a backward peak lies far along the ray, where the water has absorbed it
         if beam.lit.ya < 0.0 and medium.phase.g >= 0.0:
             beam.low = start[0]
             beam.high = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))[0]
@@ -84,7 +88,7 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 def foot_at(h: float, theta: float):
     """Where on a line at distance ``h`` from a light its light is scattered by ``theta``, from the light's foot.
 
-    Approximate tangents of a GPU have no digits at small angles, where phase functions peak.
+    A series replaces the tangent at small angles, where phase functions peak and a GPU's approximate one has no digits.
     """
     behind = theta > 0.5 * wp.pi
     x = wp.where(behind, wp.max(wp.pi - theta, 0.0), theta)
@@ -94,7 +98,7 @@ def foot_at(h: float, theta: float):
 
 @wp.func
 def sample_scattering(medium: Medium, beam: Beam, u: float):
-    """A point y of the lit interval, and 1/(pdf distance^2): by the phase function of its angle, or even in the angle.
+    """A point y of the lit interval, drawn by the phase function or evenly in the angle, and 1/(pdf distance^2).
 
     Along a ray the scattering angle is the equiangular one (Kulla and Fajardo 2012), in which the distance law is a
     constant.
@@ -104,12 +108,12 @@ def sample_scattering(medium: Medium, beam: Beam, u: float):
         drawn = sample_beam(medium.phase, beam.low, beam.high, u)
         y = wp.clamp(foot_at(lit.h, drawn[0]), lit.ya, lit.yb)
         return wp.vec2(y, 1.0 / (drawn[1] * lit.h))
-    return wp.vec2(sample_equiangular(lit.h, lit.ya, lit.yb, u), lit.angle)
+    return wp.vec2(equiangular_point(lit.h, lit.ya, lit.yb, lit.angle, u), lit.angle)
 
 
 @wp.func
 def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec3, u: float):
-    """Estimate by one sample of the radiance that a light adds to a ray by scattering once in the lit interval."""
+    """Single scattering of a light in the lit interval of a ray, estimated by one sample."""
     scattered = LightConnection()
     lit = beam.lit
     place = sample_scattering(medium, beam, u)
@@ -126,46 +130,37 @@ def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec
 
 @wp.func
 def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """in_scattered of one light, chosen by about what it adds."""
-    total = float(0.0)
-    pick = Pick()
-    pick.u = u
-    pick.index = -1
+    """`in_scattered` of one light, chosen by an estimate of what it adds."""
+    chosen = make_reservoir(u)
     beam = Beam()
-    for i in range(scene.lights.shape[0]):
-        candidate = beam_of(scene.medium, scene.lights[i], o, d, t_max)
-        weight = candidate.total * light_strength(scene.lights[i])
-        total += weight
-        pick = reservoir(pick, i, weight, total)
-        if pick.index == i:
+    for i in range(light_count(scene.lights)):
+        light = get_light(scene.lights, i)
+        candidate = beam_of(scene.medium, light, o, d, t_max)
+        chosen = offer(chosen, i, candidate.total * light_strength(light))
+        if chosen.index == i:
             beam = candidate
     scattered = LightConnection()
-    if total > 0.0:
-        scattered = in_scattered(scene.medium, scene.lights[pick.index], beam, o, d, v)
-        scattered.L *= total / pick.weight
-    scattered.light = pick.index
+    if chosen.total > 0.0:
+        scattered = in_scattered(scene.medium, get_light(scene.lights, chosen.index), beam, o, d, v)
+        scattered.L *= chosen.total / chosen.weight
+    scattered.light = chosen.index
     return scattered
 
 
 @wp.func
 def sample_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float, v: wp.vec2):
-    """Light of one light reflected at a hit against its ray, chosen by how much that is without obstacles."""
-    total = float(0.0)
-    pick = Pick()
-    pick.u = u
-    pick.index = -1
+    """Light of one light that a surface reflects, chosen by how much that is without obstacles."""
+    chosen = make_reservoir(u)
     reflected = LightConnection()
     reflected.p = hit.start
-    for i in range(scene.lights.shape[0]):
-        sample = light_sample(scene.lights[i], hit.p, v)
+    for i in range(light_count(scene.lights)):
+        sample = light_sample(get_light(scene.lights, i), hit.p, v)
         L = wp.cw_mul(vertex_eval(scene, vertex, sample.d), irradiance(scene.medium, sample))
-        weight = brightest(L)
-        total += weight
-        pick = reservoir(pick, i, weight, total)
-        if pick.index == i:
+        chosen = offer(chosen, i, brightest(L))
+        if chosen.index == i:
             reflected.L = L
             reflected.q = sample.p
-    reflected.light = pick.index
-    if total > 0.0:
-        reflected.L *= total / pick.weight
+    reflected.light = chosen.index
+    if chosen.total > 0.0:
+        reflected.L *= chosen.total / chosen.weight
     return reflected

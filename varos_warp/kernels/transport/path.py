@@ -1,25 +1,26 @@
 """Image A: radiance of underwater pixels lit by lights, by one path tracer, with or without the field of open water.
 
-Every segment of a path gathers the light that lights send into it with one more event: reflected off the surface at
-its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and `single`. Light
-of more events is carried by subpaths. One starts with a reflection at the end of the camera's segment, another with a
-scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends them. No sample is
-clamped or dropped.
+Every segment of a path gathers the light that reaches it straight from the lights, by one more event: reflected off the
+surface at its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and
+`single`. Light of more events is carried by subpaths. One starts with a reflection at the end of the camera's segment,
+another with a scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends
+them. No sample is clamped or dropped.
 
-With the field (kernels/field) only what surfaces change is left to paths. Let F be the radiance of scattered light in
-open water, L that of the scene, and D = L - F. Both obey the equation of transfer; their difference is that along a
-segment of length t, from p along d to the surface at q,
+With the field (kernels/field) paths carry only what surfaces change. Let F be the radiance of scattered light in open
+water, L that of the scene, and D = L - F. Both L and F obey the equation of transfer, so D does too. Along a segment of
+length t, from p along d to the surface at q,
 
-    light scattered once counts V - 1: nothing where it is visible, minus itself where it is blocked;
-    at q are added direct light and reflectance E_F / pi, and F(q, d), which would come from behind, is taken away;
+    light scattered once counts V - 1: nothing where the light is visible, minus itself where it is blocked;
+    at q direct light and reflectance E_F / pi are added, and F(q, d), which would come from behind, is subtracted;
     D itself is carried on, scattered in the water or reflected off the surface.
 
-So in open water D is exactly 0. The camera's own segment adds F up to its end. Metals mirror F, of which the field
-knows no reflection: a segment that leaves one carries L, not D.
+So in open water D is exactly 0. The camera's own segment adds F up to its end. Metals mirror F, whose reflection the
+field does not hold: a segment that leaves a metal carries L, not D.
 
-Second moments are finite: light scattered from a light at a distance h from a segment goes as 1/h, and some directions
-are drawn around the lights at every vertex with a density in proportion to that (`subpath.light_share`); F(q, d) and
-virtual point lights are estimated with bounded weights; weights of subpaths are bounded on average (subpath.py).
+Second moments are finite: single scattering goes as 1/h on a segment that passes a light at a distance h, and some
+directions are drawn around the lights at every vertex with a density in proportion to that (`subpath.light_share`);
+F(q, d) and virtual point lights are estimated with bounded weights; weights of subpaths are bounded on average
+(subpath.py).
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +30,10 @@ import warp as wp
 
 from varos_warp.kernels.conventions import FAR, LONG_KERNEL
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
-from varos_warp.kernels.field.open_water import Tables, single_scattering, veil_radiance
-from varos_warp.kernels.film.film import Film, Sums, add_sample, next_part, store
+from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
+from varos_warp.kernels.field.single_scattering import single_scattering
+from varos_warp.kernels.film.film import Film, PixelPart, Sums, add_sample, next_part, store
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, uniforms
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import sample_pixel
@@ -40,6 +43,7 @@ from varos_warp.kernels.transport.subpath import (
     Vertex,
     advance,
     first_scattering_pdf,
+    is_metal,
     light_distance,
     light_reach,
     light_share,
@@ -55,25 +59,25 @@ from varos_warp.kernels.transport.subpath import (
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.world.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.texture import WALK_ANGLE, footprint_width
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS, IN_WATER = wp.constant(14), wp.constant(64)
-"""The first groups of four numbers are low-discrepancy points, so many for each of the two subpaths of a sample; what
-comes after has hardly any use for it. The second number is the first group of the subpath that starts in the water."""
+"""How many groups of four numbers are low-discrepancy points, for each of the two subpaths of a sample; later vertices
+hardly profit from them. The second number is the first group of the subpath that starts in the water."""
 MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
-"""Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left there,
-so it is the second number where no light was found to be blocked."""
+"""Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left to
+find there, so the share is the second number at vertices where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
-"""Share of first scatterings that are drawn near the lights: what stands there lights the water, and shades it."""
+"""Share of first scatterings that are drawn near the lights: objects there light the water, and shade it."""
 
 
 @dataclass(frozen=True)
 class PathSpec:
-    """What a path kernel is compiled for; what is absent costs nothing."""
+    """What a path kernel is compiled for; what a scene does not have costs nothing."""
 
     medium: bool = True
     """The water scatters."""
@@ -95,9 +99,9 @@ class PathSpec:
     def apart(self) -> list["PathSpec"]:
         """The layers of the camera's own segments, and those of subpaths: the same image in two kernels.
 
-        They trace the same rays of the camera wherever single scattering is wanted, or no light is in view.
-        On a GPU the threads of the first then all do the same, among it the quadrature of single scattering in open
-        water. In one kernel with subpaths that takes ten times as long, a third of the whole in the paper's water.
+        Both trace the same rays of the camera wherever single scattering is wanted, or no light is in view. On a GPU
+        the threads of the first then run in step through the quadrature of single scattering in open water. In one
+        kernel with subpaths that quadrature takes ten times as long, a third of the time in the paper's water.
         """
         parts = [replace(self, multiple=False), replace(self, direct=False, single=False)]
         return [spec for spec in parts if spec.direct or spec.single or spec.multiple]
@@ -114,7 +118,7 @@ class PathBounds:
 
 @wp.func(inline=False)
 def draw(key: wp.uint32, pixel: int, sample: int, group: int):
-    """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent ones far down a path.
+    """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent numbers far down a path.
 
     Even and odd samples have sequences of their own.
     """
@@ -126,10 +130,10 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
 
 @wp.func(inline=False)
 def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
-    """Radiance that all lights add to a ray up to ``t`` by scattering once, without obstacles, by quadrature."""
+    """Single scattering of all lights along a ray up to ``t``, without obstacles, by quadrature."""
     L = wp.vec3(0.0)
-    for i in range(scene.lights.shape[0]):
-        L += single_scattering(scene.medium, scene.lights[i], o, d, t)
+    for i in range(light_count(scene.lights)):
+        L += single_scattering(scene.medium, get_light(scene.lights, i), o, d, t)
     return L
 
 
@@ -145,7 +149,7 @@ def camera_segment(ray: Ray):
 
 @wp.func
 def start_in_water(scene: SceneData, eye: Vertex, t_max: float, reach: float, u: float, v: float):
-    """Subpath that turns first in the water, on the camera's segment of length ``t_max`` from ``eye``."""
+    """Subpath that starts with a scattering on the camera's segment, of length ``t_max`` from ``eye``."""
     near = light_distance(scene, eye.p)
     t = sample_first_scattering(scene.medium, near, NEAR_SHARE, t_max, u, v)
     pdf = first_scattering_pdf(scene.medium, near, NEAR_SHARE, t_max, t)
@@ -156,48 +160,28 @@ def start_in_water(scene: SceneData, eye: Vertex, t_max: float, reach: float, u:
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """Path tracing of a film's parts from ``first`` on, specialised to ``spec``.
 
-    One loop serves camera segments and subpaths, segment by segment, and one part after the other, so that threads of
-    a GPU's warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent
+    One loop serves camera segments and subpaths, segment by segment, and one part after the other, so that the threads
+    of a GPU's warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent
     threads, Aila and Laine 2009).
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
-    lit = spec.direct or (spec.field and spec.multiple)  # subpaths too want to know what is shadowed
+    camera_scatters = spec.medium and (spec.single or spec.multiple)
+    shadow_probes = spec.direct or (spec.field and spec.multiple)  # subpaths use what the camera's probes find
 
     @wp.func
     def carries_all(path: Subpath):
         """Whether what leaves the subpath's vertex carries all light, and not its difference from open water."""
         if wp.static(spec.field):
-            return path.vertex.on_surface == 1 and path.vertex.surface.metal > 0.0
+            return is_metal(path.vertex)
         return True
 
     @wp.func
-    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: float, v: float):
-        """Light scattered once into a segment; or if that of open water is known, minus what of it is blocked."""
-        L = wp.vec3(0.0)
-        scattered = sample_in_scattered(scene, o, d, t, u, v)
-        if brightest(scattered.L) > 0.0:
-            if visible(scene, scattered.p, scattered.q):
-                L = scattered.L
-            if not whole:
-                L -= scattered.L
-        return L
-
-    @wp.func
-    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
-        """Light of the lights that the surface at the end of a segment reflects."""
-        reflected = sample_reflected(scene, hit, end, u, v)
-        if brightest(reflected.L) > 0.0:
-            if not visible(scene, reflected.p, reflected.q):
-                reflected.L = wp.vec3(0.0)
-                reflected.blocked = 1
-        return reflected
-
-    @wp.func
-    def field_behind(scene: SceneData, field: Tables, hit: Hit, d: wp.vec3, u: wp.vec4):
-        """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
-        once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
-        return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+    def image_place(scene: SceneData, camera: Camera, part: PixelPart, u: wp.vec4):
+        """Place of a sample in its pixel, and the weight of what is seen there."""
+        if wp.static(camera_scatters and not spec.camera_field):
+            return sample_pixel(scene, camera, part.row, part.col, u)
+        return wp.vec3(float(part.col) + u[0], float(part.row) + u[1], 1.0)
 
     @wp.func
     def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, half: int, u: wp.vec2):
@@ -220,12 +204,53 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 share = 0.5 * lobe_reaches_lights(scene, path.vertex)
         return share
 
+    @wp.func
+    def end_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
+        """The vertex at the end of a segment along ``d``, whose ray stands for a cone of ``angle``."""
+        n = shading_normal(scene, hit)
+        return surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
+
+    @wp.func
+    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: wp.vec4):
+        """Light scattered once into a segment; unless all is wanted, that light less what open water would have."""
+        L = wp.vec3(0.0)
+        scattered = sample_in_scattered(scene, o, d, t, u[0], u[1])
+        if brightest(scattered.L) > 0.0:
+            if visible(scene, scattered.p, scattered.q):
+                L = scattered.L
+            if not whole:
+                L -= scattered.L
+        return L
+
+    @wp.func
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
+        """Direct light that the surface at the end of a segment reflects into it, at that end."""
+        reflected = sample_reflected(scene, hit, end, u, v)
+        if brightest(reflected.L) > 0.0:
+            if not visible(scene, reflected.p, reflected.q):
+                reflected.L = wp.vec3(0.0)
+                reflected.blocked = 1
+        return reflected
+
+    @wp.func
+    def beside_virtual_lights(scene: SceneData, before: Vertex, d: wp.vec3, hit: Hit, light: int):
+        """Weight of direct light that a segment along ``d`` finds, where virtual point lights find it as well."""
+        if is_metal(before) or may_have_lobe(scene, hit):
+            return 1.0
+        return found_weight(scene, own_lobe_pdf(scene, before, d), d, hit.t, light, hit.p, hit.n)
+
+    @wp.func
+    def field_behind(scene: SceneData, field: Field, hit: Hit, d: wp.vec3, u: wp.vec4):
+        """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
+        once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
+        return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+
     @wp.kernel(**LONG_KERNEL)
     def trace_paths(
         scene: SceneData,
         camera: Camera,
         first: int,
-        field: Tables,
+        field: Field,
         virtual_lights: wp.array(dtype=VirtualLight),
         bounds: PathBounds,
         key: wp.uint32,
@@ -256,12 +281,10 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         reach = float(0.0)
         waits = bool(False)
         while i < parts:
-            # a ray: through the pixel, or on from the vertex where a subpath turns
+            # a segment: through the pixel, or on from a vertex, which virtual point lights light
             if on_camera:
                 u = draw(key, pixel, sample, 0)
-                place = wp.vec3(float(part.col) + u[0], float(part.row) + u[1], 1.0)
-                if wp.static(spec.medium and (spec.single or spec.multiple) and not spec.camera_field):
-                    place = sample_pixel(scene, camera, part.row, part.col, u)
+                place = image_place(scene, camera, part, u)
                 path = camera_segment(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
                 group = 1
             else:
@@ -270,9 +293,8 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 group += 2
                 whole = carries_all(path)
                 before = path.vertex
-                metal = before.on_surface == 1 and before.surface.metal > 0.0
                 if wp.static(spec.surfaces):
-                    if path.bounces < bounds.bounces and not metal:
+                    if path.bounces < bounds.bounces and not is_metal(before):
                         L_paths += virtual_light(scene, virtual_lights, path, sample & 1, wp.vec2(v[2], v[3]))
                 share = float(0.0)
                 if wp.static(spec.medium):
@@ -281,8 +303,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 path = sample_direction(scene, path, share, u, v)
 
             if path.alive == 1:
-                o = path.vertex.p
-                d = path.vertex.d
+                o, d = path.vertex.p, path.vertex.d
                 hit = first_hit(scene, o, d)
                 T = transmittance(scene.medium, hit.t)
                 u = draw(key, pixel, sample, group)
@@ -294,25 +315,20 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
                 # light of one more event on the segment: scattered on the way, or reflected at its end
                 L_water = wp.vec3(0.0)
-                if wp.static(spec.medium and (spec.single or spec.multiple)):
+                if wp.static(camera_scatters):
                     if path.scatterings < bounds.scatterings and (wp.static(spec.single) or not on_camera):
                         all_of_it = wp.static(not spec.field) or (whole and not on_camera)
-                        L_water = scattered_once(scene, o, d, hit.t, all_of_it, u[0], u[1])
+                        L_water = scattered_once(scene, o, d, hit.t, all_of_it, u)
                 L_surface = wp.vec3(0.0)
                 end = Vertex()
                 if hit.face >= 0:
-                    n = shading_normal(scene, hit)
-                    angle = wp.where(on_camera, camera.pixel_angle, WALK_ANGLE)
-                    end = surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
-                    if path.bounces < bounds.bounces and (wp.static(lit) or not on_camera):
+                    end = end_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, SUBPATH_ANGLE))
+                    if path.bounces < bounds.bounces and (wp.static(shadow_probes) or not on_camera):
                         reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
                         end.shadowed = reflected.blocked
                         L_surface = wp.cw_mul(T, reflected.L)
                         if not on_camera and brightest(L_surface) > 0.0:
-                            metal = before.on_surface == 1 and before.surface.metal > 0.0
-                            if not metal and not may_have_lobe(scene, hit):
-                                pdf = own_lobe_pdf(scene, before, d)
-                                L_surface *= found_weight(scene, pdf, d, hit.t, reflected.light, hit.p, hit.n)
+                            L_surface *= beside_virtual_lights(scene, before, d, hit, reflected.light)
                     if wp.static(spec.field and spec.multiple):
                         if path.bounces < bounds.bounces:
                             L_reflected = wp.cw_mul(T, reflected_field(scene, field, end))
@@ -323,7 +339,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                         if not on_camera and not whole:
                             L_surface -= wp.cw_mul(T, field_behind(scene, field, hit, d, w))
 
-                # where the path goes on
+                # the next vertex
                 if on_camera:
                     if wp.static(spec.direct):
                         L_direct = L_surface
@@ -333,10 +349,11 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                         if wp.static(spec.single):
                             L_single += scattered_by_lights(scene, o, d, hit.t)
                         if wp.static(spec.multiple and spec.camera_field):
-                            L_field += veil_radiance(field, place[0] / float(width), place[1] / float(height), hit.t)
+                            x, y = place[0] / float(width), place[1] / float(height)
+                            L_field += multiple_in_scattering(field, x, y, hit.t)
                         if wp.static(spec.multiple and not spec.camera_field):
                             L_paths += sample_field(scene, field, o, d, hit.t, w[1], w[2])
-                    # first from the surface, then from the water
+                    # one subpath starts from the surface, then another in the water
                     on_camera = False
                     eye = path.vertex
                     eye_t = hit.t
@@ -359,6 +376,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:
+                # the sample is complete: on to the next one, or to the next part
                 weight = place[2]
                 sums = add_sample(sums, sample, weight * L_direct, weight * L_single, weight * (L_field + L_paths),
                                   weight * (correction + L_paths))

@@ -1,9 +1,9 @@
 """Where in its pixel a sample of the camera lies: evenly, or densely around lights that the camera sees.
 
-Light scattered once goes as 1/h where a ray passes a point light at a distance h. With even samples of the pixel that
-a light is seen in, the tail of that falls with the inverse square: rare samples decide the image. So most of them are
-drawn about in proportion to 1/r, r from the light's image: the row y with the density |y|^-1/4, and on it x with 1/r.
-What is left of 1/r goes as |y|^1/4 log(1/|y|): it is bounded.
+Light scattered once goes as 1/h where a ray passes a point light at a distance h. If the pixel that shows a light were
+sampled evenly, the tail of that would fall with the inverse square, and rare samples would decide the image. So most
+samples are drawn about in proportion to 1/r, with r the distance from the light's image: the row y with the density
+|y|^-1/4, and x on it with 1/r. What is left of 1/r goes as |y|^1/4 log(1/|y|), which is bounded.
 """
 
 import warp as wp
@@ -11,7 +11,7 @@ import warp as wp
 from varos_warp.kernels.sampling import LARGEST, asinh
 from varos_warp.kernels.world.camera import Camera, image_point
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import light_centre
+from varos_warp.kernels.world.light import get_light, light_centre, light_count
 
 wp.set_module_options({"enable_backward": False})
 
@@ -28,7 +28,7 @@ CLOSEST = wp.constant(1.0e-6)
 @wp.func
 def seen_beside(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, lens: wp.vec2):
     """Image point of a light from a point of the lens, and 1 if that is beside the pixel's ``centre``, else 0."""
-    at = image_point(camera, light_centre(scene.lights[light]), lens)
+    at = image_point(camera, light_centre(get_light(scene.lights, light)), lens)
     offset = wp.vec2(at[0], at[1]) - centre
     return wp.vec3(at[0], at[1], wp.where(at[2] > 0.0 and wp.length(offset) < BESIDE, 1.0, 0.0))
 
@@ -68,7 +68,7 @@ def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec
     centre = wp.vec2(left + 0.5, top + 0.5)
     lens = wp.vec2(u[2], u[3])
     count = int(0)
-    for i in range(scene.lights.shape[0]):
+    for i in range(light_count(scene.lights)):
         count += int(seen_beside(scene, camera, i, centre, lens)[2])
     if count == 0:
         return wp.vec3(left + u[0], top + u[1], 1.0)
@@ -77,7 +77,7 @@ def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec
         which = (u[0] - EVEN) / (1.0 - EVEN) * float(count)
         chosen = wp.min(int(which), count - 1)
         number = int(0)
-        for i in range(scene.lights.shape[0]):
+        for i in range(light_count(scene.lights)):
             at = seen_beside(scene, camera, i, centre, lens)
             if at[2] > 0.0:
                 if number == chosen:
@@ -87,7 +87,7 @@ def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec
                                     wp.clamp(at[1] + off[1], top, top + 1.0))
                 number += 1
     density = float(0.0)
-    for i in range(scene.lights.shape[0]):
+    for i in range(light_count(scene.lights)):
         at = seen_beside(scene, camera, i, centre, lens)
         if at[2] > 0.0:
             density += pdf_around(left - at[0], top - at[1], place[0] - at[0], place[1] - at[1])

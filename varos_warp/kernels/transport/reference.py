@@ -1,8 +1,8 @@
-"""Image A by the textbook: a plain path tracer, the judge of the other integrators.
+"""Image A by the textbook's path tracer, the reference for the other integrators.
 
-Free flights, the phase function and what the surface does with light as the only sampling, one shadow ray per lamp at
-every vertex, roulette on the throughput. It has the same expectation as the others with far more noise, and shares with
-them what the world is (rays, lamps, water, materials), but not how light is carried through it.
+It samples nothing but free flights, the phase function and the surface's scattering function, sends one shadow ray to
+each light at every vertex, and plays roulette with the throughput. Its expectation is that of the others, with far more
+noise. It shares the world with them (rays, lights, water, materials), but not how light is carried through it.
 """
 
 from functools import cache
@@ -10,26 +10,26 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
-from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import brightest, light_sample
+from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
-from varos_warp.kernels.world.texture import WALK_ANGLE, Surface, footprint_width
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE, Surface, footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
 SURVIVAL = wp.constant(0.95)
-"""Most that roulette lets a path survive with; in water that absorbs nothing the throughput alone would never end it.
-"""
+"""Largest probability of surviving roulette; in water that absorbs nothing the throughput alone would end no path."""
 
 
 @wp.func
 def free_flight(sigma_t: wp.vec3, throughput: wp.vec3, u: float, v: float):
-    """Distance [m] to where the water next stops light of one channel; infinite where it never does.
+    """Distance [m] to the next scattering or absorption of one channel; infinite without extinction.
 
     The channel is drawn in proportion to the throughput, so that no other one comes to weigh much more (Wilkie et al.
     2014, "Hero Wavelength Spectral Sampling").
@@ -43,6 +43,41 @@ def free_flight(sigma_t: wp.vec3, throughput: wp.vec3, u: float, v: float):
 def balance(throughput: wp.vec3, f: wp.vec3, pdf: wp.vec3):
     """Throughput after an event of value ``f`` that free_flight draws with density ``pdf[c]`` in channel c."""
     return wp.cw_mul(throughput, f) * ((throughput[0] + throughput[1] + throughput[2]) / wp.dot(throughput, pdf))
+
+
+@wp.struct
+class PlainPath:
+    """A path on its way: its last vertex and the light found there, its next direction, and what that may carry."""
+
+    alive: int
+    p: wp.vec3
+    d: wp.vec3
+    throughput: wp.vec3
+    L: wp.vec3
+    """Light that the lights send by the last vertex."""
+    scatterings: int
+    bounces: int
+
+
+@wp.func
+def plain_path(ray: Ray):
+    """A path that starts at the camera."""
+    path = PlainPath()
+    path.alive = 1
+    path.p = ray.o
+    path.d = ray.d
+    path.throughput = wp.vec3(1.0)
+    return path
+
+
+@wp.func
+def roulette(path: PlainPath, u: float):
+    """Let a path go on with the probability of its throughput."""
+    after = path
+    survival = wp.min(brightest(path.throughput), SURVIVAL)
+    after.alive = wp.where(u < survival, path.alive, 0)
+    after.throughput /= wp.max(survival, 1.0e-30)
+    return after
 
 
 @cache
@@ -60,11 +95,11 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     hit_surface = make_hit_surface(textures)
 
     @wp.func
-    def scattered(scene: SceneData, p: wp.vec3, d: wp.vec3, v: wp.vec2):
-        """Light of every lamp that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
+    def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3, u: wp.vec2):
+        """Light of every light that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
         L = wp.vec3(0.0)
-        for i in range(scene.lights.shape[0]):
-            sample = light_sample(scene.lights[i], p, v)
+        for i in range(light_count(scene.lights)):
+            sample = light_sample(get_light(scene.lights, i), p, u)
             apart = d - sample.d
             arriving = phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart)) * irradiance(scene.medium, sample)
             if brightest(arriving) > 0.0:
@@ -73,11 +108,11 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         return L
 
     @wp.func
-    def reflected(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, v: wp.vec2):
-        """Light of every lamp that the surface at ``hit`` reflects against a ray along ``d``."""
+    def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, u: wp.vec2):
+        """Light of every light that the surface at ``hit`` reflects against a ray along ``d``."""
         L = wp.vec3(0.0)
-        for i in range(scene.lights.shape[0]):
-            sample = light_sample(scene.lights[i], hit.p, v)
+        for i in range(light_count(scene.lights)):
+            sample = light_sample(get_light(scene.lights, i), hit.p, u)
             if wp.dot(sample.d, hit.n) > 0.0:
                 f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
                 arriving = wp.cw_mul(f, irradiance(scene.medium, sample))
@@ -85,6 +120,35 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                     if visible(scene, hit.start, sample.p):
                         L += arriving
         return L
+
+    @wp.func
+    def scatter(scene: SceneData, path: PlainPath, t: float, u: wp.vec4, v: wp.vec4):
+        """Scatter a path in the water after ``t``."""
+        after = path
+        after.scatterings += 1
+        T = transmittance(scene.medium, t)
+        f = wp.cw_mul(scene.medium.sigma_s, T)
+        after.throughput = balance(path.throughput, f, wp.cw_mul(scene.medium.sigma_t, T))
+        after.p += t * path.d
+        after.L = wp.cw_mul(after.throughput, scattered_light(scene, after.p, path.d, wp.vec2(u[2], u[3])))
+        after.d = phase_sample(scene.medium.phase, path.d, v[0], v[1])
+        return after
+
+    @wp.func
+    def reflect(scene: SceneData, path: PlainPath, hit: Hit, angle: float, u: wp.vec4, v: wp.vec4):
+        """Reflect a path, whose ray stands for a cone of ``angle``, off a surface."""
+        after = path
+        after.bounces += 1
+        T = transmittance(scene.medium, hit.t)
+        throughput = balance(path.throughput, T, T)
+        n = shading_normal(scene, hit)
+        surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, path.d, hit.n))
+        after.L = wp.cw_mul(throughput, reflected_light(scene, hit, n, surface, path.d, wp.vec2(u[2], u[3])))
+        after.d = sample_surface(surface, n, -path.d, v[0], v[1], v[2])
+        after.throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, -path.d, after.d))
+        after.alive = wp.where(wp.dot(after.d, hit.n) > 0.0, 1, 0)
+        after.p = hit.start
+        return after
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(
@@ -107,63 +171,36 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
-            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-            o = ray.o
-            d = ray.d
-            throughput = wp.vec3(1.0)
-            scatterings = int(0)
-            bounces = int(0)
-            alive = bool(True)
-            while alive:
-                events = scatterings + bounces
+            path = plain_path(camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3])))
+            while path.alive == 1:
+                events = path.scatterings + path.bounces
                 u = uniforms(key, pixel, sample, 2 * events + 1)
                 v = uniforms(key, pixel, sample, 2 * events + 2)
 
-                # to the next vertex: in the water or on a surface, and the light of the lamps there
-                L = wp.vec3(0.0)
-                hit = first_hit(scene, o, d)
-                t = free_flight(scene.medium.sigma_t, throughput, u[0], u[1])
+                # to the next vertex: in the water or on a surface
+                hit = first_hit(scene, path.p, path.d)
+                t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
                 in_water = t < hit.t
                 if in_water:
-                    alive = scatterings < max_scatterings
-                    scatterings += 1
-                    if alive:
-                        T = transmittance(scene.medium, t)
-                        f = wp.cw_mul(scene.medium.sigma_s, T)
-                        throughput = balance(throughput, f, wp.cw_mul(scene.medium.sigma_t, T))
-                        o += t * d
-                        L = wp.cw_mul(throughput, scattered(scene, o, d, wp.vec2(u[2], u[3])))
-                        d = phase_sample(scene.medium.phase, d, v[0], v[1])
+                    if path.scatterings == max_scatterings:
+                        break
+                    path = scatter(scene, path, t, u, v)
                 else:
-                    alive = hit.face >= 0 and bounces < max_bounces
-                    bounces += 1
-                    if alive:
-                        T = transmittance(scene.medium, hit.t)
-                        throughput = balance(throughput, T, T)
-                        n = shading_normal(scene, hit)
-                        angle = wp.where(events == 0, camera.pixel_angle, WALK_ANGLE)
-                        surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n))
-                        L = wp.cw_mul(throughput, reflected(scene, hit, n, surface, d, wp.vec2(u[2], u[3])))
-                        viewer = -d
-                        d = sample_surface(surface, n, viewer, v[0], v[1], v[2])
-                        throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, viewer, d))
-                        alive = wp.dot(d, hit.n) > 0.0
-                        o = hit.start
+                    if hit.face < 0 or path.bounces == max_bounces:
+                        break
+                    angle = wp.where(events == 0, camera.pixel_angle, SUBPATH_ANGLE)
+                    path = reflect(scene, path, hit, angle, u, v)
 
-                # the layer that it belongs to
+                # the layer that its light belongs to
                 if events > 0:
-                    L_multiple += L
+                    L_multiple += path.L
                 elif in_water:
-                    L_single = L
+                    L_single = path.L
                 else:
-                    L_direct = L
+                    L_direct = path.L
                 if not wp.static(multiple):
-                    alive = False
-
-                # roulette
-                survival = wp.min(brightest(throughput), SURVIVAL)
-                alive = alive and v[3] < survival
-                throughput /= wp.max(survival, 1.0e-30)
+                    path.alive = 0
+                path = roulette(path, v[3])
             if not wp.static(direct):
                 L_direct = wp.vec3(0.0)
             if not wp.static(single):

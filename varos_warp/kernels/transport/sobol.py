@@ -77,10 +77,7 @@ def sobol2(key: wp.uint32, pixel: int, sample: int, pair: int):
 
 @wp.func
 def sobol4(key: wp.uint32, pixel: int, sample: int, pair: int):
-    """The points of ``pair`` and of ``pair`` + 1 at once, as sobol2 gives them."""
-    r = reverse_bits(wp.uint32(sample))
-    a0, a1, a2, _a = pair_seeds(key, pixel, pair)
-    b0, b1, b2, _b = pair_seeds(key, pixel, pair + 1)
-    p = scrambled_point(r, a0, a1, a2)
-    q = scrambled_point(r, b0, b1, b2)
+    """The points of ``pair`` and of ``pair`` + 1."""
+    p = sobol2(key, pixel, sample, pair)
+    q = sobol2(key, pixel, sample, pair + 1)
     return wp.vec4(p[0], p[1], q[0], q[1])

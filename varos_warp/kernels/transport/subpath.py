@@ -1,20 +1,28 @@
-"""Subpaths: paths of light behind the camera's own segment, from vertex to vertex in the water and on surfaces.
+"""Subpaths: paths beyond the camera's own segment, from vertex to vertex in the water and on surfaces.
 
-At a vertex a subpath takes a direction (`sample_direction`), looks along the new segment, and goes on to the next
-vertex (`advance`). What light it finds on its segments is the matter of next_event.py and path.py.
+At a vertex a subpath samples a direction (`sample_direction`), then it goes on along the new segment to the next vertex
+(`advance`). The light that it finds on its segments is gathered by next_event.py and path.py.
 
-Weights stay bounded on average, so that second moments are finite. Directions around the lights are drawn with a share
-that falls as the inverse of the vertices (`light_share`), so what the others weigh more grows as a power of their
-number at most; roulette lets a subpath live on with a probability that nears 1 as quickly (`roulette`).
+Weights stay bounded on average, so that second moments are finite. The share of directions around the lights falls as
+the inverse of the number of vertices (`light_share`), so the weights of all other directions grow at most as a power of
+that number; the probability of surviving `roulette` nears 1 as quickly.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.sampling import Pick, joint_pdf, reservoir, sample_joint
+from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampling import joint_pdf, sample_joint
 from varos_warp.kernels.world.bsdf import sample_surface, surface_albedo, surface_eval, surface_pdf
 from varos_warp.kernels.world.intersect import Hit, SceneData
-from varos_warp.kernels.world.light import brightest, light_importance, light_sample
+from varos_warp.kernels.world.light import (
+    choose_by_importance,
+    get_light,
+    light_count,
+    light_direction,
+    light_importance,
+    nearest_light,
+)
 from varos_warp.kernels.world.medium import (
     Medium,
     near_pdf,
@@ -31,17 +39,23 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Vertex:
-    """Where a subpath turns: in the water, or on a surface with its normals and what it does with light."""
+    """A vertex of a subpath: in the water, or on a surface with its normals and what it does with light."""
 
     on_surface: int
     p: wp.vec3
     d: wp.vec3
-    """Direction in which the ray came."""
+    """Direction of the ray that led here; after `sample_direction`, of the one that leaves."""
     n_geometric: wp.vec3
     n: wp.vec3
     surface: Surface
     shadowed: int
     """1 where a light was found to be blocked."""
+
+
+@wp.func
+def is_metal(vertex: Vertex):
+    """Whether the vertex lies on a surface with a metal's lobe."""
+    return vertex.on_surface == 1 and vertex.surface.metal > 0.0
 
 
 @wp.func
@@ -72,12 +86,13 @@ def surface_vertex(hit: Hit, d: wp.vec3, n: wp.vec3, surface: Surface):
 
 @wp.func
 def light_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
-    """Density of sample_light_lobes: for each light half a phase function, half a joint lobe around its direction."""
+    """Density of sample_light_lobes: half a phase function, half a joint lobe around each light."""
     total = float(0.0)
     weights = float(1.0e-30)
-    for i in range(scene.lights.shape[0]):
-        weight = light_importance(scene.lights[i], p)
-        chord = wp.length(light_sample(scene.lights[i], p, wp.vec2(0.5)).d - d)
+    for i in range(light_count(scene.lights)):
+        light = get_light(scene.lights, i)
+        weight = light_importance(light, p)
+        chord = wp.length(light_direction(light, p) - d)
         # chord^2 / 2 = 1 - cos without cancellation
         lobe = 0.5 * phase_eval(scene.medium.phase, 0.5 * chord * chord) + 0.5 * joint_pdf(chord)
         total += weight * lobe
@@ -87,16 +102,9 @@ def light_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
 
 @wp.func
 def sample_light_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
-    """Direction from ``p`` into light that the water scatters near a light: by the phase function or the joint lobe."""
-    total = float(0.0)
-    pick = Pick()
-    pick.u = u[0]
-    pick.index = -1
-    for i in range(scene.lights.shape[0]):
-        weight = light_importance(scene.lights[i], p)
-        total += weight
-        pick = reservoir(pick, i, weight, total)
-    to_light = light_sample(scene.lights[pick.index], p, wp.vec2(0.5)).d
+    """Direction from ``p`` towards the bright water near a light, by the phase function or the joint lobe."""
+    light = get_light(scene.lights, choose_by_importance(scene.lights, p, u[0]))
+    to_light = light_direction(light, p)
     if u[1] < 0.5:
         return phase_sample(scene.medium.phase, to_light, u[2], u[3])
     return sample_joint(to_light, u[2], u[3])
@@ -104,7 +112,7 @@ def sample_light_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
 
 @wp.func
 def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float, w: float):
-    """Direction from the phase function or from what the surface does with light."""
+    """Direction from the phase function or the surface's scattering function."""
     if vertex.on_surface == 1:
         return sample_surface(vertex.surface, vertex.n, -vertex.d, u, v, w)
     return phase_sample(scene.medium.phase, vertex.d, u, v)
@@ -170,11 +178,8 @@ def sample_flight(medium: Medium, throughput: wp.vec3, t_max: float, u: float, v
 
 @wp.func
 def light_distance(scene: SceneData, p: wp.vec3):
-    """Distance to the nearest light [m], not under a centimetre."""
-    nearest = FAR
-    for i in range(scene.lights.shape[0]):
-        nearest = wp.min(nearest, light_sample(scene.lights[i], p, wp.vec2(0.5)).distance)
-    return wp.max(nearest, 0.01)
+    """Distance to the nearest light [m], at least a centimetre."""
+    return wp.max(nearest_light(scene.lights, p), 0.01)
 
 
 @wp.func
@@ -203,7 +208,7 @@ def sample_first_scattering(medium: Medium, near: float, near_share: float, t_ma
 
 @wp.struct
 class Subpath:
-    """A path behind the camera's own segment: where it turns next and what light from there on counts."""
+    """A path beyond the camera's own segment: its last vertex, and the weight of light from there on."""
 
     alive: int
     vertex: Vertex
@@ -211,17 +216,17 @@ class Subpath:
     scatterings: int
     bounces: int
     expected_at_start: float
-    """What roulette compares the light still to be expected with."""
+    """`expected_light` at the first vertex, for roulette."""
     reach: float
-    """Distance from the lights up to which light may be expected everywhere alike [m]."""
+    """Distance from the lights up to which roulette ignores the distance [m]."""
 
 
 @wp.func
 def light_reach(scene: SceneData, hit: Hit):
-    """Distance from the lights up to which roulette lets subpaths go unhindered [m], by the camera's ray's end.
+    """Distance from the lights up to which roulette ignores the distance [m]; ``hit`` ends the camera's ray.
 
-    What stands as far away as that sends light back and forth, and so does water within three mean free paths of the
-    clearest channel, but not much further off than the ray goes. No length is a constant: worlds of any size are alike.
+    Surfaces as far away as that hit pass light back and forth, and so does water within three mean free paths of the
+    clearest channel, up to three times that distance. No length is a constant, so scenes of any scale are alike.
     """
     sigma = scene.medium.sigma_t
     free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
@@ -233,12 +238,12 @@ def light_reach(scene: SceneData, hit: Hit):
 
 @wp.func
 def expected_light(scene: SceneData, path: Subpath):
-    """How much light a subpath may still find, for roulette: its throughput, and what its vertex reflects of it.
+    """How much light a subpath may still find, for roulette: its throughput times the albedo of its vertex.
 
-    Within reach of the lights their light at the vertex tells nothing: subpaths that leave a lamp for the walls find
-    more there than on the way. Far outside there is hardly any; in water that absorbs little the throughput alone would
-    let subpaths wander on for kilometres. With the square of the distance the paper's water would take half as long
-    again, with the fourth power no scene is noticeably noisier than with the square.
+    Within reach of the lights, the light at the vertex itself is no guide: a subpath that leaves a light for the walls
+    finds more there than on the way. Far outside there is hardly any light, and it falls with the fourth power of the
+    distance here; in water that absorbs little, the throughput alone would let subpaths wander on for kilometres. The
+    square would cost the paper's water half as much time again, and no scene is noticeably noisier with the fourth.
     """
     albedo = wp.where(path.vertex.on_surface == 1, brightest(surface_albedo(path.vertex.surface)), 1.0)
     near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
@@ -277,58 +282,60 @@ def subpath_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: 
 def light_share(path: Subpath, most: float):
     """Share of directions around the lights: ``most``, or one in the number of vertices so far and one more.
 
-    The density of segments that pass a light falls only as the inverse of their distance from it if some directions
-    are drawn around it at every vertex; what goes another way weighs 1 / (1 - share) as much, and the product of those
-    over n vertices is n + 1 at most.
+    If some directions are drawn around a light at every vertex, the density of segments that pass it goes as the
+    inverse of their distance from it. All other directions weigh 1 / (1 - share) as much, and the product of those
+    factors over n vertices is at most n + 1.
     """
     return wp.min(most, 1.0 / float(path.scatterings + path.bounces + 1))
 
 
 @wp.func
 def lobe_reaches_lights(scene: SceneData, vertex: Vertex):
-    """X / (1 + x), with x the density of a surface's lobe towards the lights over that of all directions alike.
+    """X / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
 
-    The water shines brightest around the lights, but where a metal's lobe hardly reaches, that is lost.
+    The water is brightest around the lights, but a metal whose lobe hardly reaches there does not reflect that light.
     """
     total = float(0.0)
     lobe = float(0.0)
-    for i in range(scene.lights.shape[0]):
-        weight = light_importance(scene.lights[i], vertex.p)
+    for i in range(light_count(scene.lights)):
+        light = get_light(scene.lights, i)
+        weight = light_importance(light, vertex.p)
         total += weight
-        lobe += weight * own_lobe_pdf(scene, vertex, light_sample(scene.lights[i], vertex.p, wp.vec2(0.5)).d)
+        lobe += weight * own_lobe_pdf(scene, vertex, light_direction(light, vertex.p))
     x = 4.0 * wp.pi * lobe / wp.max(total, 1.0e-30)
     return x / (1.0 + x)
 
 
 @wp.func
 def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, v: wp.vec4):
-    """Give a subpath its next direction, in ``vertex.d``: from the vertex's own lobe or from those around the lights.
+    """Sample the next direction of a subpath, in ``vertex.d``: from the vertex's own lobe or those around the lights.
 
-    The weight is the balance heuristic over both (one sample).
+    The weight is that of the one-sample balance heuristic.
     """
-    turned = path
+    after = path
     if v[0] < share:
         d = sample_light_lobes(scene, path.vertex.p, u)
     else:
         d = sample_own_lobe(scene, path.vertex, u[2], u[3], v[1])
     f = vertex_eval(scene, path.vertex, d)
-    turned.vertex.d = d
-    turned.alive = wp.where(brightest(f) > 0.0, 1, 0)
-    if turned.alive == 1:
+    after.vertex.d = d
+    after.alive = wp.where(brightest(f) > 0.0, 1, 0)
+    if after.alive == 1:
         pdf = (1.0 - share) * own_lobe_pdf(scene, path.vertex, d)
         if share > 0.0:
             pdf += share * light_lobes_pdf(scene, path.vertex.p, d)
-        turned.throughput = wp.cw_mul(turned.throughput, f) / pdf
-    return turned
+        after.throughput = wp.cw_mul(after.throughput, f) / pdf
+    return after
 
 
 @wp.func
 def roulette(scene: SceneData, path: Subpath, u: float):
-    """Let a subpath live on with a probability that follows the light it may still find, and weigh it accordingly.
+    """Let a subpath survive with a probability that follows `expected_light`, and weigh it by the inverse.
 
-    Unbiased, and ends every subpath. It raises no expected light above that at the start, but for its bounds: at least
-    0.3, so that few weigh much more than the rest, and 0.9 or 1 - 4/n at most, which nears 1 so that weights grow as a
-    power of the vertices n, while few subpaths are long: the threads of a GPU's warp wait for the longest.
+    It is unbiased and ends every subpath. Within its bounds it keeps the expected light of survivors at the value of
+    the first vertex. The probability is at least 0.3, so that few subpaths weigh much more than the rest, and at most
+    0.9 or 1 - 4/n after n vertices: it nears 1, so that weights grow only as a power of n, but few subpaths are long,
+    as the threads of a GPU's warp wait for the longest.
     """
     after = path
     most = wp.max(0.9, 1.0 - 4.0 / float(path.scatterings + path.bounces))

@@ -2,13 +2,13 @@
 
 Directions ``v`` (towards the viewer) and ``l`` (towards the light) are unit vectors that point away from the surface.
 The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing (Heitz 2014). Light that microfacets
-reflect more than once is given back by the factor of Turquin (2019), so that a white metal loses nothing.
+reflect more than once is restored by the factor of Turquin (2019), so that a white metal loses none.
 """
 
 import warp as wp
 
-from varos_warp.kernels.sampling import sample_cosine
-from varos_warp.kernels.world.light import brightest
+from varos_warp.kernels.numerics import bilinear, brightest
+from varos_warp.kernels.sampling import basis, sample_cosine
 from varos_warp.kernels.world.texture import Surface
 
 wp.set_module_options({"enable_backward": False})
@@ -19,7 +19,7 @@ GRAZING = wp.constant(1.0e-3)
 
 @wp.func
 def facing(n: wp.vec3, viewer: wp.vec3):
-    """The viewer's direction, raised where a smoothed normal faces away from him: density and value then agree."""
+    """The viewer's direction, raised where a smoothed normal faces away from it: density and value then agree."""
     below = GRAZING - wp.dot(n, viewer)
     if below <= 0.0:
         return viewer
@@ -28,7 +28,7 @@ def facing(n: wp.vec3, viewer: wp.vec3):
 
 @wp.func
 def lobe_alpha(roughness: float):
-    """Slope deviation of the microfacets (Burley 2012); smoother than 0.01 point lamps have no digits left."""
+    """Slope deviation of the microfacets (Burley 2012); below 0.01 the highlight of a point light has no digits."""
     return wp.max(roughness * roughness, 0.01)
 
 
@@ -64,11 +64,7 @@ def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
     Heitz 2018, "Sampling the GGX distribution of visible normals", JCGT 7(4); may lie under the surface.
     """
     v = facing(n, viewer)
-    s = wp.where(n[2] < 0.0, -1.0, 1.0)
-    a = -1.0 / (s + n[2])
-    b = n[0] * n[1] * a
-    x = wp.vec3(1.0 + s * n[0] * n[0] * a, s * b, -s * n[0])
-    y = wp.vec3(b, s + n[1] * n[1] * a, -n[1])
+    x, y = basis(n)
     stretched = wp.normalize(wp.vec3(alpha * wp.dot(x, v), alpha * wp.dot(y, v), wp.dot(n, v)))
     t1 = wp.vec3(1.0, 0.0, 0.0)
     if stretched[2] < 0.9999:
@@ -88,11 +84,7 @@ def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
     """What a white lobe reflects when microfacets reflect once; bilinear in the roots of cosine and alpha."""
     x = wp.sqrt(wp.clamp(cosine, 0.0, 1.0)) * float(table.shape[1] - 1)
     y = wp.clamp(wp.sqrt(alpha), 0.0, 1.0) * float(table.shape[0] - 1)
-    i = wp.min(int(x), table.shape[1] - 2)
-    j = wp.min(int(y), table.shape[0] - 2)
-    low = wp.lerp(table[j, i], table[j, i + 1], x - float(i))
-    high = wp.lerp(table[j + 1, i], table[j + 1, i + 1], x - float(i))
-    return wp.lerp(low, high, y - float(j))
+    return bilinear(table, y, x)
 
 
 @wp.func

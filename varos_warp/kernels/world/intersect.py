@@ -28,12 +28,12 @@ class Instance:
 class SceneData:
     """Everything that rays meet; in the local world, as handles that the host's DeviceScene owns.
 
-    What stands there once is one mesh, in world axes. Copies are instances: they share a mesh in its own axes, and a
-    BVH over their boxes finds those that a ray may hit.
+    All objects that occur once form one mesh, in world axes. Copies are instances: they share a mesh in its own axes,
+    and a BVH over their boxes finds those that a ray may hit.
     """
 
     mesh: wp.uint64
-    """0 where nothing stands there once."""
+    """0 if all objects are instances."""
     instance_bvh: wp.uint64
     instances: wp.array(dtype=Instance)
     parts: int
@@ -67,7 +67,7 @@ class Hit:
     """In the arrays per face."""
     part: int
     instance: int
-    """-1 in the mesh of what stands there once."""
+    """-1 in the mesh of single objects."""
     bary: wp.vec2
     p: wp.vec3
     """Point on the surface."""
@@ -209,11 +209,17 @@ def make_rays(instances: bool):
 
 
 @wp.func
-def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
-    """Interpolated corner normal in the world, turned to the side of ``hit.n``."""
+def between_corners(values: wp.array(dtype=wp.vec3), hit: Hit):
+    """What is given per face corner, interpolated at a hit."""
     corner = 3 * hit.face
     w = 1.0 - hit.bary[0] - hit.bary[1]
-    n = wp.normalize(hit.bary[0] * normals[corner] + hit.bary[1] * normals[corner + 1] + w * normals[corner + 2])
+    return hit.bary[0] * values[corner] + hit.bary[1] * values[corner + 1] + w * values[corner + 2]
+
+
+@wp.func
+def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
+    """Interpolated corner normal in the world, flipped to the side of ``hit.n``."""
+    n = wp.normalize(between_corners(normals, hit))
     if hit.instance >= 0:
         n = scene.instances[hit.instance].R * n
     return wp.where(wp.dot(n, hit.n) < 0.0, -n, n)
@@ -225,17 +231,6 @@ def shading_normal(scene: SceneData, hit: Hit):
     if scene.has_shading_normals == 0:
         return hit.n
     return corner_normal(scene, scene.shading_normals, hit)
-
-
-@wp.func
-def file_value(scene: SceneData, hit: Hit):
-    """What the file of the mesh gives for a hit: ``corner_values`` between the corners."""
-    if scene.corner_values.shape[0] == 0:
-        return wp.vec3(0.0)
-    corner = 3 * hit.face
-    w = 1.0 - hit.bary[0] - hit.bary[1]
-    value = hit.bary[0] * scene.corner_values[corner] + hit.bary[1] * scene.corner_values[corner + 1]
-    return value + w * scene.corner_values[corner + 2]
 
 
 @cache
@@ -250,7 +245,9 @@ def make_hit_surface(textures: bool):
         """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
         if wp.static(textures):
             m = scene.materials[hit.part]
-            at = file_value(scene, hit)
+            at = wp.vec3(0.0)
+            if scene.corner_values.shape[0] > 0:
+                at = between_corners(scene.corner_values, hit)
             if hit.instance >= 0 and m.kind == MAPPED:
                 at[2] = at[2] / scene.instances[hit.instance].scale
             return surface_at(m, hit.p, n, at, footprint)

@@ -1,25 +1,21 @@
-"""Lights: spots and points. What other kernels know of a light they know by the functions of this file.
+"""Lights: spots and points. Other kernels know a light by the functions of this file alone.
 
-`light_sample` finds a place on a light and what it sends to a point (`light_towards`: that alone), `light_beam` and
-`light_core` the part of a ray that it lights, `light_importance` and `light_strength` what it is worth near a point and
-in all, `light_emit` a ray that leaves it, one of those in `light_solid_angle` that share `light_flux`. `light_centre`
-is for what looks at a light itself: samples of the pixel that shows it, and the field of open water, which is known
-for lights with an axis and asks for `light_axis` and `light_intensity` too.
+`light_count` and `get_light` give the lights of a scene. `light_sample` draws a place on a light and evaluates what it
+sends to a point (`light_towards` evaluates alone), `light_beam` and `light_core` give the part of a ray that it lights,
+`light_importance` and `light_strength` what it is worth near a point and in all. `light_emit` draws a ray that leaves
+it, one of those within `light_solid_angle` that share `light_flux`. `light_centre` serves the sampling of pixels that
+show a light, and the field of open water, which is precomputed for lights with an axis and takes `light_axis` and
+`light_intensity` too.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
-from varos_warp.kernels.sampling import equiangular_angle, from_polar
+from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampling import equiangular_angle, from_polar, make_reservoir, offer
 from varos_warp.kernels.world.camera import Ray
 
 wp.set_module_options({"enable_backward": False})
-
-
-@wp.func
-def brightest(c: wp.vec3):
-    """Largest channel."""
-    return wp.max(c[0], wp.max(c[1], c[2]))
 
 
 @wp.struct
@@ -32,6 +28,18 @@ class Light:
     """Cosine of the half angle of the cone; -1 shines everywhere."""
     blend: float
     intensity: wp.vec3
+
+
+@wp.func
+def light_count(lights: wp.array(dtype=Light)):
+    """How many lights a scene has."""
+    return lights.shape[0]
+
+
+@wp.func
+def get_light(lights: wp.array(dtype=Light), i: int):
+    """One of the lights of a scene."""
+    return lights[i]
 
 
 @wp.func
@@ -124,7 +132,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     part.h = wp.max(wp.length(v), NEAR)
     part.ya = -part.foot
     part.yb = wp.min(t_max, FAR) - part.foot
-    # next to 180 deg the quadratic has no digits; the falloff alone tells, as for wider cones
+    # near 180 deg the quadratic has no digits left; as for wider cones, the falloff alone decides
     if light.cos_half > 1.0e-4:
         clipped = clip_to_cone(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
@@ -136,7 +144,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Of `light_beam` the part inside the soft edge, which begins with a kink; empty where there is no edge."""
+    """The part of `light_beam` inside the soft edge, which begins with a kink; empty without a soft edge."""
     part = LitInterval()
     if light.blend > 0.0 and light.cos_half > -1.0:
         core = light
@@ -175,8 +183,14 @@ def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
 
 @wp.func
 def light_towards(light: Light, p: wp.vec3, distance: float):
-    """Radiant intensity towards a point [W/sr], of which the distance is known with all digits."""
+    """Radiant intensity [W/sr] towards a point whose ``distance`` is known with all digits."""
     return falloff(light, wp.dot(p - light.position, light.axis) / distance) * light.intensity
+
+
+@wp.func
+def light_direction(light: Light, p: wp.vec3):
+    """Unit direction from ``p`` to the centre of the light."""
+    return light_sample(light, p, wp.vec2(0.5)).d
 
 
 @wp.func
@@ -187,7 +201,7 @@ def light_strength(light: Light):
 
 @wp.func
 def light_importance(light: Light, p: wp.vec3):
-    """How much a light matters near ``p``, wherever its cone points: intensity over squared distance."""
+    """How much a light matters near ``p``, wherever its cone points: intensity over the squared distance."""
     offset = light.position - p
     return (light_strength(light) + 1.0e-30) / wp.max(wp.dot(offset, offset), NEAR)
 
@@ -200,7 +214,7 @@ def light_solid_angle(light: Light):
 
 @wp.func
 def light_flux(light: Light):
-    """Brightest channel of what a light sends [W], its soft edge counted in full."""
+    """Brightest channel of the radiant flux [W], with the soft edge counted in full."""
     return light_strength(light) * light_solid_angle(light)
 
 
@@ -212,3 +226,42 @@ def light_emit(light: Light, u: float, v: float):
     ray.o = light.position
     ray.d = from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
     return ray
+
+
+# --------------------------------------------------------------------------------------------- all lights of a scene
+
+
+@wp.func
+def nearest_light(lights: wp.array(dtype=Light), p: wp.vec3):
+    """Distance to the nearest light [m]."""
+    nearest = FAR
+    for i in range(light_count(lights)):
+        nearest = wp.min(nearest, light_sample(get_light(lights, i), p, wp.vec2(0.5)).distance)
+    return nearest
+
+
+@wp.func
+def total_flux(lights: wp.array(dtype=Light)):
+    """Sum of `light_flux` [W]."""
+    total = float(0.0)
+    for i in range(light_count(lights)):
+        total += light_flux(get_light(lights, i))
+    return total
+
+
+@wp.func
+def choose_by_flux(lights: wp.array(dtype=Light), u: float):
+    """Number of a light, drawn in proportion to its flux; 0 if all are dark."""
+    chosen = make_reservoir(u)
+    for i in range(light_count(lights)):
+        chosen = offer(chosen, i, light_flux(get_light(lights, i)))
+    return wp.max(chosen.index, 0)
+
+
+@wp.func
+def choose_by_importance(lights: wp.array(dtype=Light), p: wp.vec3, u: float):
+    """Number of a light, drawn in proportion to `light_importance` at ``p``."""
+    chosen = make_reservoir(u)
+    for i in range(light_count(lights)):
+        chosen = offer(chosen, i, light_importance(get_light(lights, i), p))
+    return chosen.index

@@ -30,7 +30,7 @@ def transmittance(medium: Medium, t: float):
 
 @wp.func
 def expm1(x: float):
-    """exp(x) - 1 without cancellation; no need of digits that approximate functions of a GPU lack near 1."""
+    """exp(x) - 1 without cancellation; near 0 by a series, as a GPU's approximate exponential has few digits there."""
     if wp.abs(x) < 0.03:
         return x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0)))
     return wp.exp(x) - 1.0
@@ -38,7 +38,7 @@ def expm1(x: float):
 
 @wp.func
 def log1p(x: float):
-    """log(1 + x) without cancellation, likewise."""
+    """log(1 + x) without cancellation; near 0 by a series, as in `expm1`."""
     if wp.abs(x) < 0.03:
         return x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - x * (0.25 - 0.2 * x))))
     return wp.log(1.0 + x)
@@ -64,7 +64,7 @@ def sample_truncated_exponential(sigma: float, t_max: float, u: float):
 
 @wp.func
 def near_pdf(a: float, t_max: float, t: float):
-    """Density proportional to 1/(t + a) on [0, t_max]: where light scattered once near lamps at distance a is found."""
+    """Density proportional to 1/(t + a) on [0, t_max]: about that of light scattered once near lights at distance a."""
     return 1.0 / ((t + a) * log1p(t_max / a))
 
 

@@ -1,12 +1,13 @@
-"""Phase functions, normalised to 1 over the sphere: that of Henyey and Greenstein (1941), and any other from a table.
+"""Phase functions, normalised to 1 over the sphere: that of Henyey and Greenstein (1941), and all others from tables.
 
 The table holds the logarithm of the density at nodes even in log s, with s = (1 - cos theta)/2 = sin^2(theta/2), the
-measure in which solid angle is even (4 pi ds). Between nodes the density is a power of s, so its integral and the
+measure in which solid angle is uniform (4 pi ds). Between nodes the density is a power of s, so its integral and the
 inverse of that are closed forms: samples have exactly the density that `phase_eval` gives.
 """
 
 import warp as wp
 
+from varos_warp.kernels.numerics import linear
 from varos_warp.kernels.sampling import from_polar
 
 wp.set_module_options({"enable_backward": False})
@@ -17,7 +18,7 @@ class Phase:
     """A phase function; the host's scene/water makes it."""
 
     g: float
-    """Mean cosine; all that the function of Henyey and Greenstein takes."""
+    """Mean cosine; the only parameter of Henyey and Greenstein."""
     log_p: wp.array(dtype=float)
     """Logarithm of the density [1/sr] at the nodes, the last one at s = 1; empty for Henyey and Greenstein."""
     cdf: wp.array(dtype=float)
@@ -51,10 +52,8 @@ def hg_sample_one_minus_cos(g: float, u: float):
 @wp.func
 def table_eval(phase: Phase, s: float):
     """Density [1/sr] at s = (1 - cos theta)/2: a power of s between two nodes."""
-    at = wp.clamp((wp.log(wp.max(s, 1.0e-30)) - phase.log_first) / phase.log_step, 0.0,
-                  float(phase.log_p.shape[0] - 1))
-    i = wp.min(int(at), phase.log_p.shape[0] - 2)
-    return wp.exp(wp.lerp(phase.log_p[i], phase.log_p[i + 1], at - float(i)))
+    at = (wp.log(wp.max(s, 1.0e-30)) - phase.log_first) / phase.log_step
+    return wp.exp(linear(phase.log_p, wp.clamp(at, 0.0, float(phase.log_p.shape[0] - 1))))
 
 
 @wp.func
@@ -95,7 +94,7 @@ def phase_sample(phase: Phase, d: wp.vec3, u: float, v: float):
     return from_polar(d, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
 
 
-# ------------------------------------------------------------------- angles along a ray that a light lights from aside
+# -------------------------------------------------------------- scattering angles along a ray that passes a light
 
 
 @wp.func
@@ -111,10 +110,10 @@ def beam_at(phase: Phase, theta: float):
 
 @wp.func
 def sample_beam(phase: Phase, low: float, high: float, u: float):
-    """Angle between those with the first of `beam_at` ``low`` and ``high``, and its density: as the phase function is.
+    """Angle and its density, in proportion to the phase function, between two angles given by their `beam_at`.
 
-    Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so what is scattered
-    into it varies over theta as the phase function alone.
+    Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so over theta the light
+    scattered into the ray varies as the phase function alone.
     """
     at = wp.lerp(low, high, u)
     i = wp.clamp(wp.lower_bound(phase.beam, at) - 1, 0, phase.beam.shape[0] - 2)

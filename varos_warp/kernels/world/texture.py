@@ -1,13 +1,13 @@
 """What a surface reflects at a point: constants, tiled sand and rock, texture maps, rust, dirt, metal.
 
-Everything is averaged over a ``footprint``: the width [m] on the surface of what a ray stands for. That is what keeps
-distant textures from aliasing, and what makes them cheap: patterns finer than it are not computed.
+Everything is averaged over a ``footprint``, the width [m] on the surface of what a ray stands for. This keeps distant
+textures from aliasing and makes them cheap, as patterns finer than the footprint are not computed.
 """
 
 import warp as wp
 
-from varos_warp.kernels.world.noise import band, fbm
-from varos_warp.kernels.world.tiling import Image, level_of, sample, tiled
+from varos_warp.kernels.world.pattern_noise import band, fbm
+from varos_warp.kernels.world.tiling import Image, level_of, sample, tiled, unit_clamp
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,8 +22,8 @@ DIRT = wp.constant(6)
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that rust and dirt are cut from: fbm of four octaves."""
 
-WALK_ANGLE = wp.constant(0.2)
-"""Width of the cone that a ray of a walk stands for [rad]: such rays carry no sharp image."""
+SUBPATH_ANGLE = wp.constant(0.2)
+"""Width of the cone that a segment of a subpath stands for [rad]: such rays carry no sharp image."""
 
 
 @wp.struct
@@ -61,7 +61,7 @@ class Material:
     cycles: float
     """Patches of rust or dirt per metre."""
     layers: wp.array(dtype=Layer)
-    """What lies where the surface looks up, then what is steep; or one for all of it, or the texture map."""
+    """The layer of flat parts, then that of steep ones; or a single one for all, or the texture map."""
 
 
 @wp.struct
@@ -86,12 +86,6 @@ def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
     return angle * t / wp.sqrt(wp.max(wp.abs(wp.dot(d, n)), 0.02))
 
 
-@wp.func
-def unit_clamp(c: wp.vec3):
-    """Each channel within 0..1."""
-    return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
-
-
 # -------------------------------------------------------------------------------------------------------------- ground
 
 
@@ -110,7 +104,7 @@ def ripples(seed: wp.uint32, x: wp.vec3, broad: float, footprint: float):
 
 @wp.func
 def slope_mask(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
-    """1 where the surface looks up, 0 where it is steep, with a ragged edge (paper 3.1.1)."""
+    """1 where the surface faces up, 0 where it is steep, with a ragged edge (paper 3.1.1)."""
     up = wp.abs(n[2])
     if up > 0.55 and up < 0.99:
         up += 0.18 * fbm(m.seed + wp.uint32(3), 2.5 * q, 5, 2.5 * footprint)
@@ -124,7 +118,7 @@ def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
     flat = float(1.0)
     if m.layers.shape[0] > 1:
         flat = slope_mask(m, q, n, footprint)
-    # over metres, no two places of a sea floor have quite the same shade
+    # over metres, the shade of a sea floor varies
     broad = 1.5 * fbm(m.seed + wp.uint32(101), 0.35 * q, 2, 0.35 * footprint)
     c = wp.vec3(0.0)
     for k in range(m.layers.shape[0]):
@@ -154,7 +148,7 @@ def covered(m: Material, noise: float, bias: float, footprint: float):
 
 @wp.func
 def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
-    """Metal, paint or anything else under patches of rust, or of silt, most of it where the surface looks up."""
+    """Metal, paint or anything else under patches of rust, or of silt, which lies mostly where the surface faces up."""
     noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
     bias = wp.where(m.kind == DIRT, 0.5 * n[2], 0.0)
     s = covered(m, noise, bias, footprint)

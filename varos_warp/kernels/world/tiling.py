@@ -1,15 +1,15 @@
-"""Images on surfaces, filtered by what a ray covers; and tiles laid without end and without visible repetition.
+"""Images on surfaces, filtered to the footprint of a ray, and endless tiling without visible repetition.
 
 A tile is laid in hexagonal patches, each cut from another place of it (Heitz and Neyret 2018, "High-performance
 by-example noise using a histogram-preserving blending operator"; Deliot and Heitz 2019). Texels hold Gaussian values:
 a blend of independent ones, divided by the root of the sum of its squared weights, has their distribution again, and a
-table turns it into colours whose histogram is that of the tile. Most points lie in one patch alone: patches blend over
+table maps it to colours whose histogram is that of the tile. Most points lie in one patch alone: patches blend over
 a narrow edge only, which keeps features sharp and costs least (cf. Mikkelsen 2022, "Practical real-time hex-tiling").
 """
 
 import warp as wp
 
-from varos_warp.kernels.world.noise import band, cell_hash, high_half, low_half
+from varos_warp.kernels.world.pattern_noise import band, cell_hash, high_half, low_half
 
 wp.set_module_options({"enable_backward": False})
 
@@ -44,6 +44,12 @@ class Image:
 
 
 @wp.func
+def unit_clamp(c: wp.vec3):
+    """Each channel within 0..1."""
+    return wp.min(wp.max(c, wp.vec3(0.0)), wp.vec3(1.0))
+
+
+@wp.func
 def texel(image: Image, index: int):
     """The three channels of a texel, 0..1."""
     code = image.texels[index]
@@ -71,16 +77,16 @@ def sample_level(image: Image, level: int, x: float, y: float):
     right = (i + 1) & (width - 1)
     top = start + (j & ((image.height >> level) - 1)) * width
     bottom = start + ((j + 1) & ((image.height >> level) - 1)) * width
-    above = (1.0 - fu) * texel(image, top + left) + fu * texel(image, top + right)
-    below = (1.0 - fu) * texel(image, bottom + left) + fu * texel(image, bottom + right)
-    return (1.0 - fv) * above + fv * below
+    above = wp.lerp(texel(image, top + left), texel(image, top + right), fu)
+    below = wp.lerp(texel(image, bottom + left), texel(image, bottom + right), fu)
+    return wp.lerp(above, below, fv)
 
 
 @wp.func
 def level_of(image: Image, footprint: float):
-    """Level whose texels are as wide as ``footprint``, in texels of the finest; not whole, 0..levels - 1.
+    """Fractional level, 0..levels - 1, whose texels are as wide as ``footprint``, in texels of the finest.
 
-    It stays on a whole level half of the time, where one level has to be read instead of two.
+    Half of all footprints get a whole level, so that one level has to be read instead of two.
     """
     level = wp.clamp(wp.log2(wp.max(footprint, 1.0)), 0.0, float(image.levels - 1))
     whole = wp.floor(level)
@@ -160,8 +166,7 @@ def colour_of(image: Image, g: wp.vec3, level: float):
     share = level - float(fine)
     if share > 0.0:
         c = wp.lerp(c, colour_row(image, g, fine + 1), share)
-    c = image.basis * c
-    return wp.vec3(wp.clamp(c[0], 0.0, 1.0), wp.clamp(c[1], 0.0, 1.0), wp.clamp(c[2], 0.0, 1.0))
+    return unit_clamp(image.basis * c)
 
 
 @wp.func

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
-from varos_warp.kernels.field.open_water import LampTable, Tables
-from varos_warp.kernels.field.tabulate import fill_veil
+from varos_warp.kernels.field.open_water import Field, LightField
+from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
@@ -89,10 +89,10 @@ class OpenWater:
         self.water = optical_properties(scene)
         self._cameras: dict[str, wp.array] = {}
 
-    def tables(self, view: Camera) -> Tables:
+    def tables(self, view: Camera) -> Field:
         """The field for a camera; without the part along its rays where `along_camera` says that there is none."""
-        tables = Tables()
-        tables.lamp = self._lamps
+        tables = Field()
+        tables.lights = self._lamps
         if not along_camera(self.scene, view):
             return tables
         view, camera = _as_pinhole(view)
@@ -102,25 +102,25 @@ class OpenWater:
             depends_on = self._depends_on(camera=camera, lights=lights, veil=[VEIL, VEIL_NEAREST_M, VEIL_FARTHEST_M])
             arrays = cached("veil", depends_on, lambda: {"veil": self._fill_veil(view)})
             self._cameras[key] = self._array(arrays["veil"])
-        tables.veil = self._cameras[key]
-        tables.veil_nearest, tables.veil_log_step = VEIL_NEAREST_M, _log_step()
+        tables.in_scattering = self._cameras[key]
+        tables.nearest, tables.log_step = VEIL_NEAREST_M, _log_step()
         return tables
 
     @cached_property
     def _lamps(self) -> wp.array:
         """A table per lamp; lamps with the same cone share their arrays."""
-        kinds: dict[tuple, LampTable] = {}
+        kinds: dict[tuple, LightField] = {}
         for light in self.scene.vehicle.lights:
             if _kind(light) not in kinds:
                 kinds[_kind(light)] = self._lamp_table(light)
         self._kept = kinds  # the array below holds no reference to the arrays of its tables
         tables = [kinds[_kind(light)] for light in self.scene.vehicle.lights]
-        return wp.array(tables, dtype=LampTable, device=self.device)
+        return wp.array(tables, dtype=LightField, device=self.device)
 
-    def _lamp_table(self, light: Light) -> LampTable:
+    def _lamp_table(self, light: Light) -> LightField:
         field = LampField(light, self.water, self.launcher)
         arrays = cached("lamp", self._depends_on(lamp=_kind(light)), lambda: _solved(field))
-        table = LampTable()
+        table = LightField()
         table.grid = field.fine
         table.irradiance, table.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
         return table
@@ -145,7 +145,7 @@ class OpenWater:
         scene, camera, size = self._at_rest(view)
         veil = wp.empty(VEIL, dtype=wp.vec3, device=self.device)
         before = [scene, self._lamps, camera, size, VEIL_NEAREST_M, _log_step()]
-        self.launcher.rows(fill_veil, VEIL[1:], before, [veil], tile_rows=1)
+        self.launcher.rows(tabulate_in_scattering, VEIL[1:], before, [veil], tile_rows=1)
         return veil.numpy()
 
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:

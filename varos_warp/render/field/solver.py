@@ -12,8 +12,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.field.open_water import LampTable, NodeGrid
-from varos_warp.kernels.field.tabulate import light_scattered_again, light_scattered_once
+from varos_warp.kernels.field.open_water import LightField, NodeGrid
+from varos_warp.kernels.field.tabulate import tabulate_next_order, tabulate_single_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
@@ -88,9 +88,9 @@ class LampField:
         return grid
 
     def solve(self) -> dict[str, np.ndarray]:
-        """The arrays of a LampTable, ``irradiance`` and ``source``, float32 with the channels last."""
+        """The arrays of a LightField, ``irradiance`` and ``source``, float32 with the channels last."""
         self._set_matrices()
-        once = self._launch(light_scattered_once, self.fine, ONCE, [self._scene, self.fine])
+        once = self._launch(tabulate_single_scattering, self.fine, ONCE, [self._scene, self.fine])
         first = self._source(once, self._once_to)
         twice = self._scattered_again(first, self.middle, TWICE)
         from_middle = Refinement(self.middle, self.fine, twice, self.water.sigma_t)
@@ -140,9 +140,9 @@ class LampField:
 
     def _scattered_again(self, source: np.ndarray, grid: NodeGrid, directions: Directions) -> np.ndarray:
         """Light [grid..., directions, 3] that arrives after it left scatterings as ``source`` [FINE..., LEAVING, 3]."""
-        table = LampTable()
+        table = LightField()
         table.grid, table.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
-        return self._launch(light_scattered_again, grid, directions, [self._scene, table, grid])
+        return self._launch(tabulate_next_order, grid, directions, [self._scene, table, grid])
 
     def _set_matrices(self):
         """What turns radiance from the directions ONCE, TWICE and AGAIN into irradiance and sources."""

@@ -1,4 +1,4 @@
-"""Seeded noise for patterns: hashes of cells, fractal sums limited by what a ray covers, and periodic cells to bake."""
+"""Seeded noise for patterns: hashes of cells, fractal sums limited to a footprint, periodic noise for baked tiles."""
 
 import warp as wp
 
@@ -32,7 +32,7 @@ def high_half(h: wp.uint32):
 
 @wp.func
 def band(cycles: float):
-    """Weight of a wave that has ``cycles`` in what a ray covers: 1 if it is resolved, 0 from half a cycle on."""
+    """Weight of a wave with ``cycles`` per footprint: 1 if it is resolved, 0 from half a cycle on."""
     return wp.clamp(2.0 - 4.0 * cycles, 0.0, 1.0)
 
 
@@ -48,7 +48,7 @@ def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
         if share == 0.0:
             break
         total += share * weight * wp.noise(seed + wp.uint32(octave), q)
-        # turn between octaves, so that their lattices do not line up
+        # rotated between octaves, so that their lattices do not line up
         q = 2.03 * wp.vec3(0.8 * q[0] - 0.6 * q[1], 0.6 * q[0] + 0.8 * q[1], q[2]) + wp.vec3(17.1, 9.2, 5.3)
         width *= 2.03
         weight *= 0.5
