@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.render.test_plan import POSE, make_renderer, make_scene
+from tests.render.planner.test_plan import POSE, make_renderer, make_scene
 
 from varos_warp.render.planner import by_frame
 from varos_warp.render.planner.by_frame import (

@@ -67,7 +67,8 @@ def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> n
         tolerance: Relative standard error asked.
         spp: Samples per pixel that are planned to be needed; no tile takes more than four times that.
     """
-    needed = np.ceil(noise / tolerance**2)
+    with np.errstate(over="ignore"):  # a tiny tolerance asks for all that a tile may take
+        needed = np.ceil(noise / max(tolerance**2, np.finfo(float).tiny))
     return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
 
 
