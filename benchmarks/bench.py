@@ -1,6 +1,6 @@
 """Every method on named scenes, error against time: what `varos-warp bench` runs.
 
-    varos-warp bench [SCENE-NAMES...] [--methods ...] [--outputs A,D,sensors] [--device cuda:0] [--quick] [-o OUT]
+    varos-warp bench [SCENE-NAMES...] [--methods ...] [--outputs A,sensors] [--device cuda:0] [--quick] [-o OUT]
 
 Writes bench.json, a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is on
 disk as soon as it is known.
@@ -9,13 +9,13 @@ disk as soon as it is known.
 import sys
 from pathlib import Path
 
-from benchmarks import chart, depth, methods, radiance, scenes, sensors
+from benchmarks import chart, methods, radiance, scenes, sensors
 from benchmarks.machine import machine
 from benchmarks.store import Store, reopen
 from varos_warp.errors import InputError
 from varos_warp.scene.device import resolve_device
 
-OUTPUTS = ("A", "D", "sensors")
+OUTPUTS = ("A", "sensors")
 SECONDS, QUICK_SECONDS = 150.0, 25.0
 """Of a scene and an output, where nobody says otherwise; preparation comes on top."""
 
@@ -59,8 +59,6 @@ def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick:
     for bench in chosen if "A" in outputs else ():
         if radiance.compare(bench, ways, device, seconds, store, tell):
             chart.radiance(store.content(), bench.name, store.folder / f"A_{bench.name}.png")
-    for bench in (bench for bench in chosen if bench.depth and "D" in outputs):
-        depth.compare(bench, device, seconds, store, tell, quick)
     draw(store.content(), store.folder)
     return store.content()
 
@@ -75,8 +73,6 @@ def draw(result: dict, folder: Path, prefix: str = "") -> None:
     """The charts that span scenes, of the outputs that were measured."""
     if result.get("A"):
         chart.scenes(result, folder / f"{prefix}scenes.png")
-    if len(result.get("D", [])) > 1:
-        chart.depth(result, folder / f"{prefix}D.png")
     if result.get("sensors"):
         chart.steps_and_rates(result, folder / f"{prefix}sensors.png")
 

@@ -32,7 +32,7 @@ def test_bad_names_are_one_message(tmp_path):
 def test_the_options_reach_the_benchmark(monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(bench, "run", lambda *arguments: seen.append(arguments) or {"machine": {}})
-    result = run("ref1", "demo", "--methods", "path, field", "--outputs", "A,D", "--device", "cpu", "--quick",
+    result = run("ref1", "demo", "--methods", "path, field", "--outputs", "A,sensors", "--device", "cpu", "--quick",
                  "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet")
     assert result.exit_code == 0, result.output
-    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "D"], "cpu", True, 7.0, tmp_path, True)]
+    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "sensors"], "cpu", True, 7.0, tmp_path, True)]

@@ -44,7 +44,7 @@ from varos_warp.cli.arguments import (
     parse_shrinkwrap,
     split_names,
 )
-from varos_warp.cli.tables import print_info, print_json, print_meshes, print_plan, print_preprocessed, print_table
+from varos_warp.cli.tables import print_info, print_json, print_plan, print_preprocessed, print_table
 from varos_warp.errors import InputError, SchedulerGone
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
@@ -153,9 +153,8 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
          tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
          max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None, seed: Seed = None,
          denoise: Denoise = None, set_: Set = None, json_: Json = False, quiet: Quiet = False):
-    """Say which models and meshes each output needs, why, and what it will cost."""
+    """Say which models each output needs, why, and what it will cost."""
     from varos_warp.dataset.run.produce import select, simulated
-    from varos_warp.render.planner.detail import choose_detail
     from varos_warp.render.planner.plan import plan_render
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.device import resolve_device
@@ -169,16 +168,12 @@ def plan(scene: SceneFile, device: Device = "auto", frames: Frames = None, outpu
     ticks = simulation.frame_ticks
     poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
     wanted = [poses[frame] for frame in select(chosen, len(ticks))]
-    detail = choose_detail(loaded, build_parts(loaded), poses, device, propose=True, measure_cost=True)
-    planned = plan_render(loaded, FrameRenderer(loaded, device, detail.parts), wanted, measure_cost=True,
-                          meshes=detail.meshes)
+    planned = plan_render(loaded, FrameRenderer(loaded, device, build_parts(loaded)), wanted, measure_cost=True)
     result = planned.to_dict()
     if json_:
         print_json(result)
         return
     print_plan(result, planned)
-    if "meshes" in result:
-        print_meshes(result["meshes"])
 
 
 # ---------------------------------------------------------------------------------------------------------- a dataset
@@ -368,7 +363,7 @@ def bench(names: Annotated[list[str] | None, typer.Argument(
               metavar="[SCENE-NAMES...]", help="ref1, open_water, jerlov_1b, ... (where none is named: all).")] = None,
           methods: Annotated[str | None, typer.Option(
               metavar="NAME,...", help="Methods of A: direct, single, path, field, field+oidn ...")] = None,
-          outputs: Annotated[str, typer.Option(metavar="A,D,sensors", help="Charts to make.")] = "A,D,sensors",
+          outputs: Annotated[str, typer.Option(metavar="A,sensors", help="Charts to make.")] = "A,sensors",
           device: Device = "auto",
           quick: Annotated[bool, typer.Option("--quick", help="Two scenes, few methods: two minutes.")] = False,
           out: Annotated[Path, typer.Option("-o", "--out", help="Folder for tables and charts.")] = Path("bench"),

@@ -248,7 +248,7 @@ class Cluster:
         """Spent so far on compiling kernels, by all workers together."""
         return sum(self.compiled.values())
 
-    def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
+    def load(self, scene, poses: Sequence[np.ndarray], path=None) -> list[str]:
         """Bring the scene to every worker and onto its device; see `Engine.load`."""
         from distributed import fire_and_forget
 
@@ -259,7 +259,7 @@ class Cluster:
         cores = {facts.host: max(1, facts.cores // workers[facts.host]) for facts in self.facts.values()}
         site = worker.Site(self.name, scene, list(poses), self.asked, kind_of(self.devices[0]["name"]), cores)
         self.client.register_plugin(site, name=self.name)
-        tasks = [self.submit(worker.open_site, self.name, *(() if i else (path, compare)), at=address)
+        tasks = [self.submit(worker.open_site, self.name, *(() if i else (path,)), at=address)
                  for i, address in enumerate(self.order)]
         fire_and_forget(tasks[1:])  # they need not be done when the first worker plans
         opened = self.result(tasks[0])

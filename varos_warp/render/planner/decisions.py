@@ -50,8 +50,6 @@ class Plan:
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
     """Seconds on this device; only where they were asked for."""
-    meshes: dict[str, Any] | None = None
-    """What was kept of every mesh, why, and what that costs; from `varos_warp.render.planner.detail`."""
 
     @property
     def reasons(self) -> list[str]:
@@ -86,24 +84,12 @@ class Plan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
-        apart = ("decisions", "cost", "meshes")
+        apart = ("decisions", "cost")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
         error = self.error
         content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
         content |= {} if self.cost is None else {"cost": self.cost}
-        content |= {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
-        return content | ({} if self.meshes is None else {"meshes": self.meshes})
-
-
-def mesh_decisions(meshes: dict | None) -> list[Decision]:
-    """Decisions on the meshes where any were reduced."""
-    if meshes is None or meshes["level_of_detail"] is None:
-        return []
-    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
-    depth = meshes.get("depth_error", {})
-    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
-    kept = f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"
-    return [Decision("meshes", f"level_of_detail {asked}", kept)]
+        return content | {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
 
 
 def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:

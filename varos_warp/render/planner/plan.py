@@ -17,7 +17,7 @@ from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, mesh_decisions, models_in_words
+from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words
 from varos_warp.render.planner.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
@@ -68,8 +68,7 @@ MOST_REHEARSED, PAYS = 1024, 0.8
 many everywhere: in rounds and uneven tiles a GPU takes up to 1.8 times longer for a sample (measured at 320x180)."""
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
-                meshes: dict | None = None) -> Plan:
+def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False) -> Plan:
     """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
@@ -77,22 +76,21 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         renderer: A `FrameRenderer` of it.
         poses: T_w_v [4, 4] of every frame.
         measure_cost: Also measure how long it will take on this device.
-        meshes: What was kept of the meshes, for the plan.
     """
-    planner = _Planner(scene, renderer, poses, mesh_decisions(meshes))
+    planner = _Planner(scene, renderer, poses)
     plan = planner.plan()
     cost = sequence_cost(scene, renderer, poses, plan) if measure_cost else None
-    return replace(plan, models=models_in_words(scene, plan), meshes=meshes, cost=cost)
+    return replace(plan, models=models_in_words(scene, plan), cost=cost)
 
 
 class _Planner:
     """Takes one decision after the other; each knows those before it."""
 
-    def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
+    def __init__(self, scene: Scene, renderer, poses):
         self.scene, self.renderer, self.poses = scene, renderer, poses
         self.render = scene.render
-        self.decisions = decisions
-        self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)
+        self.decisions: list[Decision] = []
+        self.models = np.zeros(3)
         """Sum of the errors of models so far."""
         self.integrator = self.render.integrator
         self.spp_by_frame: dict | None = None
