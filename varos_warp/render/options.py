@@ -63,6 +63,11 @@ OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integra
 """Options that a scene's ``render`` block has, too."""
 
 
+def of_scene(scene: Scene) -> dict[str, Any]:
+    """What a scene says of them."""
+    return {key: getattr(scene.render, key) for key in OF_SCENE}
+
+
 def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:
     """The options that were given, and the scene's where they are absent.
 
@@ -74,7 +79,7 @@ def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:
     if unknown:
         raise TypeError(f"unknown options of a frame: {unknown}; there are: {', '.join(known)}")
     options = RenderOptions(**given)
-    absent = {key: getattr(scene.render, key) for key in OF_SCENE if getattr(options, key) is None}
+    absent = {key: value for key, value in of_scene(scene).items() if getattr(options, key) is None}
     options = replace(options, **absent)
     return options if options.spp else replace(options, spp=64)
 
