@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.render.planner.errors import ErrorLaw
+from varos_warp.render.planner.errors import MOST_SPP, ErrorLaw
 
 
 def law(errors, spp=(2, 4, 8)):
@@ -37,3 +37,10 @@ def test_no_error_needs_no_samples():
     made = law([0.0, 0.0, 0.0])
     assert not made.error(5).any()
     assert made.samples(0.01) == 0
+
+
+@pytest.mark.parametrize("target", [0.0, 5e-324, 1e-300, 1e-9])
+def test_a_target_that_no_number_of_samples_reaches_asks_for_the_most(target):
+    made = law([0.1, 0.07, 0.05])
+    assert made.samples(target) == 1_000_000_000
+    assert made.whole_samples(target) == MOST_SPP
