@@ -24,10 +24,11 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.run.pipeline import GIVE_UP, PLANNED, Rendered, room
+from varos_warp.dataset.run.pipeline import GIVE_UP, Rendered, room
 from varos_warp.dataset.run.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.errors import InputError, SchedulerGone
+from varos_warp.render.planner.by_frame import PLANNED
 
 CONNECT_S = 5.0
 """A scheduler answers in this time, or is not there."""
@@ -48,7 +49,7 @@ HABITS = {"distributed.worker.profile.enabled": False,
 """Defaults of Dask that workers started here do without. Its profiler holds up all threads a hundred times a second.
 Its threshold, as any would, keeps the C library from learning to reuse the memory of large arrays: writing a frame of
 1280 x 720 meets 25 000 page faults instead of 800, and a worker makes an eighth fewer frames (docs/long_runs.md)."""
-NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance")
+NEEDED = ("spp", "spp_by_frame", *PLANNED)
 """What workers need of a plan."""
 
 
