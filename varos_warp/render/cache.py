@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,34 @@ def cache_folder() -> Path:
     if os.environ.get("VAROS_WARP_CACHE"):
         return Path(os.environ["VAROS_WARP_CACHE"])
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "varos_warp"
+
+
+class Contents(NamedTuple):
+    """What is kept, largest first."""
+
+    folder: Path
+    entries: list[tuple[str, int]]
+    """Name and bytes."""
+    limit: int | None = None
+    """Most bytes that are kept; None: no limit."""
+
+    @property
+    def bytes(self) -> int:
+        """Of all entries."""
+        return sum(size for _, size in self.entries)
+
+
+def contents() -> Contents:
+    """What the cache of this user holds."""
+    folder = cache_folder()
+    return Contents(folder, sorted(((path.name, path.stat().st_size) for path in folder.glob("*.npz")),
+                                   key=lambda entry: -entry[1]))
+
+
+def clear() -> None:
+    """Delete every entry."""
+    for path in cache_folder().glob("*.npz"):
+        path.unlink(missing_ok=True)
 
 
 def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None) -> Arrays:
