@@ -4,11 +4,13 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+import yaml
 
 import varos_warp
 
@@ -17,7 +19,7 @@ ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["description", "water", "geometry", "materials"],
-    "scene.geometry": ["assets", "terrain"],
+    "scene.geometry": ["terrain", "assets"],
     "scene.water": ["phase"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],
@@ -135,3 +137,10 @@ def test_every_public_name_is_there(name):
 def test_an_unknown_public_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         _ = varos_warp.Nothing
+
+
+def test_one_version_everywhere():
+    repository = ROOT.parent
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    cited = yaml.safe_load((repository / "CITATION.cff").read_text())
+    assert varos_warp.__version__ == project["version"] == cited["version"]

@@ -17,8 +17,9 @@ def scene_to_image(path: Path) -> np.ndarray:
     plan = vw.plan_render(scene, renderer, [T_w_v])
     frame = renderer.render(T_w_v, camera="M0", outputs="ABCD", spp=spp or plan.spp)
     assert frame.A is not None
-    stderr: np.ndarray | None = frame.A.stderr
-    return frame.A.radiance if stderr is None else frame.A.radiance + stderr
+    radiance = frame.A.radiance
+    assert radiance is not None
+    return radiance
 
 
 def dataset_to_arrays(path: Path) -> list[np.ndarray]:
