@@ -1,6 +1,6 @@
 """Every method on named scenes, error against time.
 
-    python -m benchmarks.bench [SCENE-NAMES...] [--methods ...] [--outputs A,D,sensors] [--device cuda:0] [--quick]
+    python -m benchmarks.bench [SCENE-NAMES...] [--methods ...] [--outputs A,sensors] [--device cuda:0] [--quick]
                                [-o OUT]
 
 Writes bench.json, a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is on
@@ -12,13 +12,13 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks import chart, depth, methods, radiance, scenes, sensors
+from benchmarks import chart, methods, radiance, scenes, sensors
 from benchmarks.machine import machine
 from benchmarks.store import Store, reopen
 from varos_warp.errors import InputError
 from varos_warp.scene.device import resolve_device
 
-OUTPUTS = ("A", "D", "sensors")
+OUTPUTS = ("A", "sensors")
 SECONDS, QUICK_SECONDS = 150.0, 25.0
 """Of a scene and an output, where nobody says otherwise; preparation comes on top."""
 
@@ -62,8 +62,6 @@ def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick:
     for bench in chosen if "A" in outputs else ():
         if radiance.compare(bench, ways, device, seconds, store, tell):
             chart.radiance(store.content(), bench.name, store.folder / f"A_{bench.name}.png")
-    for bench in (bench for bench in chosen if bench.depth and "D" in outputs):
-        depth.compare(bench, device, seconds, store, tell, quick)
     draw(store.content(), store.folder)
     return store.content()
 
@@ -78,8 +76,6 @@ def draw(result: dict, folder: Path, prefix: str = "") -> None:
     """The charts that span scenes, of the outputs that were measured."""
     if result.get("A"):
         chart.scenes(result, folder / f"{prefix}scenes.png")
-    if len(result.get("D", [])) > 1:
-        chart.depth(result, folder / f"{prefix}D.png")
     if result.get("sensors"):
         chart.steps_and_rates(result, folder / f"{prefix}sensors.png")
 
@@ -95,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="SCENE", help="ref1, open_water, jerlov_1b ... (none: all)")
     parser.add_argument("--methods", type=_names, default=[], metavar="NAME,...",
                         help="methods of A: direct, single, path, field, field+oidn ...")
-    parser.add_argument("--outputs", type=_names, default=list(OUTPUTS), metavar="A,D,sensors", help="charts to make")
+    parser.add_argument("--outputs", type=_names, default=list(OUTPUTS), metavar="A,sensors", help="charts to make")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--quick", action="store_true", help="two scenes, few methods: two minutes")
     parser.add_argument("--seconds", type=float, help="budget of each scene and chart")

@@ -3,8 +3,9 @@
     python -m benchmarks.by_frame [--scene examples/munkholmen/scene.yaml] [--set KEY=VALUE ...] [--device cuda:0]
         [--frames 24] [--seed 1] [-o benchmarks/results/by_frame]
 
-Plans the sequence, takes frames of it at random, renders A as a run would and has it judged by far better images, whose
-noise is taken off (render/planner/pilot.py). Writes the errors and a chart of them along the sequence.
+Plans the sequence, takes frames of it at random, renders A as a run would and tells its error by independent estimates
+of far more samples, whose noise is taken off (render/planner/errors.py). Writes the errors and a chart of them along
+the sequence.
 """
 
 import argparse
@@ -15,18 +16,18 @@ import numpy as np
 
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp, spp_of
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.decisions import Plan
+from varos_warp.render.planner.errors import error
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-JUDGES, JUDGE_LEVEL = 4, 8
-"""Images that judge, of so many times as many samples as the frame takes."""
+ESTIMATES, ESTIMATE_LEVEL = 4, 8
+"""Independent estimates, of so many times as many samples as the frame takes."""
 SEED = 9000
 
 
@@ -39,9 +40,9 @@ def check(renderer, plan: Plan, poses, frame: int) -> dict:
 
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
-    judges = [image(spp=JUDGE_LEVEL * spp, seed=SEED + k).radiance for k in range(JUDGES)]
-    error, upper = pilot.error([made.denoised], judges, (0.0, 1.0)).max(1)
-    return {"frame": frame, "spp": made.spp, "error": round(float(error), 5),
+    estimates = [image(spp=ESTIMATE_LEVEL * spp, seed=SEED + k).radiance for k in range(ESTIMATES)]
+    found, upper = error([made.denoised], estimates, (0.0, 1.0)).max(1)
+    return {"frame": frame, "spp": made.spp, "error": round(float(found), 5),
             "with_a_standard_error": round(float(upper), 5), "seconds": round(seconds, 4)}
 
 

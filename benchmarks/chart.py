@@ -1,4 +1,4 @@
-"""Charts of a run: error against time for A, against triangles for D, against steps and rates for the sensors."""
+"""Charts of a run: error against time for A, against steps and rates for the sensors."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -133,44 +133,6 @@ def scenes(result: dict, path: Path) -> None:
     figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
     figure.legend(labels.values(), labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     save(figure, path)
-
-
-# ----------------------------------------------------------------------------------------------------------------- D
-
-
-def depth(result: dict, path: Path) -> None:
-    """Error of D against the triangles kept, and against the time of C and D, of every scene that was reduced."""
-    groups = _by(result["D"], "scene")
-    figure, axes = plt.subplots(len(groups), 3, figsize=(15, 3.9 * len(groups) + 0.8), squeeze=False,
-                                constrained_layout=True)
-    for row_of_axes, ((scene,), rows) in zip(axes, groups.items(), strict=True):
-        exact, levels = rows[0], rows[1:]
-        base = exact["seconds_cd"]
-        _depth_panel(row_of_axes[0], levels, "triangles", f"triangles kept, of {exact['triangles']:,}")
-        _depth_panel(row_of_axes[1], levels, "seconds_cd", f"seconds of C and D (every triangle: {base:.3g})")
-        _depth_panel(row_of_axes[2], levels, "memory_mb", f"memory of the meshes [MB], of {exact['memory_mb']:.3g}")
-        row_of_axes[0].set_ylabel(f"{scene}: error of D [mm]")
-    axes[0, 0].legend(fontsize=8)
-    figure.suptitle(f"Numbers: tolerance_px; hollow: with depth_steps 1 as well. {subtitle(result)}", fontsize=11)
-    save(figure, path)
-
-
-def _depth_panel(axis, levels: list[dict], name: str, title: str) -> None:
-    for number, (kind, label) in enumerate((("rms_mm", "rms"), ("p95_mm", "95 % of the pixels"))):
-        colour = f"C{number}"
-        plain = sorted((row for row in levels if row["depth_steps"] is None), key=lambda row: row["tolerance_px"])
-        axis.plot([row[name] for row in plain], [row[kind] for row in plain], "o-" if name != "seconds_cd" else "o",
-                  color=colour, label=label)
-        held = [row for row in levels if row["depth_steps"] is not None]
-        axis.plot([row[name] for row in held], [row[kind] for row in held], "o", color=colour, markerfacecolor="white")
-        for row in levels if number == 0 else ():
-            axis.annotate(f"{row['tolerance_px']:g}", (row[name], row[kind]), textcoords="offset points",
-                          xytext=(5, -11), fontsize=8)
-    axis.set(yscale="log", xlabel=title)
-    if name != "seconds_cd":
-        axis.set_xscale("log")
-        _readable(axis.xaxis)
-    axis.grid(True, which="both", alpha=0.25)
 
 
 # ----------------------------------------------------------------------------------------------------------- sensors

@@ -5,7 +5,8 @@
 
 Times are of A, of B and of C, D and S by themselves, as a run renders them: denoised on the device, the results copied
 to the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel
-after denoising, judged by two images of ``--judge-spp`` samples, with their noise taken off (render/planner/pilot.py).
+after denoising, told by two estimates of ``--estimate-spp`` samples, with their noise taken off
+(render/planner/errors.py).
 """
 
 import argparse
@@ -17,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from benchmarks.machine import machine
-from varos_warp.render.planner import pilot
+from varos_warp.render.planner.errors import error
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
@@ -53,18 +54,18 @@ def kernel_name(timed: str) -> str:
     return head if head and len(tail) == 8 and all(c in "0123456789abcdef" for c in tail) else name
 
 
-def errors(renderer, pose, letter: str, counts: list[int], judge_spp: int) -> list[dict]:
+def errors(renderer, pose, letter: str, counts: list[int], estimate_spp: int) -> list[dict]:
     """Error of images of one pose with so many samples."""
     key, method = ("spp", "denoise") if letter == "A" else ("spp_b", "denoise_b")
 
     def image(spp, seed, denoise):
         return getattr(renderer.render(pose, outputs=letter, seed=seed, **{key: spp, method: denoise}), letter)
 
-    judges = [image(judge_spp, SEED + k, "none").radiance for k in range(2)]
+    estimates = [image(estimate_spp, SEED + k, "none").radiance for k in range(2)]
     rows = []
     for spp in counts:
         images = [image(spp, SEED // 2 + k, "oidn").denoised for k in range(2)]
-        rows.append({"output": letter, "spp": spp, "error": pilot.error(images, judges, 0.0).round(5).tolist()})
+        rows.append({"output": letter, "spp": spp, "error": error(images, estimates, 0.0).round(5).tolist()})
     return rows
 
 
@@ -75,7 +76,7 @@ def main() -> None:
     parser.add_argument("--frames", default="60,150", help="Whose errors are measured.")
     parser.add_argument("--spp", default="2,4,8,12,16,24")
     parser.add_argument("--spp-b", default="2,4,6,8,20")
-    parser.add_argument("--judge-spp", type=int, default=768)
+    parser.add_argument("--estimate-spp", type=int, default=768)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
     options = parser.parse_args()
     numbers = {name: [int(n) for n in getattr(options, name).split(",")] for name in ("frames", "spp", "spp_b")}
@@ -84,13 +85,13 @@ def main() -> None:
     poses = [simulation.trajectory.T_w_v(k) for k in simulation.frame_ticks]
     renderer = FrameRenderer(scene, options.device)
     result = {"machine": machine(renderer.device), "scene": scene.name,
-              "resolution": scene.vehicle.cameras[0].resolution, "judge_spp": options.judge_spp}
+              "resolution": scene.vehicle.cameras[0].resolution, "estimate_spp": options.estimate_spp}
     result["cost"] = [{"spp": spp} | cost(renderer, poses, "A", spp=spp, **AS_IN_A_RUN) for spp in numbers["spp"]]
     result["cost"] += [{"spp": spp} | cost(renderer, poses, "B", spp_b=spp, **AS_IN_A_RUN) for spp in numbers["spp_b"]]
     result["cost"].append(cost(renderer, poses, "CDS"))
     result["errors"] = [{"frame": frame} | row for frame in numbers["frames"]
                         for letter, counts in (("A", numbers["spp"]), ("B", numbers["spp_b"]))
-                        for row in errors(renderer, poses[frame], letter, counts, options.judge_spp)]
+                        for row in errors(renderer, poses[frame], letter, counts, options.estimate_spp)]
     for row in result["cost"] + result["errors"]:
         print(json.dumps(row))
     options.out.parent.mkdir(parents=True, exist_ok=True)

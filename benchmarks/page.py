@@ -49,14 +49,12 @@ def fill(text: str, name: str, content: str) -> str:
 
 
 def draw(result: dict, run: str, images: Path) -> None:
-    """Charts of a run: ref1 (or the first scene) in full, the others beside each other, D and the sensors."""
+    """Charts of a run: ref1 (or the first scene) in full, the others beside each other, and the sensors."""
     rows = result.get("A", [])
     if rows:
         names = [row["scene"] for row in rows]
         chart.radiance(result, "ref1" if "ref1" in names else names[0], images / f"bench_{run}.png")
         chart.scenes(result, images / f"bench_{run}_scenes.png")
-    if len(result.get("D", [])) > 1:
-        chart.depth(result, images / f"bench_{run}_D.png")
     if result.get("sensors"):
         chart.steps_and_rates(result, images / f"bench_{run}_sensors.png")
 
@@ -71,8 +69,6 @@ def tables(result: dict) -> dict[str, str]:
         made["targets"] = _targets(result["A"], device)
         made["own truth"] = _own_truth(result["A"])
         made["left out"] = _left_out(result["scenes"])
-    if result.get("D"):
-        made["D"] = _depth(result["D"])
     if result.get("sensors"):
         made["sensors"] = _sensors(result["sensors"])
     return made
@@ -152,14 +148,6 @@ def _left_out(scenes: dict[str, dict]) -> str:
     lines = [f"* {name}: {method}: {why.splitlines()[0]}\n" for name, scene in scenes.items()
              for method, why in scene.get("left_out", {}).items()]
     return "".join(lines) or "* nothing\n"
-
-
-def _depth(rows: list[dict]) -> str:
-    return _table(["scene", "tolerance [px]", "depth_steps", "triangles", "D rms [mm]", "95 % [mm]", "C rms [deg]",
-                   "C and D [s]", "memory [MB]", "to reduce [CPU-s]"], [
-        [row["scene"], "all" if row["tolerance_px"] is None else f"{row['tolerance_px']:g}", row["depth_steps"] or "-",
-         row["triangles"], *(f"{row[key]:.3g}" for key in ("rms_mm", "p95_mm", "normal_rms_deg", "seconds_cd",
-                                                           "memory_mb", "reducing_cpu_seconds"))] for row in rows])
 
 
 def _sensors(rows: list[dict]) -> str:

@@ -2,11 +2,11 @@
 
     python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
 
-For each scene: the plan, an image with it, its error as far better images judge it, and its time; and the same for
-settings picked by hand (integrator, samples, bounds on scatterings and reflections), of which the fastest that keeps
-the tolerance is the best; where the plan could not keep it, the fastest that is as good as the plan's image. The field
-takes its building time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come,
-and a chart beside the JSON.
+For each scene: the plan, an image with it, its error by independent estimates of far more samples, and its time; and
+the same for settings picked by hand (integrator and samples), of which the fastest that keeps the tolerance is the
+best; where the plan could not keep it, the fastest that is as good as the plan's image. The field takes its building
+time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come, and a chart beside the
+JSON.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import HERE
 from varos_warp.render.image.adapt import brightness
-from varos_warp.render.planner import pilot
+from varos_warp.render.planner import errors
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
@@ -80,8 +80,8 @@ CASES = {
 FIELD_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 PATH_SPP = (4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 SEEDS, RUNS = 9000, 3
-JUDGE_SPP = {"field": 512, "path": 2048}
-JUDGES, JUDGE_SECONDS = 4, 8.0
+ESTIMATE_SPP = {"field": 512, "path": 2048}
+ESTIMATES, ESTIMATE_SECONDS = 4, 8.0
 """At least so many images, and more in so much time until their noise is a fifth of the tolerance."""
 
 
@@ -110,20 +110,20 @@ class Bench:
         """One image A."""
         return self.renderer.render(self.T_w_v, self.camera, "A", seed=SEEDS + seed, **how).A
 
-    def judges(self) -> list[np.ndarray]:
+    def estimates(self) -> list[np.ndarray]:
         """Independent images with the field, whose own error `plan.FIELD_ERROR` states, or else by paths."""
         return self.many(resolve_integrator(self.scene, self.camera, "auto", None))
 
     def many(self, integrator: str) -> list[np.ndarray]:
         """Independent images with many samples each."""
         watch, images = Stopwatch(), []
-        while len(images) < JUDGES or (noise(images) > 0.2 * self.scene.render.tolerance
-                                       and watch.seconds < JUDGE_SECONDS):
-            image = self.image(-1 - len(images), integrator=integrator, spp=JUDGE_SPP[integrator]).radiance
+        while len(images) < ESTIMATES or (noise(images) > 0.2 * self.scene.render.tolerance
+                                       and watch.seconds < ESTIMATE_SECONDS):
+            image = self.image(-1 - len(images), integrator=integrator, spp=ESTIMATE_SPP[integrator]).radiance
             images.append(image.astype(float))
         return images
 
-    def measure(self, judges: list, runs: int = RUNS, **how) -> dict:
+    def measure(self, estimates: list, runs: int = RUNS, **how) -> dict:
         """Error per channel, as the planner means it, and median seconds of an image."""
         self.image(0, denoise=self.denoise, **how)
         images, seconds = [], []
@@ -132,16 +132,16 @@ class Bench:
             image = self.image(1 + k, denoise=self.denoise, **how)
             seconds.append(watch.seconds if self.device != "cpu" else watch.cpu_seconds)
             images.append((image.radiance if self.denoise == "none" else image.denoised).astype(float))
-        error = pilot.error(images, judges, sigmas=0.0)
+        error = errors.error(images, estimates, sigmas=0.0)
         return {"error": error.tolist(), "seconds": float(np.median(seconds)), "spp": image.spp}
 
-    def by_hand(self, judges: list, tolerance: float) -> list[dict]:
+    def by_hand(self, estimates: list, tolerance: float) -> list[dict]:
         """The fewest samples that keep the tolerance, by each integrator."""
         rows = []
         best = resolve_integrator(self.scene, self.camera, "auto", None)
         for integrator in dict.fromkeys((best, "path")):
             for spp in FIELD_SPP if integrator == "field" else PATH_SPP:
-                row = self.measure(judges, 2, integrator=integrator, spp=spp)
+                row = self.measure(estimates, 2, integrator=integrator, spp=spp)
                 if max(row["error"]) <= tolerance:
                     rows.append({"integrator": integrator, **row})
                     break
@@ -153,15 +153,15 @@ class Bench:
 def check(name: str, device: str) -> dict:
     """One row."""
     bench = Bench(CASES[name], device)
-    judges, tolerance = bench.judges(), bench.scene.render.tolerance
+    estimates, tolerance = bench.estimates(), bench.scene.render.tolerance
     bench.image(0, spp=1)
     plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.T_w_v]))
-    made = bench.measure(judges, **plan.options)
-    hand = bench.by_hand(judges, max(tolerance, *made["error"]))
+    made = bench.measure(estimates, **plan.options)
+    hand = bench.by_hand(estimates, max(tolerance, *made["error"]))
     best = min(hand, key=lambda row: row["seconds"], default=None)
     return {"case": name, "title": bench.case.title, "tolerance": tolerance, "plan": plan.to_dict(),
             "predicted": plan.error.tolist(), "measured": made["error"], "seconds": made["seconds"],
-            "spp": made["spp"], "planning_s": planning, "judges_noise": noise(judges), "best": best,
+            "spp": made["spp"], "planning_s": planning, "estimates_noise": noise(estimates), "best": best,
             "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
             "kept": bool(max(made["error"]) <= tolerance),
             "time_ratio": None if best is None else made["seconds"] / best["seconds"], "by_hand": hand}
@@ -201,7 +201,7 @@ def main():
         rows = [old for old in rows if old["case"] != name] + [row]
         arguments.output.write_text(json.dumps({**machine(arguments.device), "rows": rows}, indent=1) + "\n")
         print({key: row[key] for key in ("case", "predicted", "measured", "spp", "seconds", "time_ratio", "best",
-                                         "planning_s", "judges_noise")}, flush=True)
+                                         "planning_s", "estimates_noise")}, flush=True)
     chart(rows, arguments.output.with_suffix(".png"))
 
 

@@ -44,8 +44,6 @@ class BenchScene:
     """Absent: one of the unlike scenes (benchmarks/light/scenes.py)."""
     changes: tuple[str, ...] = ()
     """To the scene file, as ``key.path=value``."""
-    depth: bool = False
-    """Whether it has meshes worth a chart of their levels of detail."""
 
     @cached_property
     def built(self) -> Built:
@@ -81,13 +79,13 @@ class BenchScene:
 
 
 SCENES = {scene.name: scene for scene in (
-    BenchScene("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water", HERE / "scenes/ref1/scene.yaml",
-               depth=True),
+    BenchScene("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water",
+               HERE / "scenes/ref1/scene.yaml"),
     BenchScene("open_water", "the paper's water, the glow of two lamps, no surfaces", HERE / "scenes/open_water.yaml"),
     *(BenchScene(name, unlike.SCENES[name][0]) for name in
       ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")),
     BenchScene("demo", "the scene of varos-warp demo: textures, depth of field", demo_scene_path(),
-               ("vehicle.cameras.0.resolution=[160,90]",), depth=True))}
+               ("vehicle.cameras.0.resolution=[160,90]",)))}
 QUICK = ("open_water", "jerlov_1b")
 
 

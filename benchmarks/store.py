@@ -24,7 +24,7 @@ class Store:
     """What holds for a whole scene: times of compilation, what was left out and why."""
 
     def add(self, output: str, row: dict) -> None:
-        """Keep a row of A, D or sensors."""
+        """Keep a row of A or sensors."""
         self.rows.setdefault(output, []).append(row)
         self.save()
 

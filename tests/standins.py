@@ -97,7 +97,7 @@ class FlatFloorRenderer:
         return self.render(*args, **how)
         yield
 
-    def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
+    def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
         self.calls.append((frame, camera, outputs))
@@ -129,7 +129,7 @@ class FlatFloorRenderer:
 
 
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
-    plan = {"spp": scene.render.spp or 8, "tile_tolerance": None, "max_scatterings": scene.render.max_scatterings,
+    plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings,
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
     words = {"spp_in_words": str(plan["spp"])}

@@ -245,16 +245,17 @@ def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
 
 def test_the_cache_shows_what_it_holds_and_is_emptied(tmp_path, monkeypatch):
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
-    (tmp_path / "field-a.npz").write_bytes(bytes(3_000_000))
-    (tmp_path / "field-b.npz").write_bytes(bytes(500_000))
-    (tmp_path / "mine.txt").write_text("not the cache's")
+    monkeypatch.setenv("VAROS_WARP_CACHE_MB", "50")
+    entries = {f"field-{digit * 32}.npz": size for digit, size in (("a", 3_000_000), ("b", 500_000))}
+    for name, size in entries.items():
+        (tmp_path / name).write_bytes(bytes(size))
+    (tmp_path / "mine.npz").write_text("not the cache's")
     told = json.loads(call("cache", "--json").stdout)
-    assert (told["folder"], told["bytes"]) == (str(tmp_path), 3_500_000)
-    assert {entry["name"]: entry["bytes"] for entry in told["entries"]} == {
-        "field-a.npz": 3_000_000, "field-b.npz": 500_000}
-    assert f"{tmp_path}: 2 entries, 3.5 MB" in call("cache").output
-    assert f"{tmp_path}: 0 entries, 0.0 MB" in call("cache", "--clear").output
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    assert (told["folder"], told["bytes"], told["limit_bytes"]) == (str(tmp_path), 3_500_000, 50_000_000)
+    assert {entry["name"]: entry["bytes"] for entry in told["entries"]} == entries
+    assert f"{tmp_path}: 2 entries, 3.5 of at most 50 MB" in call("cache").output
+    assert f"{tmp_path}: 0 entries, 0.0 of at most 50 MB" in call("cache", "--clear").output
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
 
 
 def most_arguments(path) -> dict[str, int]:

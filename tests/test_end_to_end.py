@@ -1,6 +1,5 @@
 """The whole chain without stand-ins: a scene file in, a valid dataset out, the same bytes again."""
 
-import json
 
 import numpy as np
 import pytest
@@ -40,21 +39,6 @@ def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
     assert tree(tmp_path) == tree(made / "out")
 
 
-def test_shards_of_a_run_with_less_detail_give_the_same_bytes_and_say_what_was_kept(made, tmp_path):
-    """The meshes follow from the whole sequence, whichever frames a shard renders."""
-    less = [*SMALL, "--set", "render.level_of_detail={tolerance_px: 1.0}"]
-    call("run", made / "scene.yaml", "-o", tmp_path / "plain", *less)
-    for shard in ("1/2", "0/2"):
-        call("run", made / "scene.yaml", "-o", tmp_path / "shards", "--shard", shard, *less)
-    assert tree(tmp_path / "shards") == tree(tmp_path / "plain")
-    meshes = Dataset(tmp_path / "plain").meta["samples"]["plan"]["meshes"]
-    assert meshes["kept"] < 0.8 * meshes["triangles"]
-    assert meshes["depth_error"]["rms_mm"] > 0.0
-    every = Dataset(made / "out").meta["samples"]["plan"]["meshes"]
-    assert every["kept"] == every["triangles"]
-    assert tree(tmp_path / "plain").keys() == tree(made / "out").keys()
-
-
 def test_the_reference_integrator_renders_the_same_scene_and_is_on_record(made, tmp_path):
     """Its image is the other's within their standard errors, and the plan says whose it is."""
     out, how = tmp_path / "out", [*SMALL, "--frames", "0:1", "--outputs", "A", "--spp", "64", "--linear-exr"]
@@ -70,15 +54,3 @@ def test_the_reference_integrator_renders_the_same_scene_and_is_on_record(made, 
         assert not np.array_equal(one[c], two[c])
         error = np.sqrt(sum(np.sum(image[f"stderr.{c}"].astype(float) ** 2) for image in (one, two)))
         assert abs(np.sum(one[c].astype(float) - two[c])) < 4 * error < 0.2 * two[c].sum()
-
-
-def test_a_plan_says_what_less_detail_would_keep(made):
-    meshes = json.loads(call("plan", made / "scene.yaml", "--json", *SMALL).stdout)["meshes"]
-    assert meshes["level_of_detail"] is None
-    text = call("plan", made / "scene.yaml", *SMALL).output
-    assert (f"all {meshes['triangles']} triangles are kept; with render.level_of_detail={{}} it would be "
-            f"{meshes['kept']}, and D moves by") in text
-    text = call("plan", made / "scene.yaml", *SMALL, "--set", "render.level_of_detail={}").output
-    assert "never in view: 4 times the tolerance" in text
-    assert "error of D at [m]" in text
-    assert f"in all {meshes['kept']} of {meshes['triangles']} triangles" in text

@@ -90,9 +90,7 @@ def shown():
 
 def test_the_shipped_scenes_show_every_kind_of_block(shown):
     """A part of a mixture shows its phase function too."""
-    missing = [model.__name__ for model in every_model() if not any(shows is model for shows, _ in shown)
-               and model.__name__ != "LevelOfDetail"]
-    assert missing == []
+    assert [model.__name__ for model in every_model() if not any(shows is model for shows, _ in shown)] == []
 
 
 def owner(model: type[BaseModel], key: str) -> type[BaseModel]:
@@ -103,5 +101,5 @@ def owner(model: type[BaseModel], key: str) -> type[BaseModel]:
 def test_the_shipped_scenes_show_every_key(shown):
     """Deprecated keys aside."""
     keys = {(owner(model, key), key) for model in every_model() for key, field in model.model_fields.items()
-            if not field.deprecated and model.__name__ != "LevelOfDetail" and key != "level_of_detail"}
+            if not field.deprecated}
     assert sorted(f"{model.__name__}.{key}" for model, key in keys - shown) == []

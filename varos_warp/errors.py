@@ -1,7 +1,14 @@
-"""What the command line prints as a single message: bad input, with status 2, and a scheduler that has gone, with 1."""
+"""What the package tells its user: warnings, and errors that are printed as a single message.
 
+Bad input ends the command line with status 2, and a scheduler that has gone with status 1.
+"""
+
+import sys
+import warnings
 from pathlib import Path
 from typing import Any
+
+PACKAGE = str(Path(__file__).parent)
 
 
 class InputError(ValueError):
@@ -23,3 +30,11 @@ class InputError(ValueError):
 
 class SchedulerGone(RuntimeError):
     """Nothing can be asked of the workers of a cluster any more."""
+
+
+def warn(message: str) -> None:
+    """Warn, and point at the line that called the package, however deep inside it the reason was found."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)

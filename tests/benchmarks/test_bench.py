@@ -20,7 +20,7 @@ def test_an_unknown_name_or_a_bad_value_is_one_message(tmp_path, capsys, argumen
 def test_the_options_reach_the_benchmark(monkeypatch, tmp_path, capsys):
     seen = []
     monkeypatch.setattr(bench, "run", lambda *arguments: seen.append(arguments) or {"machine": {}})
-    assert bench.main(["ref1", "demo", "--methods", "path, field", "--outputs", "A,D", "--device", "cpu", "--quick",
-                       "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet"]) == 0
-    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "D"], "cpu", True, 7.0, tmp_path, True)]
+    assert bench.main(["ref1", "demo", "--methods", "path, field", "--outputs", "A,sensors", "--device", "cpu",
+                       "--quick", "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet"]) == 0
+    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "sensors"], "cpu", True, 7.0, tmp_path, True)]
     assert json.loads(capsys.readouterr().out) == {"machine": {}}

@@ -28,11 +28,25 @@ def test_an_unknown_option_is_refused_and_those_that_are_there_are_named():
 
 
 def test_the_scene_says_what_is_absent():
-    assert options_of(SCENE, {}) == RenderOptions(spp=12, spp_b=5, integrator="path")
+    assert options_of(SCENE, {}) == RenderOptions(spp=12, spp_b=5, integrator="path", layers=list(LAYERS))
     given = {"spp": 3, "spp_b": 2, "integrator": "tables", "layers": LAYERS[:1], "max_bounces": 0}
     assert options_of(SCENE, given) == RenderOptions(**given)
     planned = SCENE.model_copy(update={"render": SCENE.render.model_copy(update={"spp": None})})
     assert options_of(planned, {}).spp == 64
+
+
+def test_bounds_and_layers_of_the_scene_hold_unless_others_are_given():
+    asked = {"max_scatterings": 0, "max_bounces": 2, "layers": ["direct"]}
+    scene = SCENE.model_copy(update={"render": SCENE.render.model_copy(update=asked)})
+    assert options_of(scene, {}) == RenderOptions(spp=12, spp_b=5, integrator="path", **asked)
+    given = {"max_scatterings": 3, "max_bounces": 0, "layers": ("single",)}
+    assert options_of(scene, given) == RenderOptions(spp=12, spp_b=5, integrator="path", **given)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, float("nan")])
+def test_a_tolerance_must_be_above_0(tolerance):
+    with pytest.raises(InputError, match=r"^tolerance = .*: must be above 0"):
+        RenderOptions(tolerance=tolerance)
 
 
 def test_functions_of_the_renderer_have_at_most_ten_arguments():

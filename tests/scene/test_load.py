@@ -1,6 +1,5 @@
 """Scene files: what is read, and what is said about files that cannot be."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,8 @@ from varos_warp.scene.load import (
 )
 
 ROOT = Path(__file__).parents[2]
-CONTRACT = ROOT.parent / "shared" / "contract" / "scene.yaml"
+CONTRACT = Path(__file__).parent / "contract.yaml"
+"""Every block of a scene file, in the names that scene files keep."""
 
 SMALL = """\
 name: small
@@ -67,8 +67,6 @@ def test_a_resolved_scene_reads_back_to_an_equal_scene(tmp_path):
 @pytest.mark.parametrize("path", [ROOT / "examples/munkholmen/scene.yaml", demo_scene_path(), CONTRACT],
                          ids=["munkholmen", "demo", "contract"])
 def test_the_scenes_that_come_with_us_load_and_read_back(path):
-    if not path.exists() and path == CONTRACT and not os.environ.get("CI"):
-        pytest.skip("the contract is not beside this checkout")
     scene = load_scene(path)
     assert scene_from_dict(scene_to_dict(scene), path.parent) == scene
 
@@ -176,6 +174,32 @@ def test_a_bad_override_is_blamed_itself(tmp_path, override, says):
     error = refusal(tmp_path, SMALL, [override])
     assert str(error.file) == f"--set {override}"
     assert says in error.message
+
+
+def test_an_override_is_blamed_and_not_the_line_of_the_file_that_it_replaced(tmp_path):
+    """Items of a list that was replaced had lines; and a block may be wrong only together with what was set in it."""
+    text = SMALL.replace("{spp: 8, denoise: none}", "{outputs: [A, B, C], denoise: none}")
+    error = refusal(tmp_path, text, ["render.outputs=[A,Q]"])
+    assert (str(error.file), error.line) == ("--set render.outputs=[A,Q]", None)
+    error = refusal(tmp_path, text, ["vehicle.cameras=[{id: L0}]", "vehicle.cameras.0.focal_mm=0"])
+    assert (str(error.file), error.line) == ("--set vehicle.cameras.0.focal_mm=0", None)
+    error = refusal(tmp_path, text, ["water.jerlov={type: II}"])
+    assert (Path(error.file).name, error.line) == ("scene.yaml", 7)
+    assert "(with --set water.jerlov={type: II})" in error.message
+
+
+@pytest.mark.parametrize("tolerance", ["0", "-1", "-0.0", ".nan", "1.5"])
+def test_a_tolerance_that_nothing_can_keep_is_refused(tmp_path, tolerance):
+    assert refusal(tmp_path, SMALL, [f"render.tolerance={tolerance}"]).key == "render.tolerance"
+    assert refusal(tmp_path, SMALL.replace("spp: 8", f"tolerance: {tolerance}")).line == 14
+
+
+@pytest.mark.parametrize("value", ["{}", "{tolerance_px: 1, depth_steps: null}"])
+def test_a_key_without_effect_loads_and_a_note_says_so(tmp_path, value):
+    with pytest.warns(UserWarning, match="render.level_of_detail has no effect any more: every triangle") as noted:
+        scene = load_scene(write(tmp_path, SMALL), [f"render.level_of_detail={value}"])
+    assert noted[0].filename == __file__
+    assert scene_to_dict(scene) == scene_to_dict(load_scene(write(tmp_path, SMALL)))
 
 
 def test_values_may_be_anchored_and_merged(tmp_path):

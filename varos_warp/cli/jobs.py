@@ -17,7 +17,7 @@ from varos_warp.cli.options import (
     parse_frames,
     parse_shard,
 )
-from varos_warp.cli.tables import print_json, print_meshes, print_plan
+from varos_warp.cli.tables import print_json, print_plan
 
 
 @resumable
@@ -75,13 +75,11 @@ def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **op
 
 @verb
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
-    """Say which models and meshes each output needs, why, and what it will cost."""
+    """Say which models each output needs, why, and what it will cost."""
     from varos_warp.dataset.run.produce import select, simulated
-    from varos_warp.render.planner.detail import choose_detail
     from varos_warp.render.planner.plan import plan_render
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.device import resolve_device
-    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
 
     device = resolve_device(choices.device)
@@ -90,13 +88,9 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     ticks = simulation.frame_ticks
     poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
     wanted = [poses[frame] for frame in select(chosen, len(ticks))]
-    detail = choose_detail(loaded, build_parts(loaded), poses, device, propose=True, measure_cost=True)
-    planned = plan_render(loaded, FrameRenderer(loaded, device, detail.parts), wanted, measure_cost=True,
-                          meshes=detail.meshes)
+    planned = plan_render(loaded, FrameRenderer(loaded, device), wanted, measure_cost=True)
     result = planned.to_dict()
     if json_:
         print_json(result)
         return
     print_plan(result, planned)
-    if "meshes" in result:
-        print_meshes(result["meshes"])

@@ -57,45 +57,6 @@ def _percent(error) -> list[str]:
     return ["", "", ""] if error is None else [f"{100 * e:.2f}" for e in error]
 
 
-def print_meshes(meshes: dict) -> None:
-    """The plan's section ``meshes``: what is kept of each, by distance, and what that costs in C and D."""
-    detail, memory = meshes["level_of_detail"], meshes["memory_mb"]
-    if detail is None:
-        moved = f", and D moves by {meshes['depth_error']['rms_mm']:.2g} mm (rms)" if "depth_error" in meshes else ""
-        print(f"meshes: all {meshes['triangles']} triangles are kept; with render.level_of_detail={{}} it would be "
-              f"{meshes['kept']}{moved} (--json tells of each mesh)")
-        return
-    print(f"meshes: level_of_detail {detail}")
-    print_table(["mesh", "triangles", "kept", "nearest [m]", "allowed from [mm]", "error [mm]", "why"],
-                 [row for part in meshes["parts"] for row in _mesh_rows(part)])
-    print(f"  in all {meshes['kept']} of {meshes['triangles']} triangles, {memory['kept']:g} of {memory['given']:g} MB")
-    if "depth_error" not in meshes:
-        return
-    columns = {"pixels": "pixels", "rms_mm": "rms [mm]", "rms_steps": "rms [steps]", "p95_steps": "95 % [steps]",
-               "max_steps": "largest [steps]"}
-    print_table(["error of D at [m]", *columns.values()],
-                 [["{:g} to {:g}".format(*row["nearest_m"]), *(f"{row[key]:.4g}" for key in columns)]
-                  for row in meshes["depth_error"]["by_distance"]])
-    turned, seconds = meshes.get("normal_error_deg"), meshes["seconds_per_million_rays"]
-    if turned:
-        print(f"  normals turn by {turned['rms']:.2g} degrees (rms), 95 % of them by less than {turned['p95']:.2g}")
-    print(f"  a million first hits take {seconds['kept']:.3g} s instead of {seconds['given']:.3g} s")
-
-
-def _mesh_rows(part: dict) -> list[list[str]]:
-    """A row for the mesh, and one for each range of distances."""
-    from varos_warp.scene.geometry.lod import NEVER_SEEN
-
-    rows = [[part["name"], str(part["triangles"]), str(part["kept"]), f"{part['nearest_m']:.3g}", "",
-             f"{part['error_mm']:.3g}", part["reason"]]]
-    for region in part["regions"]:
-        low, high = region["nearest_m"]
-        rows.append(["", str(region["triangles"]), str(region["kept"]), f"{low:g} to {high:g}",
-                     f"{region['allowed_mm']:.3g}", f"{region['error_mm']:.3g}",
-                     "" if region["in_view"] else NEVER_SEEN])
-    return rows
-
-
 def print_info(facts: dict) -> None:
     """The facts of `scene_info` as tables."""
     water, trajectory = facts["water"], facts["trajectory"]
@@ -152,6 +113,6 @@ def print_preprocessed(out: Path, facts: dict) -> None:
 def print_cache(contents) -> None:
     """How full the cache of precomputed fields is, and with what."""
     print_table(["entry", "size [MB]"], [[name, f"{size / 1e6:.1f}"] for name, size in contents.entries])
-    limit = "no limit" if contents.limit is None else f"limit {contents.limit / 1e6:.0f} MB"
     count = len(contents.entries)
-    print(f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} MB ({limit})")
+    print(f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} of at "
+          f"most {contents.limit / 1e6:.0f} MB")

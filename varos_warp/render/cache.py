@@ -1,10 +1,17 @@
-"""Arrays that took long to make, kept in a folder of the user under the hash of what they depend on."""
+"""Arrays that took long to compute, kept in a folder of the user under a hash of all that they depend on.
 
+The folder has a size limit: what was used least recently goes first. Any number of processes may share it.
+"""
+
+import ast
+import contextlib
+import functools
 import hashlib
 import json
 import os
+import re
 import tempfile
-import warnings
+import time
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -13,9 +20,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+import varos_warp
+from varos_warp.errors import InputError, warn
+
 Arrays = dict[str, np.ndarray]
 DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 """What reading a file raises that is not whole, or not ours."""
+LIMIT_MB = 2000.0
+"""Size limit where ``$VAROS_WARP_CACHE_MB`` says nothing."""
+ENTRY, PARTIAL = re.compile(r"\w+-[0-9a-f]{32}\.npz"), re.compile(r"\w+-[0-9a-f]{32}-\w+\.partial")
+"""Names of our files, whole and while they are written. Nothing else in the folder is ever touched."""
+STALE_S = 86_400.0
+"""A file that has been partial for so long is left from a process that was killed."""
+
+_in_use: set[Path] = set()
+"""Entries that this process has used: it may want them again, so they are not deleted to make room."""
 
 
 def cache_folder() -> Path:
@@ -25,14 +44,28 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "varos_warp"
 
 
+def size_limit() -> int:
+    """Most bytes that are kept: ``$VAROS_WARP_CACHE_MB``, else 2 GB.
+
+    Raises:
+        InputError: If the variable is not a number of megabytes.
+    """
+    given = os.environ.get("VAROS_WARP_CACHE_MB") or LIMIT_MB
+    with contextlib.suppress(ValueError, OverflowError):
+        if (limit := int(1e6 * float(given))) >= 0:
+            return limit
+    raise InputError("is not a number of megabytes", key="VAROS_WARP_CACHE_MB", value=given,
+                     remedy=f"Give 0 or more; absent, it is {LIMIT_MB:g}.")
+
+
 class Contents(NamedTuple):
-    """What is kept, largest first."""
+    """What is kept."""
 
     folder: Path
     entries: list[tuple[str, int]]
-    """Name and bytes."""
-    limit: int | None = None
-    """Most bytes that are kept; None: no limit."""
+    """Name and bytes, the most recently used first."""
+    limit: int
+    """Most bytes that are kept."""
 
     @property
     def bytes(self) -> int:
@@ -41,16 +74,15 @@ class Contents(NamedTuple):
 
 
 def contents() -> Contents:
-    """What the cache of this user holds."""
+    """What the user's cache holds."""
     folder = cache_folder()
-    return Contents(folder, sorted(((path.name, path.stat().st_size) for path in folder.glob("*.npz")),
-                                   key=lambda entry: -entry[1]))
+    return Contents(folder, [(path.name, size) for _, size, path in reversed(_by_use(folder, ENTRY))], size_limit())
 
 
-def clear() -> None:
-    """Delete every entry."""
-    for path in cache_folder().glob("*.npz"):
-        path.unlink(missing_ok=True)
+def clear() -> int:
+    """Delete every entry of the user's cache; returns the bytes that were freed."""
+    return sum(size for pattern in (ENTRY, PARTIAL) for _, size, path in _by_use(cache_folder(), pattern)
+               if _delete(path))
 
 
 def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None) -> Arrays:
@@ -60,10 +92,10 @@ def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Pat
     Files get their name when they are whole, so that any number of processes may build the same.
 
     Args:
-        name: what the files are called, before the hash.
-        depends_on: everything that the numbers depend on, as JSON.
-        build: makes the arrays.
-        folder: where they are kept; absent: `cache_folder`.
+        name: What the files are called, before the hash.
+        depends_on: Everything that the numbers depend on, as JSON.
+        build: Makes the arrays.
+        folder: Where they are kept; absent: `cache_folder`.
     """
     text = json.dumps(depends_on, sort_keys=True)
     path = (folder or cache_folder()) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
@@ -73,8 +105,43 @@ def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Pat
         try:
             _write(path, arrays, text)
         except OSError as error:
-            warnings.warn(f"tables of light are not kept, they will be made again: {error}", stacklevel=2)
+            warn(f"what was computed is not kept, it will be made again: {error}")
+    _in_use.add(path)
+    _make_room(path.parent)
     return arrays
+
+
+@functools.cache
+def code_hash(module: str, within: tuple[str, ...], package: Path = Path(varos_warp.__file__).parent) -> str:
+    """Hash of the code of a module and of all that it imports; comments and docstrings do not count.
+
+    Args:
+        module: Its name.
+        within: Of imports only those below these names count.
+        package: Folder of varos_warp.
+    """
+    code, unread = {}, [module]
+    while unread:
+        name = unread.pop()
+        path = package.joinpath(*name.split(".")[1:])
+        path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        if name in code or not name.startswith(within) or not path.is_file():
+            continue
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                unread += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            elif isinstance(node, ast.Import):
+                unread += [alias.name for alias in node.names]
+            if isinstance(getattr(node, "body", None), list):
+                node.body = [line for line in node.body if not _is_text(line)]
+        code[name] = ast.dump(tree)
+    return hashlib.sha256(json.dumps(code, sort_keys=True).encode()).hexdigest()
+
+
+def _is_text(line: ast.stmt) -> bool:
+    """Whether a line of code is nothing but a string."""
+    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
 
 
 def _read(path: Path, text: str) -> Arrays | None:
@@ -82,15 +149,19 @@ def _read(path: Path, text: str) -> Arrays | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        return arrays if str(arrays.pop("depends_on")) == text else None
+        if str(arrays.pop("depends_on")) != text:
+            return None
     except DAMAGED:
         return None
+    with contextlib.suppress(OSError):  # a folder that may only be read
+        os.utime(path)
+    return arrays
 
 
 def _write(path: Path, arrays: Arrays, text: str):
     """Write a file under another name and move it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
+    handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f"{path.stem}-", suffix=".partial")
     try:
         with os.fdopen(handle, "wb") as file:
             np.savez(file, depends_on=np.array(text), **arrays)
@@ -98,3 +169,35 @@ def _write(path: Path, arrays: Arrays, text: str):
     except BaseException:
         Path(partial).unlink(missing_ok=True)
         raise
+
+
+def _make_room(folder: Path) -> None:
+    """Delete what was used least recently, until the rest is within the limit."""
+    entries = _by_use(folder, ENTRY)
+    too_much = sum(size for _, size, _ in entries) - size_limit()
+    for _, size, path in entries:
+        if too_much > 0 and path not in _in_use and _delete(path):
+            too_much -= size
+    for used, _, path in _by_use(folder, PARTIAL):
+        if time.time() - used > STALE_S:
+            _delete(path)
+
+
+def _by_use(folder: Path, pattern: re.Pattern) -> list[tuple[float, int, Path]]:
+    """Time of the last use, bytes and path of our files, the least recently used first."""
+    files = []
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            with contextlib.suppress(OSError):  # another process may have deleted it
+                if pattern.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+                    files.append((path.stat().st_mtime, path.stat().st_size, path))
+    return sorted(files)
+
+
+def _delete(path: Path) -> bool:
+    """Whether a file could be deleted; some systems keep what another process reads."""
+    try:
+        path.unlink()
+    except OSError:
+        return False
+    return True

@@ -31,11 +31,11 @@ class RenderOptions:
     spp_b: int | None = None
     """Samples per pixel of B; absent: the scene's."""
     max_scatterings: int | None = None
-    """Most scatterings in the water on a path; None: no bound."""
+    """Most scatterings in the water on a path; absent: the scene's, which may be without a bound."""
     max_bounces: int | None = None
-    """Most reflections on surfaces; None: no bound."""
-    layers: Sequence[str] = LAYERS
-    """Which of direct, single, multiple to render."""
+    """Most reflections on surfaces; absent: the scene's, likewise."""
+    layers: Sequence[str] | None = None
+    """Which of direct, single, multiple to render; absent: the scene's."""
     integrator: str | None = None
     """Of A: auto, field, path or reference; absent: the scene's."""
     denoise: str | None = None
@@ -46,14 +46,26 @@ class RenderOptions:
     """Of what is denoised on a GPU copy ``denoised`` alone to the host: all the rest takes longer than denoising it."""
 
     def __post_init__(self):
-        check_names("layers", self.layers, LAYERS)
-        for key, known in (("integrator", INTEGRATORS), ("denoise", METHODS), ("denoise_b", METHODS)):
-            name = field_by_old_name(getattr(self, key))
-            check_names(key, known if name is None else [name], known)
+        for key, known in (("layers", LAYERS), ("integrator", INTEGRATORS), ("denoise", METHODS),
+                           ("denoise_b", METHODS)):
+            names = getattr(self, key)
+            if names is not None:
+                check_names(key, names if key == "layers" else [field_by_old_name(names)], known)
         for key, least in (("spp", 1), ("spp_b", 1), ("max_scatterings", 0), ("max_bounces", 0)):
             number = getattr(self, key)
             if number is not None and number < least:
                 raise InputError(f"must be at least {least}", key=key, value=number)
+        if self.tolerance is not None and not self.tolerance > 0.0:
+            raise InputError("must be above 0", key="tolerance", value=self.tolerance)
+
+
+OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integrator")
+"""Options that a scene's ``render`` block has, too."""
+
+
+def of_scene(scene: Scene) -> dict[str, Any]:
+    """What a scene says of them."""
+    return {key: getattr(scene.render, key) for key in OF_SCENE}
 
 
 def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:
@@ -66,9 +78,10 @@ def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:
     unknown = ", ".join(name for name in given if name not in known)
     if unknown:
         raise TypeError(f"unknown options of a frame: {unknown}; there are: {', '.join(known)}")
-    options, render = RenderOptions(**given), scene.render
-    return replace(options, spp=options.spp or render.spp or 64, spp_b=options.spp_b or render.spp_b,
-                   integrator=options.integrator or render.integrator)
+    options = RenderOptions(**given)
+    absent = {key: value for key, value in of_scene(scene).items() if getattr(options, key) is None}
+    options = replace(options, **absent)
+    return options if options.spp else replace(options, spp=64)
 
 
 def check_names(key: str, names, known) -> None:

@@ -1,7 +1,6 @@
 """The images of light: A with the water and B without, from their samples to what a denoiser leaves."""
 
 import functools
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Tables
 from varos_warp.kernels.film.film import Film, develop, tile_variances
@@ -179,8 +179,8 @@ class RadianceRenderer:
         self.films.keep(film)
         on_host = dict(zip(wanted, arrays, strict=True))
         if lost[0]:
-            warnings.warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
-                          "and the image is darker there", stacklevel=7)
+            warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
+                 "and the image is darker there")
         spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
         facts = {"lost_samples": int(lost[0]), "spp": spp}
         if "block_error" in on_host:
@@ -215,5 +215,5 @@ class RadianceRenderer:
         try:
             return DeviceDenoiser(self.device)
         except (ImportError, OSError, RuntimeError) as error:
-            warnings.warn(f"images are denoised on the CPU: {error}", stacklevel=2)
+            warn(f"images are denoised on the CPU: {error}")
             return None

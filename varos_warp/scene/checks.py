@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
-from varos_warp.scene.geometry.lod import depth_step
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
 from varos_warp.scene.geometry.query import clearance, is_inside
 from varos_warp.scene.geometry.terrain import join
@@ -189,7 +188,8 @@ def _check_reach(scene, parts):
     if not parts or "D" not in scene.render.outputs:
         return []
     reach = float(np.abs(standpoints(scene) - local_origin(scene, parts)).max())
-    rounding, step = reach * 2.0**-24, depth_step(scene)
+    near, far = scene.render.depth_range_m
+    rounding, step = reach * 2.0**-24, (far - near) / 65535.0
     if rounding <= 0.5 * step:
         return []
     return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "

@@ -3,6 +3,7 @@
 import difflib
 import re
 import typing
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib import resources
@@ -14,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.block import keys_without_effect
 
 DATA = resources.files("varos_warp") / "data"
 """Scenes that come with the package: ``demo.yaml`` and ``starter.yaml``."""
@@ -33,7 +35,10 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     source = _parse(_read_text(path), path)
     for override in overrides:
         _apply_override(source, override)
-    return _validate(source, path.parent)
+    scene = _validate(source, path.parent)
+    for key, instead in keys_without_effect(scene).items():
+        warnings.warn(f"{key} has no effect any more: {instead}", stacklevel=2)
+    return scene
 
 
 def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
@@ -103,6 +108,10 @@ class _Source:
             if path[:end] in self.lines:
                 return {"file": self.file, "line": self.lines[path[:end]], "key": key}
         return {"file": self.file, "key": key}
+
+    def overrides_within(self, path: tuple) -> list[str]:
+        """Overrides of keys in the block at ``path``, which may have made it wrong."""
+        return [text for inner, text in self.overridden.items() if inner[:len(path)] == path != inner]
 
 
 def _read_text(path: Path, what: str = "scene file",
@@ -191,6 +200,8 @@ def _apply_override(source: _Source, override: str) -> None:
                          remedy="Set the whole value instead.")
     block[path[-1]] = value
     source.overridden[path] = override
+    for inner in [known for known in source.lines if known[:len(path)] == path]:
+        del source.lines[inner]  # what stood there is gone
 
 
 def _child(block, part, path, where):
@@ -244,7 +255,10 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
-    return InputError(problem, value=value, remedy=remedy or None, **source.where(path))
+    where, changes = source.where(path), source.overrides_within(path)
+    if "line" in where and changes:
+        problem += f" (with --set {' and '.join(changes)})"
+    return InputError(problem, value=value, remedy=remedy or None, **where)
 
 
 def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:

@@ -48,7 +48,7 @@ def start():
     context = get_context("forkserver")
     context.set_forkserver_preload([
         "varos_warp.dataset.run.produce", "varos_warp.dataset.report", "varos_warp.render.renderer",
-        "varos_warp.render.planner.plan", "varos_warp.render.planner.detail", "varos_warp.sim.trajectory",
+        "varos_warp.render.planner.plan", "varos_warp.sim.trajectory",
         "benchmarks.soak", "PIL.PngImagePlugin", "standins"])
 
     def started(*args, **options):

@@ -68,6 +68,14 @@ def test_tiles_get_the_samples_that_their_noise_needs():
     assert more_samples(noise, 8, 0.01, 400).max() + 8 == 1600  # four times 400
 
 
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-160, 1e-300, 5e-324])
+def test_a_tiny_tolerance_takes_as_many_samples_as_there_may_be_and_none_without_noise(tolerance):
+    noise = other_noise(*uneven())
+    more = more_samples(noise, 8, tolerance, 400) + 8
+    assert np.all(more[noise > 0.0] == 1600)
+    assert np.all(more[noise == 0.0] == 8)
+
+
 def test_samples_are_shared_out_in_proportion_to_the_deviation():
     """As many as asked on average, ten times as many where the deviation is ten times as large, within the limits."""
     noise = other_noise(*uneven())

@@ -1,25 +1,25 @@
-"""Samples by frame: the poses that are judged, what each needs, and what the frames between them take."""
+"""Samples by frame: the poses that are tried, what each needs, and what the frames between them take."""
 
 import numpy as np
 import pytest
-from tests.render.test_plan import POSE, make_renderer, make_scene
 
+from tests.render.planner.test_plan import POSE, make_renderer, make_scene
 from varos_warp.render.planner import by_frame
 from varos_warp.render.planner.by_frame import (
+    Trial,
     halfway,
-    judged_frames,
     knots,
-    look,
     samples_along,
     samples_needed,
     spp_of,
+    trial,
+    tried_frames,
 )
-from varos_warp.render.planner.error_law import FEWEST_SPP
-from varos_warp.render.planner.pilot import error
+from varos_warp.render.planner.errors import FEWEST_SPP, error
 from varos_warp.render.planner.plan import plan_render
 
-A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER) + by_frame.JUDGES
-"""What judging one costs, in images of an image's samples."""
+A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER) + by_frame.ESTIMATES
+"""What trying one costs, in images of an image's samples."""
 
 
 @pytest.mark.parametrize(("count", "pixels", "poses"), [
@@ -27,8 +27,8 @@ A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER) + by_frame.JUDGES
     (200, 0.2, 11),   # 4 % of 200 frames are 8, for 0.75 a pose
     (60, 1.0, 0),     # too few to pay
     (1, 1e-6, 0)])
-def test_judged_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
-    frames = judged_frames(count, pixels)
+def test_tried_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
+    frames = tried_frames(count, pixels)
     assert len(frames) == poses
     assert (poses - 1) * A_POSE * pixels <= by_frame.SHARE * count
     if frames:
@@ -82,7 +82,7 @@ def test_a_peak_between_even_poses_is_found_and_followed():
 
 
 def noisy_images(sigma: float, seed: int = 1):
-    """Makes images of a gradient whose samples have a relative deviation of ``sigma``, as `look` wants them."""
+    """Makes images of a gradient whose samples have a relative deviation of ``sigma``, as `trial` wants them."""
     truth = np.tile(np.linspace(0.5, 1.5, 160)[:, None], (120, 1, 3))
 
     def image(spp: int, number: int, denoised: bool):
@@ -96,14 +96,14 @@ def noisy_images(sigma: float, seed: int = 1):
 def test_a_view_needs_what_its_noise_says(spp):
     """(0.5 / 0.1)^2 = 25 samples, in multiples of four, and what chance leaves open, which is a few percent.
 
-    Judged with more than that, and with fewer: then it is judged again, as extrapolating so far would be a guess.
+    Tried with more than that, and with fewer: then it is tried again, as extrapolating so far would be a guess.
     """
     image = noisy_images(0.5)
     needed, = samples_needed(lambda view, *how: image(*how), {("M0", 0): spp}, 0.1, -0.75).values()
     assert 24 <= needed <= 28
 
 
-def test_views_that_need_more_than_they_were_judged_with_are_judged_again():
+def test_views_that_need_more_than_they_were_tried_with_are_tried_again():
     asked = []
 
     def image(view, spp, *how):
@@ -119,19 +119,19 @@ def test_views_that_need_more_than_they_were_judged_with_are_judged_again():
     assert max(spp for view, spp in asked if view == noisy) >= needed[noisy] / by_frame.BEYOND
 
 
-def test_a_view_that_needs_many_times_the_first_guess_is_judged_until_it_is_known():
+def test_a_view_that_needs_many_times_the_first_guess_is_tried_until_it_is_known():
     needed = samples_needed(lambda view, *how: noisy_images(1.2)(*how), {("M0", 0): 8}, 0.1, -0.75)
     assert 132 <= needed["M0", 0] <= 156  # 144
 
 
-def test_a_view_is_judged_by_images_that_know_nothing_of_it():
-    """With the images themselves as judges there would be no error."""
-    seen = look(noisy_images(0.5), 16)
-    assert seen.spp == [4, 8, 16]
-    everything = [*seen.images, *seen.judges]
+def test_errors_are_told_by_images_that_know_nothing_of_those_they_are_of():
+    """With the images themselves as estimates there would be no error."""
+    tried = trial(noisy_images(0.5), 16)
+    assert tried.spp == [4, 8, 16]
+    everything = [*tried.images, *tried.estimates]
     assert len({image.tobytes() for image in everything}) == len(everything)
-    for spp, image in zip(seen.spp, seen.images, strict=True):
-        np.testing.assert_allclose(error([image], seen.judges, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
+    for spp, image in zip(tried.spp, tried.images, strict=True):
+        np.testing.assert_allclose(error([image], tried.estimates, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
 
 
 def test_no_more_samples_are_taken_than_were_enough():
@@ -140,15 +140,15 @@ def test_no_more_samples_are_taken_than_were_enough():
     truth = np.ones((180, 320, 3))
     counts, errors = [2, 4, 8], [0.049, 0.0165, 0.0098]
     images = [truth + error * rng.normal(size=truth.shape) for error in errors]
-    seen = by_frame.Look(counts, images, [truth + 0.02 * rng.normal(size=truth.shape) for _ in range(2)])
-    assert seen.needs(0.0188, -0.75) == 4
-    assert seen.needs(0.012, -0.75) in (6, 7)  # between 4 and 8 as they say
-    lucky = by_frame.Look(counts, [images[k] for k in (1, 0, 2)], seen.judges)
+    tried = Trial(counts, images, [truth + 0.02 * rng.normal(size=truth.shape) for _ in range(2)])
+    assert tried.needs(0.0188, -0.75) == 4
+    assert tried.needs(0.012, -0.75) in (6, 7)  # between 4 and 8 as they say
+    lucky = Trial(counts, [images[k] for k in (1, 0, 2)], tried.estimates)
     assert 4 < lucky.needs(0.0188, -0.75) <= 8  # with fewer it was enough once, and once not
 
 
-def test_vague_judges_never_talk_samples_down():
-    """The image is 2 % off, its judges are all noise: then no fewer samples are taken than the image had."""
+def test_vague_estimates_never_talk_samples_down():
+    """The image is 2 % off, the estimates are all noise: then no fewer samples are taken than the image had."""
     truth, spp = np.ones((180, 320, 3)), 32
 
     def image(samples, number, denoised):
@@ -156,7 +156,7 @@ def test_vague_judges_never_talk_samples_down():
         return truth + (0.02 if denoised else 6.0 / np.sqrt(spp)) * rng.normal(size=truth.shape)
 
     for target in (0.01, 0.02, 0.03, 0.3):
-        assert look(image, spp).needs(target, -0.75) >= spp
+        assert trial(image, spp).needs(target, -0.75) >= spp
 
 
 UP = POSE.copy()
@@ -168,7 +168,7 @@ def test_frames_of_a_sequence_take_what_their_views_need():
     """Two halves: one sees the floor, one only water; each keeps the tolerance, with samples of its own.
 
     With the field, for paths alone leave rare bright samples in open water: of 60 images with 24 samples one was off by
-    eight times what half of them were. Four images of each are judged by one of 1024 samples, and tell their error to
+    eight times what half of them were. Four images of each, against one of 1024 samples, tell their error to
     about a tenth. At a tolerance of 0.1 the floor needs 5 samples, too few for others to take less.
     """
     scene = make_scene(tolerance=0.05, integrator="field")

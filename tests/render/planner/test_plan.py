@@ -5,10 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from varos_warp.errors import InputError
 from varos_warp.render.image.adapt import brightness
-from varos_warp.render.planner import cost, pilot
-from varos_warp.render.planner.pilot import View, judged_pixels, pilot_camera
-from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, _Planner, plan_render
+from varos_warp.render.planner import cost
+from varos_warp.render.planner.errors import error
+from varos_warp.render.planner.pilot import View, pilot_camera, pixels_tried
+from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer, RadianceImage
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -55,12 +57,12 @@ def test_the_view_that_counts_is_the_noisiest_after_denoising():
             noise = rng.normal(0.0, sigma, (96 // size, 160 // size, 1)).astype(np.float32)
             radiance = np.maximum(light + np.kron(noise, np.ones((size, size, 1), np.float32)), 0.0)
             images.append(RadianceImage(radiance, np.full_like(radiance, sigma)))
-        return View(0, make_scene().vehicle.cameras[0], POSE, *images)
+        return View(0, make_scene().vehicle.cameras[0], POSE, tuple(images))
 
     fine, coarse = view(1, 0.1), view(16, 0.05)
-    assert pilot.scouted_noise(fine, "none") == pytest.approx(0.2, rel=0.05)
-    assert pilot.scouted_noise(fine, "none").min() > 1.5 * pilot.scouted_noise(coarse, "none").max()
-    assert pilot.scouted_noise(fine, "oidn").max() < 0.7 * pilot.scouted_noise(coarse, "oidn").min()
+    assert fine.noise("none") == pytest.approx(0.2, rel=0.05)
+    assert fine.noise("none").min() > 1.5 * coarse.noise("none").max()
+    assert fine.noise("oidn").max() < 0.7 * coarse.noise("oidn").min()
 
 
 def test_one_bright_sample_does_not_make_a_view_the_noisiest():
@@ -70,13 +72,13 @@ def test_one_bright_sample_does_not_make_a_view_the_noisiest():
     def view(sigma, bright):
         images = [rng.normal(0.5, sigma, (36, 64, 3)).astype(np.float32) for _ in range(2)]
         images[0][rng.random((36, 64)) < bright] += 10.0
-        return View(0, make_scene().vehicle.cameras[0], POSE, *(RadianceImage(image, image) for image in images))
+        return View(0, make_scene().vehicle.cameras[0], POSE, tuple(RadianceImage(image, image) for image in images))
 
     noisy, quiet = view(0.05, 0.0), view(0.02, 0.0)
-    quiet.image.radiance[20, 30] += 10.0
-    assert pilot.scouted_noise(quiet, "none", rare=0.0).min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
-    assert pilot.scouted_noise(quiet, "none").max() < 0.5 * pilot.scouted_noise(noisy, "none").min()
-    assert pilot.scouted_noise(view(0.02, 0.01), "none").min() > 2.0 * pilot.scouted_noise(noisy, "none").max()
+    quiet.images[0].radiance[20, 30] += 10.0
+    assert quiet.noise("none", rare=0.0).min() > 2.0 * noisy.noise("none").max()
+    assert quiet.noise("none").max() < 0.5 * noisy.noise("none").min()
+    assert view(0.02, 0.01).noise("none").min() > 2.0 * noisy.noise("none").max()
 
 
 @pytest.mark.parametrize("water", [None, VAROS_WATER | {"sigma_s": [0.0, 0.0, 0.0]}])
@@ -123,6 +125,21 @@ def test_the_denoised_image_keeps_the_tolerance():
     assert found.max() <= scene.render.tolerance
     assert plan.spp < plain.spp
     assert "after nlm" in plan.reasons[-1]
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, np.nan])
+def test_a_tolerance_that_means_nothing_is_bad_input(planned, tolerance):
+    """A scene file cannot say it; Python can, past the checks of the file."""
+    scene = planned[0].model_copy(update={"render": planned[0].render.model_copy(update={"tolerance": tolerance})})
+    with pytest.raises(InputError, match=r"render\.tolerance = "):
+        plan_render(scene, planned[1], [POSE])
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-200, 5e-324])
+def test_a_tiny_tolerance_is_not_kept_and_said_so(planned, tolerance):
+    plan = plan_render(make_scene(tolerance=tolerance, max_seconds_per_frame=0.1), planned[1], [POSE])
+    assert plan.spp == 6
+    assert plan.shortfall.startswith("tolerance NOT kept: ")
 
 
 def test_samples_stay_within_limits_and_the_plan_says_so(planned):
@@ -176,8 +193,8 @@ def test_an_error_is_found_without_a_reference_by_images_that_are_noisier():
 
     truth = 1.0 + 0.2 * (np.indices((90, 160)).sum(0) // 4 % 2)[..., None] * np.ones(3)
     blurred = [uniform_filter(image.radiance, (3, 3, 1)) for image in images_of(truth, 0.05, 4)]
-    judges = [image.radiance for image in images_of(truth, 0.1, 2, seed=9)]
-    np.testing.assert_allclose(pilot.error(blurred, judges), error_of(blurred, truth), rtol=0.05)
+    estimates = [image.radiance for image in images_of(truth, 0.1, 2, seed=9)]
+    np.testing.assert_allclose(error(blurred, estimates), error_of(blurred, truth), rtol=0.05)
 
 
 # ------------------------------------------------------------------------------------------------- what is promised
@@ -227,9 +244,9 @@ def test_the_pilot_keeps_the_field_of_view():
 @pytest.mark.parametrize(("resolution", "frames", "pixels"), [
     ((1280, 720), 1, 320 * 180), ((1280, 720), 250, 230_400), ((1280, 720), 4713, 1280 * 720),
     ((64, 48), 9000, 64 * 48)])
-def test_long_sequences_are_judged_at_their_own_resolution(resolution, frames, pixels):
+def test_long_sequences_are_planned_at_their_own_resolution(resolution, frames, pixels):
     camera = make_scene(camera={"resolution": list(resolution)}).vehicle.cameras[0]
-    found = pilot_camera(camera, judged_pixels(camera, frames)).resolution
+    found = pilot_camera(camera, pixels_tried(camera, frames)).resolution
     assert np.prod(found) == pytest.approx(pixels, rel=0.01)
 
 
@@ -281,11 +298,12 @@ def test_the_field_gives_way_to_paths_where_scatterings_are_bounded():
 
 
 def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
-    """One pixel in a thousand of each judge holds 5 % of the light, as in turbid water; a denoiser cuts such pixels."""
+    """One pixel in a thousand of each estimate holds 5 % of the light, as in turbid water; a denoiser cuts them."""
     rng = np.random.default_rng(7)
     image = np.full((60, 80, 3), 0.95, np.float32)
-    judges = [np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1) for _ in range(64)]
-    found = pilot.error([image], judges, sigmas=0.0)
+    estimates = [np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1)
+                 for _ in range(64)]
+    found = error([image], estimates, sigmas=0.0)
     light = 0.05 / np.sqrt(64 * 4800 * 1e-3)  # standard error of the rare light's mean
     np.testing.assert_allclose(found, 0.05, atol=5.0 * light)
 
@@ -297,11 +315,12 @@ def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
 ])
 def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
     """Squares of the noise after and before denoising: the latter tells where paths have rare bright samples."""
-    square = {"path": paths, "field": field}
-    monkeypatch.setattr(pilot, "twins", lambda renderer, view, integrator, spp, **how: SimpleNamespace(
-        image=SimpleNamespace(spp=spp), integrator=integrator))
-    monkeypatch.setattr(pilot, "scouted_noise", lambda pair, method, rare: np.sqrt(
-        [0.0, square[pair.integrator][method == "none"], 0.0]))
-    planner = _Planner(make_scene(denoise="oidn"), None, [], [])
-    planner.worst = None
+    made = {"path": paths, "field": field}
+    monkeypatch.setattr(Planner, "image", lambda self, T_w_v, camera, spp, number, integrator: SimpleNamespace(
+        spp=spp, squares=made[integrator]))
+    monkeypatch.setattr(View, "noise", lambda self, method, rare: np.sqrt(
+        [0.0, self.images[0].squares[method == "none"], 0.0]))
+    scene = make_scene(denoise="oidn")
+    planner = Planner(scene, None, [])
+    planner.worst = View(0, scene.vehicle.cameras[0], POSE, ())
     assert planner.gain_of_field() == pytest.approx(gain * SAMPLE_COST["path"] / SAMPLE_COST["field"])

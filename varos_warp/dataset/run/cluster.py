@@ -24,10 +24,11 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.run.pipeline import GIVE_UP, PLANNED, Rendered, room
+from varos_warp.dataset.run.pipeline import GIVE_UP, Rendered, room
 from varos_warp.dataset.run.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.errors import InputError, SchedulerGone
+from varos_warp.render.planner.by_frame import PLANNED
 
 CONNECT_S = 5.0
 """A scheduler answers in this time, or is not there."""
@@ -48,7 +49,7 @@ HABITS = {"distributed.worker.profile.enabled": False,
 """Defaults of Dask that workers started here do without. Its profiler holds up all threads a hundred times a second.
 Its threshold, as any would, keeps the C library from learning to reuse the memory of large arrays: writing a frame of
 1280 x 720 meets 25 000 page faults instead of 800, and a worker makes an eighth fewer frames (docs/long_runs.md)."""
-NEEDED = ("spp", "spp_by_frame", *PLANNED, "tile_tolerance")
+NEEDED = ("spp", "spp_by_frame", *PLANNED)
 """What workers need of a plan."""
 
 
@@ -248,7 +249,7 @@ class Cluster:
         """Spent so far on compiling kernels, by all workers together."""
         return sum(self.compiled.values())
 
-    def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
+    def load(self, scene, poses: Sequence[np.ndarray], path=None) -> list[str]:
         """Bring the scene to every worker and onto its device; see `Engine.load`."""
         from distributed import fire_and_forget
 
@@ -259,7 +260,7 @@ class Cluster:
         cores = {facts.host: max(1, facts.cores // workers[facts.host]) for facts in self.facts.values()}
         site = worker.Site(self.name, scene, list(poses), self.asked, kind_of(self.devices[0]["name"]), cores)
         self.client.register_plugin(site, name=self.name)
-        tasks = [self.submit(worker.open_site, self.name, *(() if i else (path, compare)), at=address)
+        tasks = [self.submit(worker.open_site, self.name, *(() if i else (path,)), at=address)
                  for i, address in enumerate(self.order)]
         fire_and_forget(tasks[1:])  # they need not be done when the first worker plans
         opened = self.result(tasks[0])

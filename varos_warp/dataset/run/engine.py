@@ -52,9 +52,6 @@ class Engine:
         self.at_once = AT_ONCE[kind_of(self.device)]
         """Images that may be under way on the device."""
         self._places = Places(self.at_once)
-        self.meshes: dict | None = None
-        self.compared = False
-        """Whether the error of the level of detail was measured, for a planner."""
         self._turn = threading.Lock()
 
     def __enter__(self) -> "Engine":
@@ -70,14 +67,13 @@ class Engine:
         """The denoiser that stands in for another one, or this one itself."""
         return available_method(asked)
 
-    def load(self, scene, poses: Sequence[np.ndarray], path=None, *, compare: bool = False) -> list[str]:
-        """Bring the scene onto the device, with the level of detail that the whole sequence needs.
+    def load(self, scene, poses: Sequence[np.ndarray], path=None) -> list[str]:
+        """Bring the scene onto the device.
 
         Args:
             scene: The scene.
             poses: T_w_v [4, 4] of every frame of the sequence.
             path: Where the vehicle comes, as `path_samples` has it; absent: the scene is not looked at for errors.
-            compare: Whether to measure the error of the level of detail, for a planner.
 
         Returns:
             What looks wrong in the scene.
@@ -85,17 +81,14 @@ class Engine:
         self.scene, self.poses = scene, poses
         if self.renderer is not None:
             return []
-        from varos_warp.render.planner.detail import choose_detail
         from varos_warp.render.renderer import FrameRenderer
         from varos_warp.scene.checks import check_scene
         from varos_warp.scene.geometry.build import build_parts
 
         parts = build_parts(scene)
         warnings = [] if path is None else check_scene(scene, parts, path)
-        detail = choose_detail(scene, parts, poses, self.device, compare=compare)
         threads = {"threads": self.cores} if self.cores else {}
-        self.renderer = FrameRenderer(scene, self.device, detail.parts, **threads)
-        self.meshes, self.compared = detail.meshes, compare
+        self.renderer = FrameRenderer(scene, self.device, parts, **threads)
         return warnings
 
     @property
@@ -117,7 +110,7 @@ class Engine:
         """The `Plan` of the sequence."""
         from varos_warp.render.planner.plan import plan_render
 
-        return plan_render(self.scene, self.renderer, self.poses, meshes=self.meshes)
+        return plan_render(self.scene, self.renderer, self.poses)
 
     def render(self, store: Store, plan: dict, jobs: Sequence[ImageJob], *, made: Rendered, clock: Clock,
                done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,

@@ -23,11 +23,9 @@ from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.launch import finish
-from varos_warp.render.planner.by_frame import spp_of
+from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
 
-PLANNED = ("max_scatterings", "max_bounces", "integrator")
-"""What a plan says of every frame."""
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 GIVE_UP = 3
@@ -149,9 +147,7 @@ class _Run:
         self.writers: Executor
         keys = (("denoise", "A"), ("denoise_b", "B"))
         on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
-        self.options = {key: plan[key] for key in PLANNED} | {
-            "layers": tuple(store.render.layers), "tolerance": plan["tile_tolerance"],
-            "denoised_only": not store.render.linear_exr} | {
+        self.options = {"denoised_only": not store.render.linear_exr} | {
             key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
 
     def render(self, job: ImageJob) -> list[Future]:
@@ -178,7 +174,7 @@ class _Run:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            spp=spp_of(self.plan, job.camera, job.frame), **self.options), self.turn))
+            **frame_options(self.plan, job.camera, job.frame), **self.options), self.turn))
         overlap = max(_done.get(self.renderer, start) - start, 0.0)
         _done[self.renderer] = time.perf_counter()
         return image, max(seconds - overlap, 0.0)

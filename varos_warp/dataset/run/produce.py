@@ -239,8 +239,7 @@ class _Job:
 
         self.engine.start(self.layout.root, self.tell)
         self.choose_denoisers()
-        for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation),
-                                        compare=not self.plan):
+        for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation)):
             self.say(warning)
         if "S" in self.scene.render.outputs and len(self.engine.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.engine.segments)} objects cannot be numbered in 16 bits", key="render.outputs",

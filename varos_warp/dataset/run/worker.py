@@ -139,7 +139,7 @@ class Site(WorkerPlugin):
         """Leave the device to others."""
         self.engine = None
 
-    def opened(self, path=None, compare: bool = False) -> tuple[Engine, list[str]]:
+    def opened(self, path=None) -> tuple[Engine, list[str]]:
         """The engine, once its scene is on the device, and what looks wrong in the scene.
 
         Raises:
@@ -147,13 +147,13 @@ class Site(WorkerPlugin):
         """
         with _turn:
             found = []
-            if not self.stopped and (self.engine is None or (compare and not self.engine.compared)):
-                found = self._load(path, compare)
+            if not self.stopped and self.engine is None:
+                found = self._load(path)
             if self.stopped:
                 raise Stopped
             return self.engine, found
 
-    def _load(self, path, compare: bool) -> list[str]:
+    def _load(self, path) -> list[str]:
         """Bring the scene onto the device; see `Engine.load`."""
         from varos_warp.scene.device import kind_of
 
@@ -162,7 +162,7 @@ class Site(WorkerPlugin):
         if kind_of(device) != self.kind:
             raise different_kinds(f"{kind_of(device)} on {files.HOST}, {self.kind} elsewhere", self.device)
         engine = Engine(device, cores=self.cores.get(socket.gethostname()))
-        found = engine.load(self.scene, self.poses, path, compare=compare)
+        found = engine.load(self.scene, self.poses, path)
         self.engine = engine
         return found
 
@@ -204,16 +204,16 @@ class Opened:
     warnings: list[str] = field(default_factory=list)
 
 
-def open_site(name: str, path=None, compare: bool = False) -> Opened:
+def open_site(name: str, path=None) -> Opened:
     """Bring the scene onto the device."""
-    engine, found = site_of(name).opened(path, compare)
+    engine, found = site_of(name).opened(path)
     return Opened(list(engine.segments), found)
 
 
 def plan_site(name: str):
     """The `Plan` of the sequence."""
     with _turn:
-        return site_of(name).opened(compare=True)[0].plan()
+        return site_of(name).opened()[0].plan()
 
 
 def stop_site(name: str, dask_worker) -> None:

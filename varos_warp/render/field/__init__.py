@@ -1,1 +1,1 @@
-"""The host of kernels/field: solves for the radiance of open water around lamps, and keeps it on disk."""
+"""The host of kernels/field: solves for the radiance of open water around lights, and keeps it on disk."""

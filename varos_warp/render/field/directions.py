@@ -1,4 +1,4 @@
-"""Directions of light around a node of the tables; a field of them is even in phi, which runs over half a circle."""
+"""Directions of light around a node of the field: it is even in phi, which runs over half a circle."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +29,7 @@ class Directions:
 
     @cached_property
     def gamma(self) -> np.ndarray:
-        """Angles to the direction to the lamp [rad]."""
+        """Angles to the direction to the light [rad]."""
         return np.pi * self.s**self.power
 
     @cached_property
@@ -49,7 +49,7 @@ class Directions:
 
     @cached_property
     def vectors(self) -> np.ndarray:
-        """Unit vectors, z towards the lamp and x towards its axis, [n, 3]."""
+        """Unit vectors, z towards the light source and x towards its axis, [n, 3]."""
         gamma, phi = self.pairs.T
         return np.stack([np.sin(gamma) * np.cos(phi), np.sin(gamma) * np.sin(phi), np.cos(gamma)], 1)
 

@@ -1,6 +1,6 @@
-"""Tables of light in open water: built once for the lamps and cameras of a vehicle in its water, and kept on disk.
+"""The precomputed field of open water: solved once for the lights and cameras of a vehicle in its water, and kept.
 
-kernels/field/open_water.py says what they hold, docs/transport.md how right they are.
+kernels/field/open_water.py says what it holds, docs/transport.md how right it is.
 """
 
 from functools import cached_property
@@ -14,9 +14,8 @@ from varos_warp.kernels.field.tabulate import fill_veil
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.render.cache import cached
-from varos_warp.render.field import scattering, solver
-from varos_warp.render.field.solver import LampField, farthest_m, shines_everywhere
+from varos_warp.render.cache import cached, code_hash
+from varos_warp.render.field.solver import LightField, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
@@ -24,14 +23,14 @@ from varos_warp.scene.device import camera_record, light_record, medium_record
 from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
 from varos_warp.scene.water import optical_properties
 
-TABLES_VERSION = 8
-"""Raise it when the numbers in the tables change: those on disk are then made again."""
-VEIL = (64, 19, 33)
-"""Nodes of the distance along the camera's rays, of rows and columns of the image."""
-VEIL_RESOLUTION = (1024, 1024)
+CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.water")
+"""What the numbers of the field follow from, besides the scene: those on disk are solved again when it changes."""
+CAMERA_NODES = (64, 19, 33)
+"""Nodes of multiple in-scattering along a camera's rays: of the distance, and of rows and columns of the image."""
+CAMERA_PIXELS = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
-VEIL_NEAREST_M, VEIL_FARTHEST_M = 0.02, 200.0
-"""First and last of these distances; the veil of what is nearer is in proportion."""
+CAMERA_NEAREST_M, CAMERA_FARTHEST_M = 0.02, 200.0
+"""First and last of these distances; nearer, in-scattering is in proportion."""
 MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions that the field serves. Of Henyey and Greenstein g = 0.8, 0.924, 0.95 and 0.98 agree
 with paths in one scene (docs/transport.md); at -0.3 the matrix of scattering is 4 % off."""
@@ -46,10 +45,10 @@ CONES_DEG = (20.0, 179.0)
 
 
 def unavailable(scene: Scene, view: Camera) -> str | None:
-    """Why there are no tables for a camera of a scene; None if there are."""
+    """Why a camera of a scene has no field; None if it has one."""
     water, lights = optical_properties(scene), scene.vehicle.lights
     if not lights:
-        return "there are no lamps"
+        return "there are no lights"
     if not water.sigma_s.any():
         return "the water does not scatter"
     if not MOST_BACKWARD_G <= water.g <= SHARPEST_G:
@@ -59,7 +58,7 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
     if any(not shines_everywhere(light) and not narrow <= light.cone_deg <= wide for light in lights):
-        return f"a lamp's cone is not between {narrow:g} and {wide:g} degrees"
+        return f"a light's cone is not between {narrow:g} and {wide:g} degrees"
     return None
 
 
@@ -77,11 +76,11 @@ def along_camera(scene: Scene, view: Camera) -> bool:
 
 
 class OpenWater:
-    """The tables of one scene on one device.
+    """The field of one scene on one device.
 
     Args:
-        scene: with lamps and water for which nothing is `unavailable`.
-        launcher: of the device.
+        scene: With lights and water for which nothing is `unavailable`.
+        launcher: Of the device.
     """
 
     def __init__(self, scene: Scene, launcher: Launcher):
@@ -92,64 +91,59 @@ class OpenWater:
     def tables(self, view: Camera) -> Tables:
         """The field for a camera; without the part along its rays where `along_camera` says that there is none."""
         tables = Tables()
-        tables.lamp = self._lamps
+        tables.lamp = self._lights
         if not along_camera(self.scene, view):
             return tables
         view, camera = _as_pinhole(view)
         key = repr(camera)
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
-            depends_on = self._depends_on(camera=camera, lights=lights, veil=[VEIL, VEIL_NEAREST_M, VEIL_FARTHEST_M])
-            arrays = cached("veil", depends_on, lambda: {"veil": self._fill_veil(view)})
-            self._cameras[key] = self._array(arrays["veil"])
+            depends_on = self._depends_on(camera=camera, lights=lights)
+            arrays = cached("camera", depends_on, lambda: {"radiance": self._along_rays(view)})
+            self._cameras[key] = self._array(arrays["radiance"])
         tables.veil = self._cameras[key]
-        tables.veil_nearest, tables.veil_log_step = VEIL_NEAREST_M, _log_step()
+        tables.veil_nearest, tables.veil_log_step = CAMERA_NEAREST_M, _log_step()
         return tables
 
     @cached_property
-    def _lamps(self) -> wp.array:
-        """A table per lamp; lamps with the same cone share their arrays."""
+    def _lights(self) -> wp.array:
+        """The field of each light; lights with the same cone share their arrays."""
         kinds: dict[tuple, LampTable] = {}
         for light in self.scene.vehicle.lights:
             if _kind(light) not in kinds:
-                kinds[_kind(light)] = self._lamp_table(light)
+                kinds[_kind(light)] = self._light_table(light)
         self._kept = kinds  # the array below holds no reference to the arrays of its tables
         tables = [kinds[_kind(light)] for light in self.scene.vehicle.lights]
         return wp.array(tables, dtype=LampTable, device=self.device)
 
-    def _lamp_table(self, light: Light) -> LampTable:
-        field = LampField(light, self.water, self.launcher)
-        arrays = cached("lamp", self._depends_on(lamp=_kind(light)), lambda: _solved(field))
+    def _light_table(self, light: Light) -> LampTable:
+        field = LightField(light, self.water, self.launcher)
+        arrays = cached("light", self._depends_on(light=_kind(light)), lambda: _solved(field))
         table = LampTable()
         table.grid = field.fine
         table.irradiance, table.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
         return table
 
     def _depends_on(self, **what) -> dict:
-        """What the numbers of any table depend on, and what else."""
-        grids = (solver.ONCE, solver.TWICE, solver.AGAIN, solver.LEAVING, solver.NORMALS)
+        """What the numbers of any array depend on, and what else."""
         return what | {
-            "version": TABLES_VERSION,
+            "code": code_hash(__name__, CODE),
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
             "phase": self.water.phase.key,
-            "nodes": [solver.FINE, solver.MIDDLE, solver.COARSE, *([len(grid.s), len(grid.phi)] for grid in grids)],
-            "reach": [solver.NEAREST_M, solver.FARTHEST_M, solver.FARTHEST_DEPTH],
-            "tolerance": [solver.TOLERANCE, solver.GROWTH],
-            "scattering": [scattering.NEAREST_S, scattering.RING_NODES, scattering.AROUND, scattering.BETWEEN],
         }
 
-    def _fill_veil(self, view: Camera) -> np.ndarray:
-        """Radiance VEIL of a vehicle at rest."""
+    def _along_rays(self, view: Camera) -> np.ndarray:
+        """Radiance [CAMERA_NODES, 3] of multiple in-scattering up to each distance, of a vehicle at rest."""
         scene, camera, size = self._at_rest(view)
-        veil = wp.empty(VEIL, dtype=wp.vec3, device=self.device)
-        before = [scene, self._lamps, camera, size, VEIL_NEAREST_M, _log_step()]
-        self.launcher.rows(fill_veil, VEIL[1:], before, [veil], tile_rows=1)
-        return veil.numpy()
+        radiance = wp.empty(CAMERA_NODES, dtype=wp.vec3, device=self.device)
+        before = [scene, self._lights, camera, size, CAMERA_NEAREST_M, _log_step()]
+        self.launcher.rows(fill_veil, CAMERA_NODES[1:], before, [radiance], tile_rows=1)
+        return radiance.numpy()
 
     def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
-        """Water and lamps, a camera and the size of its image, of a vehicle at rest."""
+        """Water and lights, a camera and the size of its image, of a vehicle at rest."""
         scene = SceneData()
         scene.medium, scene.lights = medium_record(self.water, self.device), self._lights_at_rest
         camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
@@ -164,7 +158,7 @@ class OpenWater:
         return wp.array(values, dtype=wp.vec3, device=self.device)
 
 
-def _solved(field: LampField) -> dict[str, np.ndarray]:
+def _solved(field: LightField) -> dict[str, np.ndarray]:
     """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more."""
     with threadpool_limits(1):
         return field.solve()
@@ -172,14 +166,14 @@ def _solved(field: LampField) -> dict[str, np.ndarray]:
 
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
-    view = view.model_copy(update={"resolution": VEIL_RESOLUTION})
+    view = view.model_copy(update={"resolution": CAMERA_PIXELS})
     return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
 
 
 def _kind(light: Light) -> tuple:
-    """What lamps have in common that share a table."""
+    """What lights have in common that share a field."""
     return ("everywhere",) if shines_everywhere(light) else (light.cone_deg, light.blend)
 
 
 def _log_step() -> float:
-    return float(np.log(VEIL_FARTHEST_M / VEIL_NEAREST_M) / (VEIL[0] - 1))
+    return float(np.log(CAMERA_FARTHEST_M / CAMERA_NEAREST_M) / (CAMERA_NODES[0] - 1))

@@ -1,11 +1,11 @@
 """Scattering as a matrix from directions to directions, for any phase function.
 
 What leaves in a direction w is the mean of the radiance u that arrives, over the phase function p around w. Both are
-peaked: p around w, and u around the direction to the lamp, gamma = 0, where light scattered once goes like the integral
-of p beyond gamma, over sin(gamma). A partition of unity takes the peaks apart: with s = sin^2(psi/2) of the angle psi
-to w, and c = sin^2(gamma/2), the share s^2/(s^2 + c^2) has no peak around w and is summed over the quadrature of
-directions; the rest has none around the lamp and is summed over rings around w, between the directions by interpolation
-of u over its known shape.
+peaked: p around w, and u around the direction to the light, gamma = 0, where light scattered once goes like the
+integral of p beyond gamma, over sin(gamma). A partition of unity takes the peaks apart: with s = sin^2(psi/2) of the
+angle psi to w, and c = sin^2(gamma/2), the share s^2/(s^2 + c^2) has no peak around w and is summed over the quadrature
+of directions; the rest has none around the light and is summed over rings around w, between the directions by
+interpolation of u over its known shape.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Light around one kind of lamp in water without end, of all orders of scattering, without random numbers.
+"""Light around one kind of light source in water without end, of all orders of scattering, without random numbers.
 
 Light scattered once is a quadrature. What is scattered n + 1 times follows from what is scattered n times: at every
 node a matrix turns the light that arrives into what leaves (render/field/directions.py), and integrals along straight
@@ -24,15 +24,15 @@ from varos_warp.scene.device import light_record, medium_record
 from varos_warp.scene.water import OpticalProperties
 
 NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
-"""Distances from the lamp that are tabulated, the last as optical depth too; what is nearer is in proportion."""
+"""Distances from the light that have nodes, the last as optical depth too; what is nearer is in proportion."""
 FINE = (64, 20, 48)
-"""Nodes of the distance from a lamp, steps of the angle in its cone, and outside of it."""
+"""Nodes of the distance from a light, steps of the angle in its cone, and outside of it."""
 MIDDLE = (32, 10, 14)
 """The same for light scattered twice, which is smoother."""
 COARSE = (32, 8, 10)
 """The same for light scattered more often. With 20 distances what lies over five free paths away was a tenth off."""
 ONCE = Directions.quadrature(80, 32, power=2)
-"""Directions of light scattered once, which is sharp around the lamp; see docs/transport.md for the errors."""
+"""Directions of light scattered once, which is sharp around the light; see docs/transport.md for the errors."""
 TWICE = Directions.quadrature(28, 16, power=2)
 """Directions of light scattered twice."""
 AGAIN = Directions.quadrature(20, 8, power=2)
@@ -40,42 +40,42 @@ AGAIN = Directions.quadrature(20, 8, power=2)
 LEAVING = Directions.ends(56, 19, power=2)
 """Directions in which light leaves a scattering."""
 NORMALS = Directions.ends(41, 13, power=1)
-"""Of the planes whose irradiance is tabulated; one is at 90 degrees, where light from the lamp begins to graze them."""
+"""Of the planes whose irradiance is kept; one is at 90 degrees, where light from the source begins to graze them."""
 TOLERANCE, ENOUGH, GROWTH = 3e-6, 1e-4, 0.7
 """Of the sum over all orders: what is asked, and what is taken where rounding allows no more. Errors count
-exp(-GROWTH x optical depth) times as much as at the lamp: light near by hardly knows of what lies far away, and far
+exp(-GROWTH x optical depth) times as much as at the source: light near by hardly knows of what lies far away, and far
 light follows from it."""
 RESTART, RESTARTS = 40, 5
 """Steps between restarts, and at most so many of them; with fewer steps thick water would not converge."""
 
 
 def shines_everywhere(light: Light) -> bool:
-    """Whether a lamp has no cone."""
+    """Whether a light has no cone."""
     return light.kind == "point" or light.cone_deg >= 360.0
 
 
 def farthest_m(water: OpticalProperties) -> float:
-    """The last distance from a lamp that is tabulated [m]; all channels share it."""
+    """The last distance from a light that has nodes [m]; all channels share it."""
     return min(FARTHEST_M, FARTHEST_DEPTH / max(float(water.sigma_t.min()), 1e-3))
 
 
-class LampField:
-    """Scattered light around a lamp of intensity 1.
+class LightField:
+    """Scattered light around a source of intensity 1.
 
     Args:
-        light: the lamp; its place, direction and intensity do not matter.
-        water: what scatters.
-        launcher: of the device that does the integrals.
+        light: The source; its place, direction and intensity do not matter.
+        water: What scatters.
+        launcher: Of the device that does the integrals.
     """
 
     def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
         self.phase = water.phase
         self.fine, self.middle, self.coarse = self.grid(FINE), self.grid(MIDDLE), self.grid(COARSE)
-        self._scene = self._lamp_alone()
+        self._scene = self._light_alone()
 
     def grid(self, nodes: tuple[int, int, int]) -> NodeGrid:
-        """Nodes around the lamp; a field that is the same all around needs no angles."""
+        """Nodes around the light; a field that is the same all around needs no angles."""
         grid = NodeGrid()
         everywhere = shines_everywhere(self.light)
         grid.distances, grid.inside, grid.outside = (nodes[0], 1, 0) if everywhere else nodes
@@ -166,8 +166,8 @@ class LampField:
     def _pairs(self, directions: Directions) -> wp.array:
         return wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
 
-    def _lamp_alone(self) -> SceneData:
-        """The lamp at the origin, along z, in the water."""
+    def _light_alone(self) -> SceneData:
+        """The light at the origin, along z, in the water."""
         light = PointLight(kind="point", intensity=(1.0, 1.0, 1.0))
         if not shines_everywhere(self.light):
             alone = {"position": (0.0, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "intensity": (1.0, 1.0, 1.0)}

@@ -5,8 +5,8 @@ bright samples would stop early, and stay too dark. So the pixels of every tile 
 a chessboard. All take a few samples first; how many more those of one side take is decided from the first samples of
 the other side alone, which know nothing of theirs. So the mean of every pixel is unbiased.
 
-Paths go on until each tile has the standard error asked for (`more_samples`). Tables have so many samples to spend, in
-proportion to the noise of one, which is how they leave the least error in all (`share_out`; Neyman 1934).
+Paths go on until each tile has the standard error asked for (`more_samples`). With the field there are so many samples
+to spend, in proportion to the noise of one, which is how they leave the least error in all (`share_out`; Neyman 1934).
 """
 
 from functools import reduce
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 DARK = 0.1
-"""A channel darker than this share of the brightest is judged as if it had it: its error hardly shows."""
+"""A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
 FIRST_SHARE = 4
 """One sample in so many of those planned for the pixel is taken before anything is decided,"""
 FEWEST_FIRST, FEWEST_FIRST_SHARED = 8, 2
@@ -67,7 +67,8 @@ def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> n
         tolerance: Relative standard error asked.
         spp: Samples per pixel that are planned to be needed; no tile takes more than four times that.
     """
-    needed = np.ceil(noise / tolerance**2)
+    with np.errstate(over="ignore"):  # a tiny tolerance asks for all that a tile may take
+        needed = np.ceil(noise / max(tolerance**2, np.finfo(float).tiny))
     return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
 
 

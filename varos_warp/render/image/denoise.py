@@ -11,10 +11,11 @@ with them leave less than 20 without.
 """
 
 import functools
-import warnings
 
 import numpy as np
 from scipy.ndimage import correlate1d, gaussian_filter, uniform_filter
+
+from varos_warp.errors import warn
 
 METHODS = ("oidn", "nlm", "none")
 
@@ -137,7 +138,7 @@ def available_method(method: str) -> str:
     try:
         import pyoidn  # noqa: F401
     except (ImportError, OSError) as error:
-        warnings.warn(f"Open Image Denoise is not available ({error}); non-local means takes its place", stacklevel=3)
+        warn(f"Open Image Denoise is not available ({error}); non-local means takes its place")
         return "nlm"
     return "oidn"
 

@@ -5,11 +5,12 @@ C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535
 S: number of the object, 0 where there is none.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from varos_warp.errors import warn
 
 HALF_MAX = 65504.0
 """Largest finite half float."""
@@ -43,8 +44,8 @@ def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     _refuse_nan(radiance)
     clamped = int(np.count_nonzero(np.abs(radiance) > HALF_MAX))
     if 0.0 < np.max(radiance, initial=0.0) < HALF_NORMAL:
-        warnings.warn(f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
-                      "and below 3e-8 its light; brighter lamps would help", stacklevel=2)
+        warn(f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
+             "and below 3e-8 its light; brighter lights would help")
     return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
 
 

@@ -1,7 +1,7 @@
 """Samples by frame: what the views of a sequence need differs, and the one that needs most need not rule all frames.
 
-Poses along the sequence are judged with few images each (pilot.error), closer together where their needs are unlike. A
-frame between two poses takes a number between theirs, in proportion, or what the more demanding one needs if they are
+Poses along the sequence are tried with a few images each (errors.error), closer together where their needs are unlike.
+A frame between two poses takes a number between theirs, in proportion, or what the more demanding one needs if they are
 unlike even so. As always, what a frame takes follows from the scene alone, not from other frames.
 """
 
@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.render.planner import pilot
-from varos_warp.render.planner.error_law import FEWEST_SPP, REACH, ErrorLaw
+from varos_warp.render.planner import errors
+from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw
 
 SHARE = 0.04
-"""Of all samples of a sequence, at most about so many are spent on judging its poses."""
+"""Of all samples of a sequence, at most about so many are spent on trying its poses."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 """Stretches between evenly spread poses: with fewer, or with samples that are few anyway, all frames take the same."""
 UNLIKE = 1.5
@@ -28,25 +28,30 @@ UNLIKE = 1.5
 HALVINGS, HALVED = 2, 0.25
 """Then it is halved, so often, and at a time at most as many as that share of the poses."""
 FEWER = (4, 2, 1)
-"""A pose is judged with so many times fewer samples than it may need,"""
-JUDGES = 2
-"""by so many images with as many."""
+"""A pose is tried with so many times fewer samples than it may need,"""
+ESTIMATES = 2
+"""against so many independent estimates with as many."""
 FIRST = 8
 """The first poses may need as many, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, ROUNDS = 1.5, 4
-"""If it needs more than so many times what it was judged with, it is judged again with that, up to so often in all."""
-JUDGING_THREADS = 2
-"""That judge images while others are rendered."""
+"""If it needs more than so many times what it was tried with, it is tried again with that, up to so often in all."""
+THREADS = 2
+"""That compare images while others are rendered."""
+
+PLANNED = ("max_scatterings", "max_bounces", "integrator")
+"""Options that a plan says for all frames alike."""
+Place = tuple[str, int]
+"""Camera and frame."""
 
 
-def judged_frames(count: int, pixels: float) -> list[int]:
-    """Evenly spread frames of ``count`` to judge, with the first and the last; none where that would not pay.
+def tried_frames(count: int, pixels: float) -> list[int]:
+    """Evenly spread frames of ``count`` to try, with the first and the last; none where that would not pay.
 
     Args:
         count: Frames of the sequence.
         pixels: Of an image of the pilot over those of an image of the sequence.
     """
-    cost = (sum(1.0 / fewer for fewer in FEWER) + JUDGES) * pixels
+    cost = (sum(1.0 / fewer for fewer in FEWER) + ESTIMATES) * pixels
     stretches = min(int(SHARE * count / cost), MOST_STRETCHES, count - 1)
     if stretches < FEWEST_STRETCHES:
         return []
@@ -54,41 +59,41 @@ def judged_frames(count: int, pixels: float) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Look:
+class Trial:
     """A few images of one view."""
 
     spp: list[int]
     """Samples per pixel of each of the ``images``, in ascending order."""
     images: list[np.ndarray]
     """Denoised radiance [H, W, 3]."""
-    judges: list[np.ndarray]
+    estimates: list[np.ndarray]
     """Radiance of others."""
 
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
-        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the judges are too
-        noisy to tell the square of an error (`pilot.JUDGED_TO`), the upper end of what chance leaves open counts, and
-        no fewer are taken than were judged.
+        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the estimates are
+        too noisy to tell the square of an error (`errors.PRECISE`), the upper end of what chance leaves open counts,
+        and no fewer are taken than were tried.
 
         Args:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        errors, upper = np.swapaxes([pilot.error([image], self.judges, (0.0, 1.0)) for image in self.images], 0, 1)
-        vague = np.any(upper**2 > (1.0 + pilot.JUDGED_TO) * errors**2, axis=1)
-        errors = np.where(vague[:, None], upper, errors)
-        failed = np.flatnonzero(errors.max(1) > target)
+        found, upper = np.swapaxes([errors.error([image], self.estimates, (0.0, 1.0)) for image in self.images], 0, 1)
+        vague = np.any(upper**2 > (1.0 + errors.PRECISE) * found**2, axis=1)
+        found = np.where(vague[:, None], upper, found)
+        failed = np.flatnonzero(found.max(1) > target)
         enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
         near = slice(enough - 1, enough + 1) if 0 < enough < len(self.spp) else slice(None)
-        needed = ErrorLaw(self.spp[near], errors[near], steepest=steepest).whole_samples(target)
+        needed = ErrorLaw(self.spp[near], found[near], steepest=steepest).whole_samples(target)
         most = self.spp[enough] if enough < len(self.spp) else REACH * self.spp[-1]
         least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
         return max(least, min(needed, most))
 
 
-def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
-    """Look at a view.
+def trial(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Trial:
+    """Try a view.
 
     Args:
         image: Makes the radiance [H, W, 3] of an image of it, from its samples per pixel, the number of its random
@@ -97,11 +102,7 @@ def look(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Look:
     """
     counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
     images = [image(count, k, True) for k, count in enumerate(counts)]
-    return Look(counts, images, [image(spp, len(counts) + k, False) for k in range(JUDGES)])
-
-
-Place = tuple[str, int]
-"""Camera and frame."""
+    return Trial(counts, images, [image(spp, len(counts) + k, False) for k in range(ESTIMATES)])
 
 
 def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: dict[Place, int], target: float,
@@ -109,17 +110,17 @@ def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: 
     """Samples per pixel that each view needs.
 
     Args:
-        image: Makes the radiance of a view, the first argument, as in `look`.
+        image: Makes the radiance of a view, the first argument, as in `trial`.
         views: The views, and what they may need, `FEWER[0]` at least.
-        target: As in `Look.needs`, like ``steepest``.
+        target: As in `Trial.needs`, like ``steepest``.
     """
-    needed, judged = {}, views
+    needed, tried = {}, views
     for _ in range(ROUNDS):
-        with ThreadPoolExecutor(JUDGING_THREADS) as pool:  # on a GPU judging takes as long as rendering
-            found = {view: pool.submit(look(partial(image, view), count).needs, target, steepest)
-                     for view, count in judged.items()}
+        with ThreadPoolExecutor(THREADS) as pool:  # on a GPU comparing takes as long as rendering
+            found = {view: pool.submit(trial(partial(image, view), count).needs, target, steepest)
+                     for view, count in tried.items()}
         needed |= {view: future.result() for view, future in found.items()}
-        judged = {view: needed[view] for view, count in judged.items() if needed[view] > BEYOND * count}
+        tried = {view: needed[view] for view, count in tried.items() if needed[view] > BEYOND * count}
     return needed
 
 
@@ -179,6 +180,11 @@ def spp_of(plan: dict[str, Any], camera: str, frame: int) -> int:
     return spp - (spp - next_spp) * (frame - start) // max(end - start, 1)  # rounded up, in whole numbers everywhere
 
 
+def frame_options(plan: dict[str, Any], camera: str, frame: int) -> dict[str, Any]:
+    """Options of `FrameRenderer.render` for A of one frame by a plan, as `Plan.to_dict` has it."""
+    return {key: plan[key] for key in PLANNED} | {"spp": spp_of(plan, camera, frame)}
+
+
 def mean_spp(plan: dict[str, Any], camera: str, count: int) -> float:
-    """The same, on average over the frames of a sequence."""
+    """Samples per pixel, on average over the frames of a sequence."""
     return float(np.mean([spp_of(plan, camera, frame) for frame in range(count)]))

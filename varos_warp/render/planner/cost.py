@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.render.options import of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import pilot_camera
@@ -45,11 +46,11 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
 
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = plan.options | few | {"layers": tuple(scene.render.layers)}
+        how = of_scene(scene) | plan.options | few
         return timed(renderer, lambda: renderer.render(T_w_v, view, letters, **how))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
-    measured(small, 0.0)  # compiles, and makes tables
+    measured(small, 0.0)  # compiles, and solves for the field
     if renderer.device != "cpu":  # a GPU is not full with a small image
         return measured(camera, 1.0)
     samples = {"A": spp, "B": scene.render.spp_b}.get(letters, 1)

@@ -40,8 +40,6 @@ class Plan:
     max_bounces: int | None = None
     """Most reflections on surfaces; None: no bound."""
     integrator: str = "auto"
-    tile_tolerance: float | None = None
-    """Relative standard error at which tiles of an image stop before they are denoised; None: all take ``spp``."""
     spp_by_frame: dict[str, list[list[int]]] | None = None
     """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
     ``spp``."""
@@ -50,8 +48,6 @@ class Plan:
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
     """Seconds on this device; only where they were asked for."""
-    meshes: dict[str, Any] | None = None
-    """What was kept of every mesh, why, and what that costs; from `varos_warp.render.planner.detail`."""
 
     @property
     def reasons(self) -> list[str]:
@@ -80,30 +76,17 @@ class Plan:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Arguments of `FrameRenderer.render` for A as planned."""
-        return {"spp": self.spp, "max_scatterings": self.max_scatterings, "max_bounces": self.max_bounces,
-                "integrator": self.integrator, "tolerance": self.tile_tolerance}
+        """Options of `FrameRenderer.render` for A as planned."""
+        return {key: getattr(self, key) for key in ("spp", *by_frame.PLANNED)}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
-        apart = ("decisions", "cost", "meshes")
+        apart = ("decisions", "cost")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
         error = self.error
         content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
         content |= {} if self.cost is None else {"cost": self.cost}
-        content |= {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
-        return content | ({} if self.meshes is None else {"meshes": self.meshes})
-
-
-def mesh_decisions(meshes: dict | None) -> list[Decision]:
-    """Decisions on the meshes where any were reduced."""
-    if meshes is None or meshes["level_of_detail"] is None:
-        return []
-    asked = ", ".join(f"{key} {value}" for key, value in meshes["level_of_detail"].items())
-    depth = meshes.get("depth_error", {})
-    cost = f"; D moves by {depth['rms_mm']:.2g} mm (rms)" if "rms_mm" in depth else ""
-    kept = f"{meshes['kept']} of {meshes['triangles']} triangles are kept{cost}"
-    return [Decision("meshes", f"level_of_detail {asked}", kept)]
+        return content | {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
 
 
 def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
@@ -115,10 +98,7 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
             for camera in scene.vehicle.cameras}
     tracer = " or ".join(TRACERS[name] for name in sorted(used))
-    stop = "" if plan.tile_tolerance is None else (
-        f" (tiles stop at a standard error of {plan.tile_tolerance:.2%})")
-    words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel{stop}, "
-                  f"denoise {render.denoise}",
+    words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres"}

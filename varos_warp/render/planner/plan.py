@@ -1,8 +1,9 @@
 """The cheapest plan that keeps the tolerance: which integrator renders A, and how many samples it takes.
 
 Everything follows from a pilot (pilot.py): a few poses at low resolution. Errors are per channel, as relative RMSE of
-an image: that of the field, and of noise and what a denoiser leaves. Times are measured for the cost only; nothing that
-is chosen depends on them, so machines that share the work choose alike. docs/models.md says what is behind the numbers.
+an image (errors.py): that of the field, and of noise and what a denoiser leaves. Times are measured for the cost only;
+nothing that is chosen depends on them, so machines that share the work choose alike. docs/models.md says how plans are
+made, and what is behind the numbers.
 """
 
 from collections.abc import Sequence
@@ -11,25 +12,25 @@ from functools import cached_property
 
 import numpy as np
 
+from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method, denoise_image
-from varos_warp.render.options import resolve_integrator
-from varos_warp.render.planner import by_frame, pilot
+from varos_warp.render.options import of_scene, resolve_integrator
+from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, mesh_decisions, models_in_words
-from varos_warp.render.planner.error_law import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
+from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words
+from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
 
 CHANNELS = ("red", "green", "blue")
 
-MARGIN, MARGIN_ADAPTING, MARGIN_DENOISED = 1.05, 1.1, 1.2
+MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-samples that adapt, and vary with the few that they adapt to; the third for images that are denoised, for what a
-denoiser makes of little noise varies most from image to image. That is of images with `pilot.PIXELS`; of larger ones
-the mean square of all pixels varies less, with the root of their number."""
+images that are denoised, for what a denoiser makes of little noise varies most from image to image. That is of images
+with `pilot.PIXELS`; of larger ones the mean square of all pixels varies less, with the root of their number."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 1.7, "path": 1.0}
@@ -47,29 +48,23 @@ same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 """`max_seconds_per_frame` where the scene says nothing."""
 FIRST_GUESS = {"field": 2, "path": 4, "reference": 16}
-"""Samples per pixel of the first images that are judged; if far from what is needed, others are."""
+"""Samples per pixel of the first test images; if far from what is needed, others are made."""
 LEVELS = (1, 2, 4)
-"""Images are judged with so many times as many samples,"""
-JUDGE_LEVEL = 8
-"""by others with so many times as many,"""
-FEWEST_JUDGES, MOST_JUDGES, MOST_JUDGING = 2, 16, 512
-"""of which there are more until they tell the square of an error (`pilot.JUDGED_TO`), or have so many samples per pixel
-together."""
+"""Test images have so many times as many samples,"""
+ESTIMATE_LEVEL = 8
+"""the estimates that tell their errors so many times as many,"""
+FEWEST_ESTIMATES, MOST_ESTIMATES, MOST_ESTIMATING = 2, 16, 512
+"""and there are more of these until they tell the square of an error (`errors.PRECISE`), or have so many samples per
+pixel together."""
 IMAGES = 4
-"""Images that are judged at each level, of which the worst counts: what rare bright samples and a denoiser leave varies
-from one to the next, and a tolerance is to hold for nearly all."""
-MOST_JUDGED = 32
-"""Samples per pixel of the first image that is judged, at most."""
+"""Test images of each level, of which the worst counts: what rare bright samples and a denoiser leave varies from one
+to the next, and a tolerance is to hold for nearly all."""
+MOST_TRIED = 32
+"""Samples per pixel of the first test image, at most."""
 ROUNDS = 3
-FEWEST_ADAPTIVE = 16
-"""With fewer samples per pixel, there is nothing to adapt."""
-MOST_REHEARSED, PAYS = 1024, 0.8
-"""Up to so many samples images that adapt them are tried, and samples adapt if the error is so much less than with as
-many everywhere: in rounds and uneven tiles a GPU takes up to 1.8 times longer for a sample (measured at 320x180)."""
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
-                meshes: dict | None = None) -> Plan:
+def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False) -> Plan:
     """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
@@ -77,24 +72,24 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         renderer: A `FrameRenderer` of it.
         poses: T_w_v [4, 4] of every frame.
         measure_cost: Also measure how long it will take on this device.
-        meshes: What was kept of the meshes, for the plan.
+
+    Raises:
+        InputError: If the tolerance is not above 0.
     """
-    planner = _Planner(scene, renderer, poses, mesh_decisions(meshes))
-    plan = planner.plan()
+    if not scene.render.tolerance > 0.0:
+        raise InputError("must be above 0", key="render.tolerance", value=scene.render.tolerance)
+    plan = Planner(scene, renderer, poses).plan()
     cost = sequence_cost(scene, renderer, poses, plan) if measure_cost else None
-    return replace(plan, models=models_in_words(scene, plan), meshes=meshes, cost=cost)
+    return replace(plan, models=models_in_words(scene, plan), cost=cost)
 
 
-class _Planner:
+class Planner:
     """Takes one decision after the other; each knows those before it."""
 
-    def __init__(self, scene: Scene, renderer, poses, decisions: list[Decision]):
+    def __init__(self, scene: Scene, renderer, poses):
         self.scene, self.renderer, self.poses = scene, renderer, poses
-        self.render = scene.render
-        self.decisions = decisions
-        self.models = np.sum([np.zeros(3), *(d.error for d in decisions if d.error is not None)], axis=0)
-        """Sum of the errors of models so far."""
-        self.integrator = self.render.integrator
+        self.render, self.integrator = scene.render, scene.render.integrator
+        self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
 
     def plan(self) -> Plan:
@@ -102,41 +97,43 @@ class _Planner:
         render = self.render
         if "A" in render.outputs:
             self.choose_integrator()
-            spp, tolerance = self.choose_samples()
+            spp = self.choose_samples()
         else:  # nothing else pays for water
             self.decide("A", "none", "it is not among the outputs")
-            spp, tolerance = render.spp or FEWEST_SPP, None
-        return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, tolerance, self.spp_by_frame,
+            spp = render.spp or FEWEST_SPP
+        return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
                     self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None) -> None:
         """Keep a decision."""
         self.decisions.append(Decision(what, str(choice), reason, None if error is None else tuple(map(float, error))))
-        if error is not None:
-            self.models = self.models + error
 
     # ------------------------------------------------------------------------------------------------------ the pilot
 
     @cached_property
+    def denoiser(self) -> str:
+        """What A is denoised with."""
+        return available_method(self.render.denoise)
+
+    @cached_property
     def views(self) -> list[View]:
-        """What the scout found."""
-        return list(pilot.scout(self.scene, self.renderer, self.poses))
+        """What the pilot sees."""
+        return list(pilot.pilot_views(self.scene, self.renderer, self.poses))
 
     @property
     def lit(self) -> bool:
-        """Whether any pose that was looked at sees light."""
-        return max(view.image.radiance.max() for view in self.views) > 0.0
+        """Whether any of these poses sees light."""
+        return max(view.images[0].radiance.max() for view in self.views) > 0.0
 
     @cached_property
     def worst(self) -> View:
         """The view in which most noise is left."""
-        method = available_method(self.render.denoise)
-        return max(self.views, key=lambda view: pilot.scouted_noise(view, method).max())
+        return max(self.views, key=lambda view: view.noise(self.denoiser).max())
 
-    @property
-    def pixels(self) -> int:
-        """Of the images in which errors are measured."""
-        return pilot.judged_pixels(self.worst.given_camera, len(self.poses))
+    @cached_property
+    def test_camera(self):
+        """The worst view's camera with the pixels in which errors are measured."""
+        return pilot_camera(self.worst.camera, pilot.pixels_tried(self.worst.camera, len(self.poses)))
 
     @property
     def integrators(self) -> set[str]:
@@ -149,61 +146,56 @@ class _Planner:
         """Exponent of the error in the samples, at the least."""
         return min(STEEPEST[name] for name in self.integrators)
 
-    def image(self, spp: int, number: int = 0, place: tuple | None = None, **changes):
-        """An image A with what has been chosen so far; each ``number`` has its own random numbers.
+    def image(self, T_w_v, camera, spp: int, number: int = 0, **changes):
+        """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
+        how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
+        return self.renderer.render(T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
 
-        The ``place`` is T_w_v and the camera; absent: those of the worst view.
-        """
-        T_w_v, given = place or (self.worst.T_w_v, self.worst.given_camera)
-        how = {"max_scatterings": self.render.max_scatterings, "max_bounces": self.render.max_bounces, "spp": spp,
-               "integrator": self.integrator, "layers": tuple(self.render.layers)} | changes
-        return self.renderer.render(T_w_v, pilot_camera(given, self.pixels), "A", seed=pilot.SEED + number, **how).A
-
-    @property
-    def first_spp(self) -> int:
-        """Samples per pixel of the first images: far fewer than will be needed."""
-        return min(FIRST_GUESS[name] for name in self.integrators)
+    def test_image(self, spp: int, number: int):
+        """An image A of the worst view."""
+        return self.image(self.worst.T_w_v, self.test_camera, spp, number)
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
     def choose_integrator(self) -> None:
         """The one that takes least time for the same error; paths alone where the field is not right enough."""
         asked, found = self.render.integrator, self.integrators
-        words = " and ".join(sorted(found))
+        words, why = " and ".join(sorted(found)), "given"
         if "field" not in found:
-            return self.decide("integrator", words, "given" if asked == words else self.why_no_field(), np.zeros(3))
-        if asked == "auto" and 2.0 * FIELD_ERROR > self.render.tolerance:
-            self.integrator = "path"
-            return self.decide("integrator", "path", f"the field of open water is right to {FIELD_ERROR:.1%} only",
-                               np.zeros(3))
-        why = "given"
+            return self.decide("integrator", words, why if asked == words else self.why_no_field(), np.zeros(3))
         if asked == "auto":
+            if 2.0 * FIELD_ERROR > self.render.tolerance:
+                return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
             why = "light in open water is known beforehand"
             if self.lit and self.renderer.world.has_surfaces:
                 gain = self.gain_of_field()
                 if gain < PATHS_PAY:
-                    self.integrator = "path"
-                    return self.decide("integrator", "path", "in this scene the field of open water helps little: "
-                                       f"paths alone take {gain:.2g} of the time for the same noise", np.zeros(3))
+                    return self.take_paths("in this scene the field of open water helps little: "
+                                           f"paths alone take {gain:.2g} of the time for the same noise")
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
         return self.decide("integrator", words, why, np.full(3, FIELD_ERROR))
+
+    def take_paths(self, why: str) -> None:
+        """Do without the field."""
+        self.integrator = "path"
+        self.decide("integrator", "path", why, np.zeros(3))
 
     def gain_of_field(self) -> float:
         """How many times the work of the field paths alone need, in the noisiest view.
 
         By the noise that a denoiser leaves. But two denoised images seldom show rare bright samples, of which paths
-        alone have more, with a lamp in view most: so they are not taken where they are much noisier before it.
+        alone have more, with a light in view most: so they are not taken where they are much noisier before it.
         """
         after, before = self.work("path") / np.maximum(self.work("field"), 1e-30)
         return float(max(after, before / RARE_COUNTS))
 
     def work(self, name: str) -> np.ndarray:
         """Squares of the noise after and before denoising, times the time, in the noisiest view with an integrator."""
-        pair = pilot.twins(self.renderer, self.worst, spp=COMPARED_SPP, integrator=name,
-                           max_bounces=self.render.max_bounces, layers=tuple(self.render.layers))
-        noise = np.array([pilot.scouted_noise(pair, method, rare=0.0).max()
-                          for method in (available_method(self.render.denoise), "none")])
-        return noise**2 * pair.image.spp * SAMPLE_COST[name]
+        camera = pilot_camera(self.worst.camera)
+        images = tuple(self.image(self.worst.T_w_v, camera, COMPARED_SPP, k, integrator=name) for k in range(2))
+        pair = replace(self.worst, images=images)
+        noise = np.array([pair.noise(method, rare=0.0).max() for method in (self.denoiser, "none")])
+        return noise**2 * images[0].spp * SAMPLE_COST[name]
 
     def why_no_field(self) -> str:
         """In words."""
@@ -214,34 +206,32 @@ class _Planner:
 
     # -------------------------------------------------------------------------------------------------------- samples
 
-    def choose_samples(self) -> tuple[int, float | None]:
-        """Samples per pixel, and the standard error at which tiles stop."""
+    def choose_samples(self) -> int:
+        """Samples per pixel, of the frames that need most."""
+        asked = self.render.tolerance
         if self.render.spp is not None:
             self.decide("spp", self.render.spp, "given")
-            return self.render.spp, None
+            return self.render.spp
         if not self.lit:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
-            return FEWEST_SPP, None
-        target = np.sqrt(self.render.tolerance**2 - min(self.models.max(), 0.9 * self.render.tolerance) ** 2)
-        varies = available_method(self.render.denoise) != "none"
-        margin = max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / self.pixels)) if varies else MARGIN
-        law = self.error_law(target / margin)
-        spp = law.whole_samples(target / margin)
-        adapting = None
-        if "field" not in self.integrators and FEWEST_ADAPTIVE <= spp <= MOST_REHEARSED:
-            adapting = self.adapting(law, spp)
-        if adapting is not None:
-            law, margin = adapting, MARGIN_ADAPTING
-            spp = max(law.whole_samples(target / margin), spp // 2)
-        needed = law.samples(target / margin)
-        most = self.most_spp()
+            return FEWEST_SPP
+        known = max(self.decisions[-1].error)
+        target = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
+        law = self.error_law(target / self.margin)
+        spp, needed, most = law.whole_samples(target / self.margin), law.samples(target / self.margin), self.most_spp()
         if max(spp, needed) > most:
-            adapting, spp = None, min(spp, most)
-            self.tell_shortfall(margin * law.error(spp).max(), needed)
-        self.decide("spp", spp, self.why_spp(law, needed, target), margin * law.error(spp))
-        if adapting is not None:  # to each frame, too
-            return spp, _round(law.noise(spp).max())
-        return self.choose_by_frame(spp, target / margin), None
+            spp = min(spp, most)
+            self.tell_shortfall(self.margin * law.error(spp).max(), needed)
+        self.decide("spp", spp, self.why_spp(law, needed, target), self.margin * law.error(spp))
+        return self.choose_by_frame(spp, target / self.margin)
+
+    @property
+    def margin(self) -> float:
+        """By what factor errors are to be smaller than asked."""
+        if self.denoiser == "none":
+            return MARGIN
+        pixels = pilot.pixels_tried(self.worst.camera, len(self.poses))
+        return max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / pixels))
 
     def seconds(self, spp: float) -> float:
         """About how long an image of the largest camera takes with so many samples per pixel."""
@@ -249,105 +239,86 @@ class _Planner:
         cost = max(SAMPLE_COST.get(name, 1.0) for name in self.integrators) / SAMPLE_COST["field"]
         return float(pixels * spp * cost * NOMINAL_SECONDS[kind_of(self.renderer.device)])
 
+    @property
+    def most_seconds(self) -> float:
+        """That an image may take."""
+        return self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
+
     def most_spp(self) -> int:
         """Samples per pixel that an image may take."""
-        limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
-        return int(np.clip(limit / self.seconds(1), FEWEST_SPP, MOST_SPP))
+        return int(np.clip(self.most_seconds / self.seconds(1), FEWEST_SPP, MOST_SPP))
 
     def tell_shortfall(self, error: float, needed: int) -> None:
         """Say first that the tolerance is not kept."""
-        asked = self.render.tolerance
-        limit = self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
-        time = in_words(self.seconds(needed))
-        error, asked = (f"{100 * share:.2g} %" for share in (error, asked))
-        why = (f"{error} expected, {asked} asked; {asked} would take {time} a frame "
-               f"(render.max_seconds_per_frame: {limit:g})")
+        error, asked = (f"{100 * share:.2g} %" for share in (error, self.render.tolerance))
+        why = (f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
+               f"(render.max_seconds_per_frame: {self.most_seconds:g})")
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
-        worst, count = self.worst, len(self.poses)
-        judged = pilot_camera(worst.given_camera, self.pixels)
-        frames = by_frame.judged_frames(count, np.prod(judged.resolution) / np.prod(worst.given_camera.resolution))
+        worst, count, camera = self.worst, len(self.poses), self.test_camera
+        frames = by_frame.tried_frames(count, np.prod(camera.resolution) / np.prod(worst.camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
-        method = available_method(self.render.denoise)
-        cameras = {camera.id: camera for camera in self.scene.vehicle.cameras}
+        # views are compared in images of as many pixels
+        cameras = {given.id: pilot_camera(given, pilot.pixels_tried(worst.camera, count))
+                   for given in self.scene.vehicle.cameras}
 
         def image(view, spp, number, denoised):
-            camera, frame = view
-            how = {"denoise": method, "denoised_only": True} if denoised else {}
-            made = self.image(spp, number, place=(self.poses[frame], cameras[camera]), **how)
+            name, frame = view
+            how = {"denoise": self.denoiser, "denoised_only": True} if denoised else {}
+            made = self.image(self.poses[frame], cameras[name], spp, number, **how)
             return made.denoised if denoised else made.radiance
 
-        views = [(camera, frame) for camera in cameras for frame in frames]
+        views = [(name, frame) for name in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
-        mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, camera, count) for camera in cameras])
+        mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
         least, most = by_frame.extent(given)
         self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
                     "views need, and those between about as much")
         return most
 
-    def adapting(self, law: ErrorLaw, spp: int) -> ErrorLaw | None:
-        """The law of images that adapt their samples to ``spp`` and the noise it leaves; None if that does not pay."""
-        method, first = available_method(self.render.denoise), IMAGES * len(LEVELS) + MOST_JUDGES
-        images = [self.image(spp, first + k, tolerance=_round(law.noise(spp).max())) for k in range(IMAGES)]
-        found = pilot.error([denoise_image(image, method) for image in images], law.judges)
-        as_many = law.error(np.mean([image.spp for image in images]))
-        if not np.all(found <= PAYS * as_many):
-            return None
-        asked = law.error(spp)
-        return replace(law, measured=law.measured * np.divide(found, asked, out=np.ones(3), where=asked > 0.0))
-
     def error_law(self, target: float) -> ErrorLaw:
         """How the error falls with the samples: from images with about as many as are needed."""
-        spp = self.first_spp
+        spp = first = min(FIRST_GUESS[name] for name in self.integrators)
         for _ in range(ROUNDS):
-            law = self.judged(spp)
+            law = self.measured_law(spp)
             needed = law.samples(target)
-            better = min(max(needed // LEVELS[-1], self.first_spp), MOST_JUDGED)
+            better = min(max(needed // LEVELS[-1], first), MOST_TRIED)
             if needed <= REACH * law.spp[-1] or better <= spp:
                 break
             spp = better
         return law
 
-    def judged(self, first: int) -> ErrorLaw:
-        """Errors of images with a few times ``first`` samples, as other images judge them."""
-        method = available_method(self.render.denoise)
+    def measured_law(self, first: int) -> ErrorLaw:
+        """Errors of test images with a few times ``first`` samples, by independent estimates."""
         levels = [first * level for level in LEVELS]
-        images = [[self.image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
-        filtered = images if method == "none" else [
-            [replace(image, radiance=denoise_image(image, method)) for image in level] for level in images]
-        judges = self.judges(JUDGE_LEVEL * first, [image.radiance for image in filtered[-1]])
-        noisy = np.array([pilot.error([image.radiance for image in level], judges) for level in images])
-        left = np.array([np.max([pilot.error([image.radiance], judges) for image in level], axis=0)
-                         for level in filtered])
-        return ErrorLaw(levels, left, noisy, judges, self.steepest)
+        made = [[self.test_image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
+        images = [[image.radiance if self.denoiser == "none" else denoise_image(image, self.denoiser)
+                   for image in level] for level in made]
+        estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
+        worst = [np.max([errors.error([image], estimates) for image in level], axis=0) for level in images]
+        return ErrorLaw(levels, np.array(worst), self.steepest)
 
-    def judges(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
-        """Independent images of ``spp`` samples, as many as it takes to judge the given ones."""
-        taken, judges = IMAGES * len(LEVELS), []
-        while len(judges) < FEWEST_JUDGES or (len(judges) < MOST_JUDGES and len(judges) * spp < MOST_JUDGING):
-            judges.append(self.image(spp, taken + len(judges)).radiance)
-            if len(judges) >= FEWEST_JUDGES:
-                square, unsure = pilot.squared_error(images, judges)
-                worst = np.argmax(square / np.maximum(brightness(np.mean(judges[0], axis=(0, 1))), 1e-30) ** 2)
-                if unsure[worst] <= pilot.JUDGED_TO * square[worst]:
+    def estimates(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
+        """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
+        taken, made = IMAGES * len(LEVELS), []
+        while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
+            made.append(self.test_image(spp, taken + len(made)).radiance)
+            if len(made) >= FEWEST_ESTIMATES:
+                square, unsure = errors.squared_error(images, made)
+                worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
+                if unsure[worst] <= errors.PRECISE * square[worst]:
                     break
-        return judges
+        return made
 
     def why_spp(self, law: ErrorLaw, needed: int, target: float) -> str:
         """The choice in words."""
         channel = CHANNELS[int(np.argmax(law.measured[-1]))]
-        method = available_method(self.render.denoise)
-        left = f" after {method}" if method != "none" else ""
+        left = f" after {self.denoiser}" if self.denoiser != "none" else ""
         words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
                  f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
-
-
-def _round(x: float) -> float:
-    """To two digits: machines that round differently agree on them nearly always."""
-    return float(f"{x:.2g}")

@@ -5,7 +5,7 @@ x right, y forward, z up, so the identity attitude looks along +y. Unknown keys 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
@@ -19,16 +19,6 @@ class Exposure(Block):
 
     A: Literal["adaptive", "constant"] | Positive = "adaptive"
     B: Literal["adaptive", "constant"] | Positive = "constant"
-
-
-class LevelOfDetail(Block):
-    """Meshes with no more triangles than their images need; `varos-warp plan` shows what that keeps, and why."""
-
-    tolerance_px: Positive = 0.5
-    """How far a surface may move in an image, at the nearest approach of any camera (or lamp, for shadows) [pixels]."""
-    depth_steps: Positive | None = 1.0
-    """How far it may move up to 1 m from them, in steps of D, and beyond in proportion to the distance; null: no
-    such limit, nor where D is not among the outputs."""
 
 
 def field_by_old_name(name):
@@ -64,8 +54,8 @@ class Render(Block):
     """Also write A before denoising and exposure as float32 EXR, with its standard error."""
     depth_exr: bool = False
     """Also write planar depth and range as float32 EXR (channels Z and range)."""
-    level_of_detail: LevelOfDetail | None = None
-    """Absent: every triangle of every mesh is kept, and the ground truth is that of the files; ``{}``: by need."""
+    level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
+    """Older files ask for meshes reduced by need."""
 
     @field_validator("depth_range_m")
     @classmethod

@@ -24,6 +24,18 @@ class Block(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
+def keys_without_effect(block: Block, path: str = "") -> dict[str, str]:
+    """Keys that a block gives although they mean nothing any more (deprecated fields), and what holds instead."""
+    found = {}
+    for name, info in type(block).model_fields.items():
+        value = vars(block)[name]
+        if info.deprecated and value is not None:
+            found[path + name] = str(info.deprecated)
+        elif isinstance(value, Block):
+            found |= keys_without_effect(value, f"{path}{name}.")
+    return found
+
+
 def kind_by_default(kind: str) -> BeforeValidator:
     """For a union of blocks: one without ``kind`` is of this kind, so ``{file: x.dae}`` may be short for a mesh."""
     def with_kind(block: Any):

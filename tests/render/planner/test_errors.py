@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.render.planner.error_law import ErrorLaw
+from varos_warp.render.planner.errors import ErrorLaw
 
 
 def law(errors, spp=(2, 4, 8)):
@@ -11,13 +11,13 @@ def law(errors, spp=(2, 4, 8)):
 
 
 @pytest.mark.parametrize("samples", [3, 8, 20, 100])
-def test_a_power_law_is_followed_within_and_beyond_what_was_judged(samples):
+def test_a_power_law_is_followed_within_and_beyond_what_was_tried(samples):
     made = law([0.1 * n**-0.5 for n in (2, 4, 8)])
     np.testing.assert_allclose(made.error(samples), 0.1 * samples**-0.5, rtol=1e-12)
     assert made.samples(0.1 * (samples - 1e-6) ** -0.5) == samples
 
 
-def test_errors_that_flatten_ask_for_more_samples_beyond_what_was_judged_only():
+def test_errors_that_flatten_ask_for_more_samples_beyond_what_was_tried_only():
     """Metal, lens and textures: 16 samples left 2.87 %, where the law through all three would promise 2.5 %."""
     made = law([0.20, 0.0459, 0.0372])
     assert made.error(16).min() > 0.0287

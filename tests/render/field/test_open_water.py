@@ -1,4 +1,4 @@
-"""Tables of open water against exact solutions, order-resolved truths, and the path integrator."""
+"""The precomputed field of open water against exact solutions, order-resolved truths, and the path integrator."""
 
 import warnings
 
@@ -9,8 +9,8 @@ from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, wa
 
 from varos_warp.kernels.field.open_water import LampTable, scattered_again, scattered_irradiance
 from varos_warp.kernels.world.light import Light
-from varos_warp.render.field import open_water as tables
-from varos_warp.render.field import solver as orders
+from varos_warp.render.field import open_water as precomputed
+from varos_warp.render.field import solver
 from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.field.scattering import scattering_matrix
@@ -26,21 +26,28 @@ PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 FOUR_PI = 4.0 * np.pi
 
 
+@pytest.fixture(scope="module")
+def cache_of_small(tmp_path_factory):
+    """A cache of its own: the key follows the code, not what a test changes in memory."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture
-def small(monkeypatch):
-    """Fewer nodes: tables in a second, within 1 % of the light scattered towards a plane that faces the lamp."""
-    monkeypatch.setattr(orders, "FINE", (44, 14, 32))
-    monkeypatch.setattr(orders, "COARSE", (16, 7, 8))
-    monkeypatch.setattr(orders, "ONCE", Directions.quadrature(56, 20, power=2))
-    monkeypatch.setattr(orders, "AGAIN", Directions.quadrature(16, 6, power=2))
-    monkeypatch.setattr(tables, "VEIL", (64, 3, 3))
+def small(monkeypatch, cache_of_small):
+    """Fewer nodes: a field in a second, within 1 % of the light scattered towards a plane that faces the light."""
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(cache_of_small))
+    monkeypatch.setattr(solver, "FINE", (44, 14, 32))
+    monkeypatch.setattr(solver, "COARSE", (16, 7, 8))
+    monkeypatch.setattr(solver, "ONCE", Directions.quadrature(56, 20, power=2))
+    monkeypatch.setattr(solver, "AGAIN", Directions.quadrature(16, 6, power=2))
+    monkeypatch.setattr(precomputed, "CAMERA_NODES", (64, 3, 3))
 
 
 def open_water(lights, coefficients, **camera) -> OpenWater:
     return OpenWater(one_ray_scene(lights, coefficients, pixels=2, **camera), Launcher("cpu"))
 
 
-def veil(made: OpenWater, T) -> np.ndarray:
+def in_scattered(made: OpenWater, T) -> np.ndarray:
     """Light scattered twice or more on the rig's ray up to T [3]."""
     kept = made.tables(made.scene.vehicle.cameras[0])
     values = kept.veil.numpy()
@@ -111,9 +118,9 @@ def flux_through_spheres(light, phase, sigma):
     """Distances, and the net flux outwards at each, direct light included, over what the lamp sends."""
     coefficients = {"sigma_s": [sigma] * 3, "sigma_a": [0.0] * 3, "phase": phase}
     made = open_water([light], coefficients)
-    field = orders.LampField(made.scene.vehicle.lights[0], made.water, made.launcher)
+    field = solver.LightField(made.scene.vehicle.lights[0], made.water, made.launcher)
     grid, E = field.fine, field.solve()["irradiance"][..., 0]
-    d = orders.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
+    d = solver.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
     net = (E[:, :, 0, 0] - E[:, :, -1, 0]) * (d * np.exp(-grid.decay[0] * d))[:, None]
     if light["kind"] == "point":
         return d, net[:, 0] + np.exp(-sigma * d)
@@ -124,7 +131,8 @@ def flux_through_spheres(light, phase, sigma):
     return d, scattered / sent + np.exp(-sigma * d)
 
 
-@pytest.mark.parametrize("light", [point((0, 0, 0)), spot((0, 0, 0)), spot((0, 0, 0), cone_deg=tables.CONES_DEG[0])],
+@pytest.mark.parametrize("light", [point((0, 0, 0)), spot((0, 0, 0)),
+                                   spot((0, 0, 0), cone_deg=precomputed.CONES_DEG[0])],
                          ids=["point", "spot", "narrow"])
 @pytest.mark.parametrize("phase", [{"g": 0.5}, {"g": 0.9}, SEA], ids=["g 0.5", "g 0.9", "Fournier-Forand"])
 @pytest.mark.subject("multiple scattering")
@@ -135,7 +143,7 @@ def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, ligh
     in opposite directions, so it is off by more than either.
     """
     d, flux = flux_through_spheres(light, phase, 1.0)
-    near, far = (7e-3, 3.5e-2) if light.get("cone_deg") == tables.CONES_DEG[0] else (3e-3, 1.5e-2)
+    near, far = (7e-3, 3.5e-2) if light.get("cone_deg") == precomputed.CONES_DEG[0] else (3e-3, 1.5e-2)
     for nearest, farthest, tolerance in ((0.02, 2.0, near), (2.0, 5.0, far)):
         chosen = (d >= nearest) & (d <= farthest)
         lamp = f"{light['kind']} {light.get('cone_deg', '')}"
@@ -153,27 +161,27 @@ def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, ligh
         (0.9, 150.0, 1.25038298498e-3, 7.294186485738e-3),
     ],
 )
-def test_veil_of_an_isotropic_medium(albedo, T, first, total):
+def test_multiple_in_scattering_of_an_isotropic_medium(albedo, T, first, total):
     """A6: a ray 1 m from a point source of 1 W; within 0.2 % of the light in the water."""
     made = open_water([point((1, 0, 1), 1 / FOUR_PI)], water(albedo, 1.0, 0.0))
-    assert veil(made, T) == pytest.approx([total - first] * 3, abs=2e-3 * total)
+    assert in_scattered(made, T) == pytest.approx([total - first] * 3, abs=2e-3 * total)
 
 
-def test_veil_of_the_papers_rig(small):
+def test_multiple_in_scattering_of_the_papers_rig(small):
     """A12, A13: both lamps in green and blue; within 0.1 % of the light in the water."""
     made = open_water(VAROS_LAMPS, PAPER_WATER)
     single = {"R": 5.42226576952195e-5, "G": 6.17358347687215e-4, "B": 1.51897711245271e-3}
-    assert veil(made, 5.0)[0] == pytest.approx(2 * 5.8974e-8, abs=1e-3 * single["R"])
-    assert veil(made, 5.0)[1] == pytest.approx(2 * 7.8923e-6 + 5.577e-7 + 3.995e-8, rel=4e-3, abs=0)
-    assert veil(made, 25.0)[2] == pytest.approx(1.6521e-3 - single["B"], abs=1e-3 * 1.6521e-3 + 1.7e-6)
-    # the lamps are alike, so their table is one
+    assert in_scattered(made, 5.0)[0] == pytest.approx(2 * 5.8974e-8, abs=1e-3 * single["R"])
+    assert in_scattered(made, 5.0)[1] == pytest.approx(2 * 7.8923e-6 + 5.577e-7 + 3.995e-8, rel=4e-3, abs=0)
+    assert in_scattered(made, 25.0)[2] == pytest.approx(1.6521e-3 - single["B"], abs=1e-3 * 1.6521e-3 + 1.7e-6)
+    # the lights are alike, so their field is one
     assert len(made._kept) == 1
 
 
-def test_veil_of_turbid_water(small):
+def test_multiple_in_scattering_of_turbid_water(small):
     """A13, sigma_t = 1: half of the light is scattered twice or more; 0.2 % of it all."""
     made = open_water(VAROS_LAMPS, water(0.8, 1.0, 0.8))
-    assert veil(made, 2.0) == pytest.approx([2.179e-2 - 0.0109644027294663] * 3, abs=2e-3 * 2.179e-2)
+    assert in_scattered(made, 2.0) == pytest.approx([2.179e-2 - 0.0109644027294663] * 3, abs=2e-3 * 2.179e-2)
 
 
 # ----------------------------------------------------------------------------------------- irradiance, by other means
@@ -236,7 +244,7 @@ def test_irradiance_is_that_of_a_traced_plate(small, light, coefficients, d, ang
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coefficients", [PAPER_WATER, water(0.219, 0.398, 0.8), water(0.8, 1.0, 0.8)])
-def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
+def test_twice_as_many_nodes_change_little(monkeypatch, tmp_path, coefficients):
     """Inside the cone to an optical depth of 8: 0.5 % in the paper's water, 1 % in turbid."""
     rng = np.random.default_rng(3)
     sigma_t = coefficients["sigma_s"][0] + coefficients["sigma_a"][0]
@@ -244,8 +252,9 @@ def test_twice_as_many_nodes_change_little(monkeypatch, coefficients):
     a, d = np.radians(rng.uniform(0.0, 32.4, 2000)), np.exp(rng.uniform(np.log(0.2), np.log(farthest), 2000))
     p = np.stack([d * np.sin(a), d * np.cos(a), 0.0 * d], 1)
     one = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
-    monkeypatch.setattr(orders, "FINE", (100, 30, 30))
-    monkeypatch.setattr(orders, "COARSE", (32, 13, 18))
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
+    monkeypatch.setattr(solver, "FINE", (100, 30, 30))
+    monkeypatch.setattr(solver, "COARSE", (32, 13, 18))
     two = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
     assert np.abs(one / two - 1).max() < (0.005 if coefficients is PAPER_WATER else 0.01)
 
@@ -281,38 +290,38 @@ def test_irradiance_of_even_light_is_pi_and_of_a_far_lamp_the_cosine():
 # ------------------------------------------------------------------------------------------- building and keeping
 
 
-def test_tables_come_from_disk_the_second_time(small, monkeypatch, tmp_path):
+def test_the_field_comes_from_disk_the_second_time(small, monkeypatch, tmp_path):
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
     lights, coefficients = [point((0.3, 0, 0))], water(0.2, 0.3, 0.6)
-    first = veil(open_water(lights, coefficients), 3.0)
-    assert {path.name[:5] for path in tmp_path.iterdir()} == {"lamp-", "veil-"}
+    first = in_scattered(open_water(lights, coefficients), 3.0)
+    assert {path.name.split("-")[0] for path in tmp_path.iterdir()} == {"light", "camera"}
 
     def never(*_):
         raise AssertionError("built again")
 
     with monkeypatch.context() as patch:
-        patch.setattr(orders.LampField, "solve", never)
-        patch.setattr(OpenWater, "_fill_veil", never)
-        assert np.array_equal(veil(open_water(lights, coefficients), 3.0), first)
-        # lamps of the same kind share a table wherever they are and however bright
-        open_water([point((0.1, 0, 0), 9.0)], coefficients)._lamps  # noqa: B018
+        patch.setattr(solver.LightField, "solve", never)
+        patch.setattr(OpenWater, "_along_rays", never)
+        assert np.array_equal(in_scattered(open_water(lights, coefficients), 3.0), first)
+        # lights of the same kind share a field wherever they are and however bright
+        open_water([point((0.1, 0, 0), 9.0)], coefficients)._lights  # noqa: B018
         for other in (water(0.2, 0.3, 0.61), water(0.2, 0.31, 0.6), water(0.21, 0.3, 0.6)):
             with pytest.raises(AssertionError, match="built again"):
-                veil(open_water(lights, other), 3.0)
+                in_scattered(open_water(lights, other), 3.0)
         rigs = ([point((0.2, 0, 0))], {}), ([point((0.3, 0, 0), 2.0)], {}), (lights, {"focal_mm": 2.0})
         for moved, camera in rigs:
             with pytest.raises(AssertionError, match="built again"):
-                veil(open_water(moved, coefficients, **camera), 3.0)
+                in_scattered(open_water(moved, coefficients, **camera), 3.0)
 
 
 def test_an_unwritable_cache_costs_only_the_time(small, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     lights, coefficients = [point((0.3, 0, 0))], water(0.2, 0.3, 0.6)
-    kept = veil(open_water(lights, coefficients), 3.0)
+    kept = in_scattered(open_water(lights, coefficients), 3.0)
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "file" / "below"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        assert np.array_equal(veil(open_water(lights, coefficients), 3.0), kept)
+        assert np.array_equal(in_scattered(open_water(lights, coefficients), 3.0), kept)
     assert caught
 
 
@@ -321,14 +330,14 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
     made = []
     for threads in (1, 3):
         monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / str(threads)))
-        made.append(veil(OpenWater(scene, Launcher("cpu", threads)), 3.0))
+        made.append(in_scattered(OpenWater(scene, Launcher("cpu", threads)), 3.0))
     assert np.array_equal(*made)
 
 
 @pytest.mark.parametrize(
     ("lights", "coefficients", "camera", "why"),
     [
-        ([], PAPER_WATER, {}, "no lamps"),
+        ([], PAPER_WATER, {}, "no lights"),
         (VAROS_LAMPS, None, {}, "does not scatter"),
         (VAROS_LAMPS, water(0.0, 0.1, 0.8), {}, "does not scatter"),
         (VAROS_LAMPS, water(0.1, 0.1, 0.99), {}, "mean cosine"),
@@ -343,7 +352,7 @@ def test_threads_do_not_change_a_byte(small, monkeypatch, tmp_path):
         (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.26], "sigma_a": [0.005, 0.05, 0.25]}, {}, "murkier"),
     ],
 )
-def test_where_tables_do_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
+def test_where_the_field_does_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
     scene = one_ray_scene(lights, coefficients, **camera)
     got = unavailable(scene, scene.vehicle.cameras[0])
     assert got is None if why is None else why in got

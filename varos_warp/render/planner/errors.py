@@ -1,0 +1,180 @@
+"""How large the error of an image is, told by independent estimates, and how it falls with the samples.
+
+Errors are relative RMSE per channel: the root of the mean square of what is wrong in an image, over its mean radiance
+(see `adapt.brightness` for channels that are nearly black). No reference is needed: an image that is independent of
+another one tells, on average, how far that one is from the truth.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from varos_warp.render.image.adapt import DARK, brightness
+
+FIREFLY = 3.0
+"""A pixel of an estimate that is brighter than so many times the image, there and around, is cut to that: what one path
+in a million carries is beyond a pilot, and alone would decide. In the mean of the image it counts in full."""
+AROUND = 9
+"""Side [pixels] of what is around."""
+BAND = 32
+"""Rows that are compared at a time."""
+PRECISE = 0.2
+"""Estimates tell the square of an error if its standard error is at most this share of it."""
+BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
+"""A tolerance also asks that so large a share of the blocks of 8 x 8 pixels is within so many times itself."""
+
+
+def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
+          sigmas: float | Sequence[float] = 1.0) -> np.ndarray:
+    """Relative RMSE [3] of images, from estimates that know nothing of them, nor of each other.
+
+    With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
+    error, noise, blur and all, however noisy the two are: what is wrong with them cancels. The upper end of what chance
+    leaves open is taken. Where blocks of pixels are off by more than `BLOCKS_WITHIN` times that, they decide.
+
+    Args:
+        images: Radiance [H, W, 3] of each D.
+        estimates: Radiance of the others, two or more.
+        sigmas: That end, in standard errors; of several the result is [sigmas, 3].
+    """
+    square, unsure = squared_error(images, estimates)
+    whole = relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(estimates, np.float64))
+    return np.maximum(whole, block_error(images, estimates) / BLOCKS_WITHIN)
+
+
+def block_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> np.ndarray:
+    """Error [3] that `BLOCK_QUANTILE` of the blocks of 8 x 8 pixels of images stay within.
+
+    Of a block's mean, relative to the block's or to `DARK` of the image's, whichever is brighter. What of it may be the
+    noise of the estimates is taken off.
+    """
+    known = np.array([block_means(estimate) for estimate in estimates])
+    mean, chance = known.mean(0), known.var(0, ddof=1) / len(known)
+    level = np.maximum(mean, DARK * brightness(mean.mean((0, 1))))
+    if not level.any():
+        return np.zeros(3)
+    off = np.array([(block_means(image) - mean) ** 2 - chance for image in images])
+    share = np.sqrt(np.maximum(off, 0.0)) / np.maximum(level, 1e-30)
+    return np.quantile(share, BLOCK_QUANTILE, axis=(0, 1, 2))
+
+
+def block_means(image: np.ndarray) -> np.ndarray:
+    """Means [H/8, W/8, 3] over whole blocks; of a smaller image, over all of it."""
+    height, width = (max(side // BLOCK, 1) for side in image.shape[:2])
+    tall, wide = (min(BLOCK, side) for side in image.shape[:2])
+    blocks = image[:height * tall, :width * wide].astype(np.float64)
+    return blocks.reshape(height, tall, width, wide, -1).mean((1, 3))
+
+
+def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the estimates.
+
+    As if pixels were independent.
+    """
+    estimates = np.array(estimates)
+    means, squares, unsure = estimates.mean((1, 2), dtype=np.float64), [], []
+    for image in np.asarray(images):
+        level = image.mean((0, 1), dtype=np.float64)
+        (square, deviation), sane_means = _against_sane(image, estimates, level)
+        (offset, chance), (sane_offset, sane_chance) = (_offset(level, of) for of in (means, sane_means))
+        rare = offset**2 - chance - (sane_offset**2 - sane_chance)
+        squares.append(square + rare)
+        unsure.append(np.hypot(deviation / np.sqrt(image[..., 0].size),
+                               2.0 * offset * np.sqrt(np.maximum(chance - sane_chance, 0.0))))
+    return np.mean(squares, axis=0), np.mean(unsure, axis=0)
+
+
+def _against_sane(image: np.ndarray, estimates: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and deviation [2, 3] of the squares of what is wrong, by estimates without fireflies; and their means.
+
+    In bands of rows: what lies in the cache takes a fraction of the time.
+    """
+    around = uniform_filter(image, (AROUND, AROUND, 1))
+    sums, means = np.zeros((2, 3)), np.zeros((len(estimates), 3))
+    for rows in np.array_split(np.arange(len(image)), -(-len(image) // BAND)):
+        here = image[rows].astype(np.float64)
+        limit = FIREFLY * np.maximum(np.maximum(here, around[rows]), DARK * level)
+        sane = np.clip(estimates[:, rows], -limit, limit)
+        square = (here - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
+        sums += square.sum((0, 1)), (square**2).sum((0, 1))
+        means += sane.sum((1, 2))
+    mean, mean_square = sums / image[..., 0].size
+    return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), means / image[..., 0].size
+
+
+def _offset(level: np.ndarray, means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far the mean of an image [3] is from the ``means`` [n, 3] of estimates, and the variance of theirs."""
+    return level - means.mean(0), means.var(axis=0, ddof=1) / len(means)
+
+
+def relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """Root of mean squares [3] over the brightness of images [count, H, W, 3]; 0 where all is black."""
+    level = brightness(radiance.mean((0, 1, 2)))
+    return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(square.shape), where=level > 0.0)
+
+
+# --------------------------------------------------------------------------------------------- errors against samples
+
+
+FEWEST_SPP, MOST_SPP = 2, 4096
+STEEPEST = {"field": -0.75, "path": -0.5, "reference": -0.5}
+FLATTEST = -0.15
+"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with the field,
+that of independent samples, which paths keep to, and the least that a denoiser has shown."""
+REACH = 3
+"""Up to so many times more samples than were tried, their error may be extrapolated."""
+
+
+@dataclass(frozen=True)
+class ErrorLaw:
+    """Relative RMSE against samples per pixel: a power law through what was measured, one per channel.
+
+    What a denoiser leaves falls steeply at first and slower then. So beyond the most samples that were tried, the
+    exponent is half-way to that between the last two numbers of them, if that is slower; they alone tell it roughly. So
+    chance in these two asks for more samples, never for fewer.
+
+    There must be two numbers of samples or more.
+    """
+
+    spp: list[int]
+    measured: np.ndarray
+    """Errors [level, 3]."""
+    steepest: float = STEEPEST["field"]
+    """Exponent, at the least."""
+
+    def _fit(self) -> tuple[np.ndarray, np.ndarray]:
+        """Error [3] with one sample, and the exponents [3]: least squares of the logarithms."""
+        x, y = np.log(self.spp), np.log(np.maximum(self.measured, 1e-12))
+        exponent = np.clip((x - x.mean()) @ (y - y.mean(0)) / np.sum((x - x.mean()) ** 2), self.steepest, FLATTEST)
+        return np.exp(y.mean(0) - exponent * x.mean()), exponent
+
+    def _beyond(self) -> np.ndarray:
+        """Exponents [3] beyond the most samples that were tried."""
+        before, last = np.log(np.maximum(self.measured[-2:], 1e-12))
+        slope = (last - before) / np.log(self.spp[-1] / self.spp[-2])
+        _, exponent = self._fit()
+        return 0.5 * (exponent + np.clip(slope, exponent, FLATTEST))
+
+    def error(self, spp: float) -> np.ndarray:
+        """Error [3] with a number of samples."""
+        one, exponent = self._fit()
+        tried = min(float(spp), self.spp[-1])
+        found = one * tried**exponent * (float(spp) / tried) ** self._beyond()
+        return np.where(self.measured.any(0), found, 0.0)
+
+    def samples(self, target: float) -> int:
+        """The fewest samples whose error is below ``target`` in every channel."""
+        one, exponent = self._fit()
+        most = self.spp[-1]
+        with np.errstate(divide="ignore", over="ignore"):  # no number of samples may be enough
+            needed = (target / one) ** (1.0 / exponent)
+            farther = most * (target / (one * most**exponent)) ** (1.0 / self._beyond())
+        needed = np.where(self.measured.any(0), np.where(needed > most, farther, needed), 0.0)
+        return int(np.ceil(min(needed.max(), 1e9)))
+
+    def whole_samples(self, target: float) -> int:
+        """The same within what is ever taken; many in steps of four."""
+        needed = self.samples(target)
+        return int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
