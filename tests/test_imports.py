@@ -90,7 +90,7 @@ def test_no_modules_import_each_other_in_a_circle():
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
-        pytest.fail(" -> ".join(error.args[1]))
+        pytest.fail(" is imported by ".join(error.args[1]))
 
 
 def test_kernels_know_nothing_of_the_host():
