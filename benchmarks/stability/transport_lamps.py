@@ -18,7 +18,7 @@ from benchmarks.stability.transport import (
 )
 from varos_warp.kernels.world.light import Light, falloff
 from varos_warp.scene.description.vehicle import SpotLight
-from varos_warp.scene.device import light_record
+from varos_warp.scene.lights import light_record
 
 TESTS = "tests/stability/test_lamp_limits.py::"
 

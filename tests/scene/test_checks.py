@@ -5,7 +5,7 @@ import pytest
 
 from varos_warp.scene.checks import camera_info, check_scene, looks_like_transmission, scene_info, vehicle_radius
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.geometry.query import surface_distance
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
 from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict
 from varos_warp.sim.vehicle.body import sphere
@@ -101,7 +101,7 @@ def test_a_way_close_by_is_noticed_with_its_distance_and_one_further_off_is_not(
     assert "nearer to objects.0 than its radius of 0.21 m" in text
     s = scene(objects=[BOULDER])
     (part,) = build_parts(s)
-    assert f"({surface_distance(part.vertices, part.faces, beside[1]).min():.2f} m)" in text
+    assert f"({Surface(part.vertices, part.faces).nearest(beside[1])[0].min():.2f} m)" in text
     assert path_warnings(straight((1.0, 0, 0), (1.0, 10, 0)), objects=[BOULDER]) == []
 
 

@@ -1,14 +1,12 @@
-"""Launching kernels: compiled once, at once on a GPU, in tiles of rows from a thread pool on the CPU.
+"""Launching kernels for frames: compiled once, results fetched while the host goes on.
 
 What a host decides while it renders follows from what a GPU has computed. Functions that need such numbers are `Steps`:
 they give up control until the numbers are there, and another frame's can go on meanwhile.
 """
 
-import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Generator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
@@ -16,9 +14,8 @@ import numpy as np
 import warp as wp
 
 from varos_warp.kernels.conventions import BLOCK_DIM
+from varos_warp.scene.launch import TILE_ROWS, launch_rows, load_kernel, usable_cores
 
-TILE_ROWS = 8
-"""Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 
@@ -44,11 +41,6 @@ def finish(steps: Steps[T], turn: Callable[[], AbstractContextManager] = nullcon
         wp.synchronize_event(event)
 
 
-def usable_cores() -> int:
-    """Cores that this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 class Launcher:
     """Runs kernels on one device.
 
@@ -71,8 +63,7 @@ class Launcher:
         """Compile a kernel before threads need it, and count the time apart."""
         if kernel not in self._loaded:
             start = time.perf_counter()
-            # the block size is part of a binary's identity, and a CPU launch always has 1
-            kernel.module.load(self.device, block_dim=1 if self.device == "cpu" else BLOCK_DIM)
+            load_kernel(kernel, self.device)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
 
@@ -117,15 +108,5 @@ class Launcher:
 
     def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""
-        if self.device != "cpu":
-            self.run(kernel, dim, [*before, 0, *after], [])
-            return
         self.load(kernel)
-        tile_rows = tile_rows or TILE_ROWS
-
-        def tile(row):
-            rows = min(tile_rows, dim[0] - row)
-            wp.launch(kernel, dim=(rows, *dim[1:]), inputs=[*before, row, *after], device="cpu")
-
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(tile, range(0, dim[0], tile_rows)))
+        launch_rows(kernel, dim, before, after, self.device, rows=tile_rows or TILE_ROWS, threads=self.threads)

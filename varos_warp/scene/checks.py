@@ -1,6 +1,5 @@
 """What a person should know before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
 
-from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +37,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, parts, poses, path)
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    return [*_check_water(scene), *_check_sizes(_one_of_each(parts)), *_check_reach(scene, parts),
+    return [*_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
             *_check_cameras(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
             *at_stops, *on_the_way]
 
@@ -60,14 +59,12 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
 
 def _mesh_info(parts):
     """Name, counts and bounds of every mesh; the copies of a scatter together."""
-    info, blocks = [], defaultdict(list)
+    info = []
     for part in parts:
-        blocks[part.name if isinstance(part, Instances) else _block(part)].append(part)
-    for name, members in blocks.items():
-        copies = sum(len(part) if isinstance(part, Instances) else 1 for part in members)
-        corners = np.concatenate([box.vertices for part in members for box in part.boxes()])
-        info.append({"name": f"{name} ({copies} copies)" if name.startswith("scatter.") else name,
-                     "vertices": copies * len(members[0].vertices), "triangles": copies * len(members[0].faces),
+        copies = len(part) if isinstance(part, Instances) else 1
+        corners = np.concatenate([box.vertices for box in part.boxes()])
+        info.append({"name": f"{part.name} ({copies} copies)" if isinstance(part, Instances) else part.name,
+                     "vertices": copies * len(part.vertices), "triangles": copies * len(part.faces),
                      "bounds_m": np.stack([corners.min(axis=0), corners.max(axis=0)]).tolist()})
     return info
 
@@ -105,39 +102,22 @@ def vehicle_radius(scene: Scene) -> float:
     return sphere_radius(displaced_volume(scene.vehicle.mass_kg, scene.vehicle.net_buoyancy, scene.gravity))
 
 
-# -------------------------------------------------------------------------------------------------- copies of a scatter
-
-
-def _block(part):
-    """Key of the block that a part comes from: ``scatter.0`` for ``scatter.0.17``."""
-    return part.name.rpartition(".")[0] if part.name.startswith("scatter.") else part.name
-
-
-def _one_of_each(parts):
-    """The parts, and of every scatter one copy."""
-    parts = [replace(part, T_w_o=part.T_w_o[:1]).parts()[0] if isinstance(part, Instances) else part for part in parts]
-    return list({_block(part): part for part in reversed(parts)}.values())[::-1]
-
-
 def _gather(scene, parts, poses, path):
     """The parts, and of every scatter the copies near to where vehicle and cameras go, as one part with its name."""
     points = [T[:3, 3] for T in poses] + [c.position for c in scene.vehicle.cameras if c.mount == "world"]
     points = np.vstack([points, *(() if path is None else path[1:3])])
     margin = vehicle_radius(scene) + max(np.linalg.norm(c.position) for c in scene.vehicle.cameras)
-    tree, solids, near = cKDTree(points), [], defaultdict(list)
+    tree, solids = cKDTree(points), []
     for part in parts:
+        if isinstance(part, Part):
+            solids.append(part)
+            continue
         boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for box in part.boxes()])
         close = tree.query(boxes.mean(axis=1))[0] <= margin + 0.5 * np.linalg.norm(np.diff(boxes, axis=1)[:, 0], axis=1)
-        if isinstance(part, Instances):
-            near[part.name] += replace(part, T_w_o=part.T_w_o[close]).parts()
-        elif part.name.startswith("scatter."):
-            near[_block(part)] += [part] if close[0] else []
-        else:
-            solids.append(part)
-    for name, copies in near.items():
+        copies = replace(part, T_w_o=part.T_w_o[close]).parts()
         if copies:
             vertices, faces = join((copy.vertices, copy.faces) for copy in copies)
-            solids.append(replace(copies[0], name=name, vertices=vertices, faces=faces))
+            solids.append(replace(copies[0], name=part.name, vertices=vertices, faces=faces))
     return solids
 
 
@@ -174,7 +154,8 @@ def _check_sizes(parts):
     """Sizes no sea floor and no man-made object has; a factor of 1000 says millimetres."""
     warnings = []
     for part in parts:
-        size = float(np.ptp(part.vertices, axis=0).max())
+        first = next(box.vertices for box in part.boxes())  # of a scatter, one of the copies
+        size = float(np.ptp(first, axis=0).max())
         largest, smallest = (50e3, 1.0) if part.name == "terrain" else (100.0, 2e-3)
         if size > largest:
             warnings.append(f"{part.name}: {size:.4g} m across; if its file is in millimetres, give scale: 0.001")

@@ -8,17 +8,17 @@ from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.kernels.world.medium import Medium
 from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Camera, Light
-from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry.normals import corner_normals, face_normals
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin
+from varos_warp.scene.lights import light_record
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import corner_values, device_material
 from varos_warp.scene.materials.textures import Textures
-from varos_warp.scene.water import OpticalProperties, optical_properties
+from varos_warp.scene.water import medium_record, optical_properties
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
 
@@ -173,30 +173,6 @@ class DeviceScene:
     def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:
         """Camera record for a pose of the vehicle; ``pinhole`` leaves out the depth of field."""
         return camera_record(camera, T_w_v, self.origin, pinhole=pinhole)
-
-
-def medium_record(water: OpticalProperties, device: str) -> Medium:
-    """What kernels on a device know of the water; its arrays live as long as ``water`` does."""
-    medium = Medium()
-    medium.sigma_s = wp.vec3(*water.sigma_s)
-    medium.sigma_t = wp.vec3(*water.sigma_t)
-    medium.phase = water.phase.device_record(device)
-    return medium
-
-
-def light_record(light: Light, T_w_v: np.ndarray, origin) -> LightData:
-    """A light of the vehicle at a pose, relative to ``origin``."""
-    record = LightData()
-    record.position = wp.vec3(*(lamp_position(light, T_w_v) - origin))
-    record.intensity = wp.vec3(*light.intensity)
-    record.cos_half = -1.0
-    record.axis = wp.vec3(0.0, 0.0, 1.0)
-    if light.kind == "spot":
-        axis = T_w_v[:3, :3] @ np.asarray(light.direction)
-        record.axis = wp.vec3(*(axis / np.linalg.norm(axis)))
-        record.cos_half = float(np.cos(np.radians(light.cone_deg) / 2)) if light.cone_deg < 360.0 else -1.0
-        record.blend = light.blend
-    return record
 
 
 def camera_record(camera: Camera, T_w_v: np.ndarray, origin, *, pinhole: bool = False) -> CameraData:

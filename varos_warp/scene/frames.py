@@ -92,11 +92,6 @@ def camera_pose(camera, T_w_v: np.ndarray) -> np.ndarray:
     return T_mount_c if camera.mount == "world" else T_w_v @ T_mount_c
 
 
-def lamp_position(light, T_w_v: np.ndarray) -> np.ndarray:
-    """Where a lamp of the vehicle at ``T_w_v`` is in the world [3] [m]."""
-    return T_w_v[:3, :3] @ light.position + T_w_v[:3, 3]
-
-
 def intrinsics(camera) -> np.ndarray:
     """K [3, 3] in pixels with the centre of the top left pixel at (0.5, 0.5); OpenCV's has 0.5 less in cx and cy."""
     width, height = camera.resolution

@@ -18,8 +18,8 @@ from varos_warp.render.launch import Launcher
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.device import light_record
 from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.lights import light_record
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}

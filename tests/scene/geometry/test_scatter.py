@@ -6,7 +6,8 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene, scene_info
 from varos_warp.scene.geometry.build import build_instances, build_parts, build_single_parts
 from varos_warp.scene.geometry.parts import Instances
-from varos_warp.scene.geometry.query import heights_at, surface_distance
+from varos_warp.scene.geometry.query import heights_at
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
 from varos_warp.scene.load import scene_from_dict
 
@@ -76,7 +77,7 @@ def test_copies_keep_clear_of_objects_and_do_not_lie_in_them():
     (instances,) = build_instances(s, parts)
     for part in parts[1:]:
         corners = np.concatenate([copy.vertices for copy in instances.parts()])
-        assert surface_distance(part.vertices, part.faces, corners).min() >= 0.3
+        assert Surface(part.vertices, part.faces).nearest(corners)[0].min() >= 0.3
     rock = parts[2].vertices
     beside = np.linalg.norm(places(instances)[:, :2] - [0, 4], axis=1)
     assert beside.min() > np.linalg.norm(rock[:, :2] - [0, 4], axis=1).min()
@@ -211,15 +212,11 @@ def test_an_unknown_size_names_its_key():
 # --------------------------------------------------------------------------------------------------------- warnings
 
 
-@pytest.mark.parametrize("together", [True, False])
-def test_copies_in_the_way_are_noticed_once_for_their_block(together):
-    """Whether they come as instances or as parts."""
+def test_copies_in_the_way_are_noticed_once_for_their_block():
     s = scene({"object": ROCK, "count": 200, "circle": [0, 0, 5]}, terrain=FLAT, surface_depth_m=50.0,
               trajectory={"waypoints": [{"position": [-6, 0, 0.15 + 0.21]}, {"position": [6, 0, 0.15 + 0.21]}]},
               vehicle={"lights": [{}]})
-    singles = build_single_parts(s)
-    instances = build_instances(s, singles)
-    parts = singles + (instances if together else [part for i in instances for part in i.parts()])
+    parts = build_parts(s)
     x = np.linspace(-6, 6, 400)
     line = np.column_stack([x, 0 * x, 0 * x + 0.36])
     warnings = check_scene(s, parts, (np.arange(400) * 10**7, line, line, np.ones(400, int)))
@@ -231,14 +228,11 @@ def test_copies_in_the_way_are_noticed_once_for_their_block(together):
     assert check_scene(high, parts, (np.arange(400) * 10**7, clear, clear, np.ones(400, int))) == []
 
 
-@pytest.mark.parametrize("together", [True, False])
-def test_info_counts_the_copies_of_a_block_together(together):
+def test_info_counts_the_copies_of_a_block_together():
     s = scene({"object": NUT, "count": 20}, {"object": ROCK, "count": 10})
-    singles = build_single_parts(s)
-    instances = build_instances(s, singles)
-    parts = singles + (instances if together else [part for i in instances for part in i.parts()])
+    parts = build_parts(s)
     rows = scene_info(s, parts)["meshes"]
     assert [row["name"] for row in rows] == ["terrain", "scatter.0 (20 copies)", "scatter.1 (10 copies)"]
-    assert rows[1]["triangles"] == 20 * len(instances[0].faces)
+    assert rows[1]["triangles"] == 20 * len(parts[1].faces)
     low, high = rows[1]["bounds_m"]
     assert -10.2 < low[0] < high[0] < 10.2

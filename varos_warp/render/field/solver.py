@@ -20,8 +20,8 @@ from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
-from varos_warp.scene.device import light_record, medium_record
-from varos_warp.scene.water import OpticalProperties
+from varos_warp.scene.lights import light_record
+from varos_warp.scene.water import OpticalProperties, medium_record
 
 NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the light that have nodes, the last as optical depth too; what is nearer is in proportion."""

@@ -1,12 +1,10 @@
 """Many meshes become one: joined, cropped, vertices nearer than a tolerance merged."""
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.topology import chunks, compact, first_equal
+from varos_warp.scene.geometry.topology import chunks, compact, first_equal, groups
 
 MEDIAN_SAMPLE = 100_000
 """Faces, evenly taken from the list, from which the median edge is estimated."""
@@ -56,8 +54,8 @@ def merge_near(vertices, faces, tolerance: float, key="preprocess"):
     pairs = tree.query_pairs(tolerance, output_type="ndarray")
     if len(pairs) == 0:
         return vertices, faces
-    graph = coo_matrix((np.ones(len(pairs), np.int8), pairs.T), shape=(len(vertices),) * 2)
-    count, label = connected_components(graph, directed=False)
+    label = groups(pairs, len(vertices))
+    count = label.max() + 1
     centre = vertices.mean(axis=0)  # a mean of coordinates far from zero would lose digits
     total = np.column_stack([np.bincount(label, vertices[:, axis] - centre[axis], count) for axis in range(3)])
     merged = total / np.bincount(label, minlength=count)[:, None] + centre

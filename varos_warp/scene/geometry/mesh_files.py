@@ -1,6 +1,7 @@
-"""Mesh files: read into float64 vertices, z up, in metres, and the colours that they bring along."""
+"""Mesh files: read into float64 vertices, z up, in metres, and the colours that they bring along; and written."""
 
 import json
+import os
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +84,24 @@ def _read(path, key, up_axis, with_skin):
     up = TO_Z_UP[up_axis or axis]
     with np.errstate(invalid="ignore"):
         return vertices if (up == np.eye(3)).all() else vertices @ up.T, np.asarray(faces, np.int32), skin
+
+
+def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Write a binary PLY in double precision, aside first and then renamed (trimesh writes single precision)."""
+    path = Path(path)
+    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+              "property double x\nproperty double y\nproperty double z\n"
+              f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
+    rows = np.empty(len(faces), [("count", "u1"), ("index", "<i4", 3)])
+    rows["count"], rows["index"] = 3, faces
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        aside.write_bytes(header.encode() + np.asarray(vertices, "<f8").tobytes() + rows.tobytes())
+        aside.replace(path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise InputError(f"cannot be written: {error.strerror}", file=path,
+                         remedy="Choose a folder that exists, is writable and has space.") from error
 
 
 # -------------------------------------------------------------------------------------------------------------- checks

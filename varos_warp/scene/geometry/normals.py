@@ -1,8 +1,8 @@
 """Normals of triangle meshes: flat, and smoothed over edges that are not sharp (Blender's auto smooth)."""
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from varos_warp.scene.geometry.topology import area_normals, groups, paired_edges
 
 UP = np.array([0.0, 0.0, 1.0])
 """Normal of what has none: a degenerate face, which no ray can hit."""
@@ -10,8 +10,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals float64 [F, 3], counter-clockwise faces seen from outside; degenerate faces get +z."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return _unit(np.cross(b - a, c - a))
+    return _unit(area_normals(vertices, faces))
 
 
 def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.ndarray:
@@ -65,7 +64,9 @@ def _smooth_groups(vertices, faces, flat, angle):
     """Label [3 F] of the smooth fan that each corner belongs to; corner i of face f is number 3 f + i."""
     start = faces.ravel()
     end = np.roll(faces, -1, axis=1).ravel()
-    one, two = _paired_half_edges(start, end)
+    one, two = paired_edges(faces)
+    agree = start[one] == end[two]  # about their outside
+    one, two = one[agree], two[agree]
     face_one, face_two = one // 3, two // 3
     # A tolerance of 1e-7 rad, so that an edge of exactly ``angle`` is smooth whatever the rounding.
     cosine = np.einsum("ij,ij->i", flat[face_one], flat[face_two])
@@ -75,20 +76,8 @@ def _smooth_groups(vertices, faces, flat, angle):
     one, two = one[smooth], two[smooth]
     # Half-edge k runs from corner k to the face's next corner; its twin runs the other way.
     rows, columns = np.concatenate([one, _next(one)]), np.concatenate([_next(two), two])
-    count = len(start)
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    return groups(np.column_stack([rows, columns]), len(start))
 
 
 def _next(corner):
     return corner - corner % 3 + (corner + 1) % 3
-
-
-def _paired_half_edges(start, end):
-    """Numbers of the two half-edges of every edge between exactly two faces that agree about their outside."""
-    key = np.minimum(start, end).astype(np.int64) * (int(max(start.max(), end.max())) + 1) + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")
-    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    one, two = order[first[count == 2]], order[first[count == 2] + 1]
-    opposed = start[one] == end[two]
-    return one[opposed], two[opposed]

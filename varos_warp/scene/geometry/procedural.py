@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from varos_warp.scene.geometry.topology import compact
+
 ROUGHNESS = 2.2
 """Spectral slope: the amplitude of a feature of wavenumber k falls as k to the power of minus this."""
 
@@ -33,11 +35,8 @@ def grid_mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, keep: np.ndarray | No
     number = np.arange(z.size).reshape(z.shape)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    if keep is None:
-        return vertices, faces.astype(np.int32)
-    faces = faces[keep.ravel()[faces].all(axis=1)]
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
+    faces = faces.astype(np.int32)
+    return (vertices, faces) if keep is None else compact(vertices, faces[keep.ravel()[faces].all(axis=1)])
 
 
 def sea_floor(size_m: float, resolution: int, feature_m: float, rockiness: float, seed: int) -> np.ndarray:

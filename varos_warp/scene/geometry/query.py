@@ -1,8 +1,10 @@
-"""Questions to triangle meshes in float64: heights under points, what lies overhead, distances to the surface."""
+"""Questions to triangle meshes: heights under points and what lies overhead, in float64, and clearances."""
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
+
+from varos_warp.scene.geometry.surface import Surface
+from varos_warp.scene.geometry.topology import compact
 
 
 def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -10,7 +12,7 @@ def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[
 
     Sorted by line, then by height [m]. A line through an edge or a vertex crosses one of the faces that meet there
     (half-open edges), so that the number of crossings above a point tells inside from outside. Triangles are sorted
-    into trees by size, as in ``surface_distance``.
+    into trees by size, so that few large ones do not spoil the search among many small ones.
     """
     xy = np.atleast_2d(np.asarray(xy, float))
     triangles = np.asarray(vertices, float)[faces]
@@ -46,63 +48,25 @@ def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np
     return np.array([np.count_nonzero(z > p[2]) % 2 == 1 for z, p in zip(overhead, points, strict=True)], bool)
 
 
-def surface_distance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distance [N] from points [N, 3] to the nearest point of the mesh [m].
-
-    Exact: a triangle can only be nearest if its bounding sphere comes nearer than the nearest vertex. Triangles are
-    sorted into trees by size, so that few large ones do not spoil the search among many small ones.
-    """
-    points = np.atleast_2d(np.asarray(points, float))
-    used = np.asarray(vertices, float)[np.unique(faces)]
-    best = cKDTree(used).query(points)[0]
-    triangles = np.asarray(vertices, float)[faces]
-    centre = 0.5 * (triangles.min(axis=1) + triangles.max(axis=1))
-    radius = np.linalg.norm(triangles - centre[:, None], axis=2).max(axis=1)
-    size = np.frexp(radius)[1]
-    for exponent in np.unique(size):
-        members = np.flatnonzero(size == exponent)
-        tree = cKDTree(centre[members])
-        for chunk in np.array_split(np.arange(len(points)), max(1, len(points) // 256)):
-            best[chunk] = _nearer(tree, triangles, members, radius[members].max(), points[chunk], best[chunk])
-    return best
-
-
 def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
     """Distance [N] from points [N, 3] to the mesh where it is below ``reach`` [m]; infinite elsewhere.
 
-    Only the part of the mesh around the points, and the points around that part, are looked at.
+    Only the part of the mesh around the points is looked at.
     """
     points = np.atleast_2d(np.asarray(points, float))
     triangles = np.asarray(vertices, float)[faces]
     around = _boxes_meet(triangles.min(axis=1), triangles.max(axis=1), points, reach)
-    result = np.full(len(points), np.inf)
-    if around.any():
-        kept = faces[around]
-        corners = np.asarray(vertices, float)[np.unique(kept)]
-        # a triangle within reach has a corner within reach and its longest edge
-        edges = np.linalg.norm(triangles[around] - np.roll(triangles[around], 1, axis=1), axis=2)
-        near = np.isfinite(cKDTree(corners).query(points, distance_upper_bound=reach + edges.max())[0])
-        result[near] = surface_distance(vertices, kept, points[near]) if near.any() else np.inf
-    return np.where(result < reach, result, np.inf)
+    if not around.any():
+        return np.full(len(points), np.inf)
+    surface = Surface(*compact(vertices, faces[around]))
+    rounding = 1e-6 * max(reach, np.abs(points - surface.origin).max())
+    distance, _ = surface.nearest(points, reach + rounding)
+    return np.where(distance < reach, distance, np.inf)
 
 
 def _boxes_meet(low: np.ndarray, high: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
     """Whether boxes [N, 3] meet the box around points, which has a margin, bool [N]."""
     return ((low <= points.max(axis=0) + margin) & (high >= points.min(axis=0) - margin)).all(axis=1)
-
-
-def _nearer(tree, triangles, members, radius, points, best):
-    """``best`` [n], lowered where one of the ``members`` of a size class lies nearer to the points [n, 3]."""
-    found = tree.query_ball_point(points, best + radius)
-    counts = [len(f) for f in found]
-    if not sum(counts):
-        return best
-    which = np.repeat(np.arange(len(points)), counts)
-    candidates = members[np.concatenate([f for f in found if f]).astype(int)]
-    nearest = trimesh.triangles.closest_point(triangles[candidates], points[which])
-    best = best.copy()
-    np.minimum.at(best, which, np.linalg.norm(nearest - points[which], axis=1))
-    return best
 
 
 def _covers(triangles, x, y):

@@ -1,49 +1,13 @@
 """A triangle mesh in a BVH on a device, in float32 about a local origin, and questions to it from many threads."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import trimesh
 import warp as wp
 
-from varos_warp.kernels.conventions import BLOCK_DIM, FAR
+from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.mesh import project
 from varos_warp.scene.geometry.topology import chunks
-
-wp.config.log_level = wp.LOG_WARNING
-
-CHUNK = 1 << 15
-"""Threads of one CPU launch: small enough to keep all cores busy to the end, large beside the cost of a launch."""
-
-
-def cores() -> int:
-    """CPU cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def launch(kernel, count: int, inputs: list, outputs: list, device: str) -> None:
-    """Run a kernel whose first argument is its first thread: at once on a GPU, as chunks on all cores of a CPU.
-
-    A CPU launch is serial and lets go of Python's lock, so that threads share the work.
-    """
-    if count == 0:
-        return
-    if wp.get_device(device).is_cuda:
-        wp.launch(kernel, dim=count, inputs=[0, *inputs], outputs=outputs, device=device, block_dim=BLOCK_DIM)
-        return
-    kernel.module.load(wp.get_device(device))
-
-    def run(part):
-        wp.launch(kernel, dim=part.stop - part.start, inputs=[part.start, *inputs], outputs=outputs, device=device)
-
-    with ThreadPoolExecutor(cores()) as pool:
-        list(pool.map(run, chunks(count, CHUNK)))
-
-
-def upload(array: np.ndarray, dtype, device: str) -> wp.array:
-    """An array on the device; on a CPU the array itself, where it is laid out alike."""
-    return wp.array(np.ascontiguousarray(array), dtype=dtype, device=device, copy=False)
+from varos_warp.scene.launch import launch, upload
 
 
 class Surface:
@@ -69,19 +33,29 @@ class Surface:
         """Points [N, 3] about the origin of the device, float32."""
         return (points - self.origin).astype(np.float32)
 
-    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [N] from points [N, 3] to the surface [m] and the face [N] where it is.
+    def project(self, points: np.ndarray, reach: float = FAR) -> tuple[np.ndarray, np.ndarray]:
+        """Nearest places float32 [N, 3] on the surface, of and in local points, and their faces [N].
 
-        The BVH finds the face in float32; the distance to it is computed in float64.
+        Farther than ``reach`` [m] there is none: the face is -1.
         """
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
-        place = wp.empty(len(points), dtype=wp.vec3, device=self.device)
-        launch(project.find_nearest, len(points), [self.mesh.id, upload(self.local(points), wp.vec3, self.device), FAR],
+        place = wp.zeros(len(points), dtype=wp.vec3, device=self.device)
+        launch(project.find_nearest, len(points), [self.mesh.id, upload(points, wp.vec3, self.device), reach],
                [face, place], self.device)
-        face, distance = face.numpy(), np.empty(len(points))
-        for part in chunks(len(points)):
-            on_face = trimesh.triangles.closest_point(self.vertices[self.faces[face[part]]], points[part])
-            distance[part] = np.linalg.norm(on_face - points[part], axis=1)
+        return place.numpy(), face.numpy()
+
+    def nearest(self, points: np.ndarray, reach: float = FAR) -> tuple[np.ndarray, np.ndarray]:
+        """Distance [N] from points [N, 3] to the surface [m] and the face [N] where it is; infinite beyond ``reach``.
+
+        The BVH finds the face in float32, so of two that are equally far to 1e-7 of the mesh's size it may be either;
+        the distance to it is computed in float64.
+        """
+        _, face = self.project(self.local(points), reach)
+        distance, found = np.full(len(points), np.inf), np.flatnonzero(face >= 0)
+        for part in chunks(len(found)):
+            chosen = found[part]
+            on_face = trimesh.triangles.closest_point(self.vertices[self.faces[face[chosen]]], points[chosen])
+            distance[chosen] = np.linalg.norm(on_face - points[chosen], axis=1)
         return distance, face
 
     def first_hits(self, points: np.ndarray, direction) -> tuple[np.ndarray, np.ndarray]:

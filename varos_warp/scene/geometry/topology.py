@@ -17,7 +17,7 @@ def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
-def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Normals [F, 3], as long as twice the area, float64."""
     normals = np.empty((len(faces), 3))
     for part in chunks(len(faces)):
@@ -35,30 +35,14 @@ def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def first_equal(rows: np.ndarray) -> np.ndarray:
-    """For every row [N, k] of 64-bit numbers, the number of the first row that is equal to it."""
-    keys = _row_keys(rows)
-    ordered = np.sort(keys)
-    result = np.arange(len(rows))
-    if not (ordered[1:] == ordered[:-1]).any():
-        return result
-    del ordered
-    order = np.argsort(keys, kind="stable")
+    """For every row [N, k] of numbers, the number of the first row that is equal to it."""
+    order = np.lexsort(rows.T)  # stable: of equal rows the first comes first
     new = np.ones(len(rows), bool)
     for part in chunks(len(rows) - 1):
         new[1:][part] = (rows[order[1:][part]] != rows[order[:-1][part]]).any(axis=1)
+    result = np.empty(len(rows), int)
     result[order] = order[np.maximum.accumulate(np.where(new, np.arange(len(rows)), 0))]
     return result
-
-
-def _row_keys(rows):
-    """Equal 64-bit keys for equal rows, and hardly ever for others (the finaliser of splitmix64)."""
-    keys = np.zeros(len(rows), np.uint64)
-    for column in rows.T:
-        keys ^= np.ascontiguousarray(column).view(np.uint64)
-        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 0x9E3779B97F4A7C15)):
-            keys ^= keys >> np.uint64(shift)
-            keys *= np.uint64(factor)
-    return keys
 
 
 def edge_keys(faces: np.ndarray, directed: bool = False) -> np.ndarray:
@@ -79,6 +63,16 @@ def edge_uses(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return keys[starts[uses == 1]], keys[starts[uses > 2]]
 
 
+def paired_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The two halves [E] of every edge with exactly two faces; half-edge 3 f + i runs from corner i of face f."""
+    keys = edge_keys(faces).ravel()
+    order = np.argsort(keys, kind="stable")
+    ordered = keys[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+    two = starts[np.diff(starts, append=len(keys)) == 2]
+    return order[two], order[two + 1]
+
+
 def boundary_edges(faces: np.ndarray) -> np.ndarray:
     """Edges [E, 2] with one face only, in the direction in which that face runs through them."""
     once, _ = edge_uses(faces)
@@ -90,6 +84,20 @@ def boundary_edges(faces: np.ndarray) -> np.ndarray:
         found[part] = once[np.searchsorted(once, keys[part]).clip(max=len(once) - 1)] == keys[part]
     face, corner = np.nonzero(found)
     return np.column_stack([faces[face, corner], faces[face, (corner + 1) % 3]])
+
+
+def outlines(vertices: np.ndarray, edges: np.ndarray):
+    """What boundary edges [E, 2] join to: their vertices [U], their ends among these [E, 2], outlines and middles.
+
+    Returns:
+        ``used`` int [U], ``ends`` int [E, 2], the outline of every vertex used, int [U], and the mean of the vertices
+        of every outline, float64 [L, 3].
+    """
+    used, ends = np.unique(edges, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    outline = groups(ends, len(used))
+    middle = np.column_stack([np.bincount(outline, vertices[used, i] - vertices[0, i]) for i in range(3)])
+    return used, ends, outline, middle / np.bincount(outline)[:, None] + vertices[0]
 
 
 def is_consistent(faces: np.ndarray) -> bool:

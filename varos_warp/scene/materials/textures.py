@@ -1,7 +1,5 @@
 """Images for the device: pyramids of texture maps, and of tiles whose values blend without losing their histogram."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +15,7 @@ from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.launch import launch_rows
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
 """The tiles that ship, computed when first asked for."""
@@ -189,16 +188,7 @@ def ground_tile(kind: str, resolution: int, device: str = "cpu") -> Pyramid:
 def bake_ground(kind: str, resolution: int, device: str = "cpu") -> np.ndarray:
     """Reflectances of a periodic tile of ``sand`` or ``rock``, float32 [resolution, resolution, 3] linear."""
     tile = wp.zeros((resolution, resolution), dtype=wp.vec3, device=device)
-    bands = (os.cpu_count() or 1) if device == "cpu" else 1
-    rows = -(-resolution // bands)
-
-    def launch(first):
-        size = (min(rows, resolution - first), resolution)
-        wp.launch(bake.bake_ground, size, [GROUND[kind], wp.uint32(1), first], [tile], device=device)
-
-    wp.load_module(bake, device=device)
-    with ThreadPoolExecutor(bands) as pool:
-        list(pool.map(launch, range(0, resolution, rows)))
+    launch_rows(bake.bake_ground, tile.shape, [GROUND[kind], wp.uint32(1)], [tile], device)
     return tile.numpy()
 
 

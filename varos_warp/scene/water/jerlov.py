@@ -14,8 +14,10 @@ JERLOV = {
 }
 """Absorption and scattering [1/m] of Jerlov's types at 600, 550 and 450 nm, which stand for R, G and B.
 
-IB to 5C as measured by Williamson and Hollins (2022), Appl. Opt. 61, 9951 (Open Government Licence v3.0); the others,
-which they did not measure, from Solonenko and Mobley (2015), Appl. Opt. 54, 5392, who inverted Jerlov's attenuation.
+Two sources are spliced. IB to 5C are as measured by Williamson and Hollins (2022), Appl. Opt. 61, 9951 (Open
+Government Licence v3.0). I, IA, 7C and 9C, which they did not measure, are from Solonenko and Mobley (2015), Appl. Opt.
+54, 5392, who inverted Jerlov's attenuation. So scattering jumps where the two meet: from IA to IB it grows 42-fold in
+red, 34-fold in green and 21-fold in blue, far more than from one type to the next within a source.
 """
 
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
+from varos_warp.kernels.world.medium import Medium
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Coefficients, Jerlov, Principled
 from varos_warp.scene.water.jerlov import jerlov_coefficients
@@ -86,3 +88,12 @@ def optical_properties(scene: Scene) -> OpticalProperties:
 def phase_function(scene: Scene) -> PhaseFunction:
     """Phase function of the water of a scene."""
     return optical_properties(scene).phase
+
+
+def medium_record(water: OpticalProperties, device: str) -> Medium:
+    """What kernels on a device know of the water; its arrays live as long as ``water`` does."""
+    medium = Medium()
+    medium.sigma_s = wp.vec3(*water.sigma_s)
+    medium.sigma_t = wp.vec3(*water.sigma_t)
+    medium.phase = water.phase.device_record(device)
+    return medium

@@ -22,7 +22,7 @@ def without(vertices, faces, centre, radius):
 
 
 def up(vertices, faces):
-    return topology.face_normals(vertices, faces)[:, 2] > 0.0
+    return topology.area_normals(vertices, faces)[:, 2] > 0.0
 
 
 # ---------------------------------------------------------------------------------------------------------- vertices
@@ -63,8 +63,8 @@ def test_small_holes_are_filled_and_the_outline_and_wide_ones_are_not():
     assert (counts["holes_filled"], counts["holes_left"]) == (1, 2)  # left: the wide one and the outline
     assert counts["faces_added"] == len(f) - len(faces)
     assert up(v, f).all()
-    narrow = topology.face_normals(*without(*grid(), [7.0, 7.0, 0.0], 1.8))
-    assert topology.face_normals(v, f).sum() == pytest.approx(narrow.sum())  # the area, and no overlap
+    narrow = topology.area_normals(*without(*grid(), [7.0, 7.0, 0.0], 1.8))
+    assert topology.area_normals(v, f).sum() == pytest.approx(narrow.sum())  # the area, and no overlap
     whole = repair.fill_holes(vertices, faces, 100.0)[0]
     assert terrain.mesh_facts(*whole)["boundary_edges"] == 80
     assert repair.fill_holes(vertices, faces, 0.0)[1]["holes_filled"] == 0

@@ -31,21 +31,20 @@ _MAKERS = {Pipe: pipe, Elbow: elbow, Flange: flange, PipeSupport: pipe_support, 
            Boulder: boulder}
 
 
-def make_asset(block: ParametricObject, key: str = "object",
-               chord_error_m: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def make_asset(block: ParametricObject, key: str = "object") -> tuple[np.ndarray, np.ndarray]:
     """Vertices float64 [V, 3] [m] and faces int32 [F, 3] of a parametric object, in its own axes, before its scale.
+
+    Its triangles lie within ``chord_error_m`` of the true surface in the world, that is after its scale; absent:
+    ``default_chord_error``. No less than 4e-6 of the radius is made of it.
 
     Args:
         block: The object.
         key: Where it stands in the scene file, for messages.
-        chord_error_m: How far the triangles may lie from the true surface in the world, that is after the object's
-            scale [m]; absent: the block's ``chord_error_m``, or ``default_chord_error``. No less than
-            4e-6 of the radius is made of it.
 
     Raises:
         InputError: An unknown bolt size, or measures that make no solid.
     """
-    wanted = chord_error_m or block.chord_error_m or default_chord_error(block, key)
+    wanted = block.chord_error_m or default_chord_error(block, key)
     return _MAKERS[type(block)](block, key, wanted / np.max(block.scale))
 
 

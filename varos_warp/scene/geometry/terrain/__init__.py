@@ -1,12 +1,12 @@
 """From photogrammetry to a sea floor (paper 3.1.1): join, merge, repair, crop, shrinkwrap, decimate; with a report."""
 
 from varos_warp.scene.geometry.joining import crop, join, merge_near
+from varos_warp.scene.geometry.mesh_files import write_ply
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt
 from varos_warp.scene.geometry.terrain.comparison import compare, mesh_facts, one_sided_distance
 from varos_warp.scene.geometry.terrain.decimation import decimate
 from varos_warp.scene.geometry.terrain.draping import drape, rasterise
-from varos_warp.scene.geometry.terrain.files import write_ply
 from varos_warp.scene.geometry.terrain.pipeline import STEPS, preprocess, preprocess_meshes
 from varos_warp.scene.geometry.terrain.repair import clean, drop_not_finite, fill_holes, orient, suspicious_size
 from varos_warp.scene.geometry.terrain.wrapping import is_height_field, is_sheet, shrinkwrap

@@ -5,7 +5,7 @@ Watertight, for a sheet, means that its outline is its only boundary; with skirt
 
 import numpy as np
 
-from varos_warp.scene.geometry.topology import boundary_edges, compact, groups
+from varos_warp.scene.geometry.topology import boundary_edges, compact, outlines
 
 DEPTH = 0.02
 """How far the skirt reaches below the lowest vertex, as a share of the longer side."""
@@ -43,11 +43,7 @@ def add_bottom(vertices, faces):
     edges = boundary_edges(faces)
     if len(edges) == 0:
         return vertices, faces
-    used, corners = np.unique(edges, return_inverse=True)
-    corners = corners.reshape(-1, 2)
-    loop = groups(corners, len(used))
-    middle = np.column_stack([np.bincount(loop, vertices[used, i] - vertices[0, i]) for i in range(3)])
-    middle = middle / np.bincount(loop)[:, None] + vertices[0]
+    _, ends, outline, middle = outlines(vertices, edges)
     middle[:, 2] -= 0.05 * DEPTH * np.ptp(vertices, axis=0).max()
-    fans = np.column_stack([edges[:, ::-1], loop[corners[:, 0]] + len(vertices)]).astype(faces.dtype)
+    fans = np.column_stack([edges[:, ::-1], outline[ends[:, 0]] + len(vertices)]).astype(faces.dtype)
     return np.concatenate([vertices, middle]), np.concatenate([faces, fans])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import edge_uses, face_normals, pieces
+from varos_warp.scene.geometry.topology import area_normals, edge_uses, pieces
 
 DISTANCE_SAMPLES = 200_000
 """Points on either surface; the largest distance found is exceeded on about 1 / samples of the area."""
@@ -19,7 +19,7 @@ def mesh_facts(vertices: np.ndarray, faces: np.ndarray) -> dict:
     label = pieces(faces, len(vertices)) if len(faces) else np.zeros(0, int)
     return {"vertices": len(vertices), "triangles": len(faces),
             "bounds_m": [vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()],
-            "area_m2": float(0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1).sum()),
+            "area_m2": float(0.5 * np.linalg.norm(area_normals(vertices, faces), axis=1).sum()),
             "pieces": len(np.unique(label)), "watertight": len(once) == 0 and len(many) == 0,
             "boundary_edges": len(once), "edges_of_many_faces": len(many)}
 
@@ -27,7 +27,7 @@ def mesh_facts(vertices: np.ndarray, faces: np.ndarray) -> dict:
 def sample_surface(vertices, faces, samples: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Points [N, 3] spread evenly by area, and their faces [N]: one in each of N equal shares of the area."""
     rng = np.random.default_rng(seed)
-    ends = np.cumsum(np.linalg.norm(face_normals(vertices, faces), axis=1))
+    ends = np.cumsum(np.linalg.norm(area_normals(vertices, faces), axis=1))
     face = np.searchsorted(ends, (np.arange(samples) + rng.random(samples)) / samples * ends[-1], side="right")
     face = face.clip(max=len(faces) - 1)
     u, v = rng.random((2, samples))
@@ -54,7 +54,7 @@ def one_sided_distance(source, target, samples: int = DISTANCE_SAMPLES, *, devic
         inside = ((points[:, :2] >= region[:2]) & (points[:, :2] <= region[2:])).all(axis=1)
         points, face = points[inside], face[inside]
     d, nearest = Surface(*target, device).nearest(points)
-    n, m = face_normals(source[0], source[1][face]), face_normals(target[0], target[1][nearest])
+    n, m = area_normals(source[0], source[1][face]), area_normals(target[0], target[1][nearest])
     sine = np.linalg.norm(np.cross(n, m), axis=1)
     angle = np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", n, m)))
     return {"samples": len(points), "rms": float(np.sqrt(np.mean(d**2))), "p95": float(np.quantile(d, 0.95)),

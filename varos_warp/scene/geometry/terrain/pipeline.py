@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
+from varos_warp.scene.geometry.mesh_files import read_mesh
 from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
 from varos_warp.scene.geometry.terrain.decimation import decimate
@@ -160,8 +161,6 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         without skirt and bottom), ``counts`` of what was removed and added, ``seconds`` by step, ``peak_memory_gb`` of
         the process, and ``warnings``.
     """
-    from varos_warp.scene.geometry.mesh_files import read_mesh
-
     log = Log(progress)
     with log.step("read"):
         original = join(read_mesh(file, "MESH", up_axis) for file in files)

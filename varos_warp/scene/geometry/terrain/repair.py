@@ -4,20 +4,19 @@ Every function returns the mesh and counts of what it removed or added.
 """
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import (
     FARTHEST,
+    area_normals,
     boundary_edges,
     chunks,
     compact,
-    edge_keys,
-    face_normals,
     first_equal,
     groups,
     is_consistent,
+    outlines,
+    paired_edges,
     pieces,
 )
 
@@ -29,7 +28,6 @@ VOTERS = 20_000
 
 SMALLEST_M, LARGEST_M = 0.05, 20_000.0
 """Longer side of a model [m] beyond which its unit is probably not the metre."""
-
 
 
 def drop_not_finite(vertices, faces):
@@ -46,7 +44,7 @@ def drop_useless(vertices, faces):
     """Without degenerate faces (no area), faces with the same corners as another, and vertices that no face uses."""
     area = np.empty(len(faces), bool)
     for part in chunks(len(faces)):
-        area[part] = (face_normals(vertices, faces[part]) != 0.0).any(axis=1)
+        area[part] = (area_normals(vertices, faces[part]) != 0.0).any(axis=1)
     kept = faces[area]
     corners = np.sort(kept, axis=1).astype(np.int64)
     rows = np.column_stack([corners[:, 0] << 32 | corners[:, 1], corners[:, 2]])
@@ -71,9 +69,7 @@ def fill_holes(vertices, faces, widest: float):
     edges = boundary_edges(faces)
     if len(edges) == 0 or widest <= 0.0:
         return (vertices, faces), {"holes_filled": 0, "holes_left": int(len(edges) > 0), "faces_added": 0}
-    used, corners = np.unique(edges, return_inverse=True)
-    corners = corners.reshape(-1, 2)
-    loop = groups(corners, len(used))
+    used, corners, loop, middle = outlines(vertices, edges)
     degree = np.bincount(corners.ravel(), minlength=len(used))
     outgoing = np.bincount(corners[:, 0], minlength=len(used))
     simple = np.bincount(loop, (degree != 2) | (outgoing != 1)) == 0
@@ -86,12 +82,10 @@ def fill_holes(vertices, faces, widest: float):
     whole[loop] = _extent(vertices, piece)[piece[used]]
     fill = small & (size < 0.5 * whole)
     apex = np.cumsum(fill) - 1 + len(vertices)
-    rim = np.column_stack([np.bincount(loop, vertices[used, i] - vertices[0, i]) for i in range(3)])
-    rim = rim / np.bincount(loop)[:, None] + vertices[0]
     wanted = fill[loop[corners[:, 0]]]
     fans = np.column_stack([edges[wanted][:, ::-1], apex[loop[corners[wanted, 0]]]]).astype(np.int32)
     counts = {"holes_filled": int(fill.sum()), "holes_left": int((~fill).sum()), "faces_added": len(fans)}
-    return (np.concatenate([vertices, rim[fill]]), np.concatenate([faces, fans])), counts
+    return (np.concatenate([vertices, middle[fill]]), np.concatenate([faces, fans])), counts
 
 
 def _extent(points, label):
@@ -125,17 +119,11 @@ def _disagreeing(faces):
     that mirror each other, and each half is a consistent orientation. A Moebius strip does not, and stays.
     """
     count = len(faces)
-    keys, forward = edge_keys(faces).ravel(), (faces < np.roll(faces, -1, axis=1)).ravel()
-    order = np.argsort(keys, kind="stable")
-    new = np.concatenate([[True], keys[order][1:] != keys[order][:-1]])
-    starts = np.flatnonzero(new)
-    two = starts[np.diff(starts, append=len(keys)) == 2]
-    one, other = order[two], order[two + 1]
+    forward = (faces < np.roll(faces, -1, axis=1)).ravel()
+    one, other = paired_edges(faces)
     f, g, agree = one // 3, other // 3, forward[one] != forward[other]
     g_as_f, g_turned = np.where(agree, g, g + count), np.where(agree, g + count, g)
-    graph = coo_matrix((np.ones(2 * len(f), np.int8), (np.concatenate([f, f + count]),
-                                                       np.concatenate([g_as_f, g_turned]))), shape=(2 * count,) * 2)
-    label = connected_components(graph, directed=False)[1]
+    label = groups(np.column_stack([np.concatenate([f, f + count]), np.concatenate([g_as_f, g_turned])]), 2 * count)
     as_is, mirrored = label[:count], label[count:]
     votes = np.bincount(as_is, minlength=label.max() + 1)
     fewer = (votes[as_is] < votes[mirrored]) | ((votes[as_is] == votes[mirrored]) & (as_is > mirrored))

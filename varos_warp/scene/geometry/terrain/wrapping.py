@@ -17,10 +17,11 @@ from skimage.measure import marching_cubes
 from varos_warp.errors import InputError
 from varos_warp.kernels.mesh import project
 from varos_warp.scene.geometry.joining import median_edge, merge_equal
-from varos_warp.scene.geometry.surface import Surface, launch, upload
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain.draping import drape
 from varos_warp.scene.geometry.terrain.repair import clean
-from varos_warp.scene.geometry.topology import chunks, compact, face_normals, groups, incidence, pieces, subdivide
+from varos_warp.scene.geometry.topology import area_normals, chunks, compact, groups, incidence, pieces, subdivide
+from varos_warp.scene.launch import launch, upload
 
 BASE = 512
 """Most vertices along the longer side of the first surface."""
@@ -71,13 +72,13 @@ class Wrap:
 
 def is_sheet(vertices, faces) -> bool:
     """Whether a model is open by nature: its faces' areas, as vectors, do not cancel."""
-    normals = face_normals(vertices, faces)
+    normals = area_normals(vertices, faces)
     return bool(np.linalg.norm(normals.sum(axis=0)) > FLAT * np.linalg.norm(normals, axis=1).sum())
 
 
 def is_height_field(vertices, faces) -> bool:
     """Whether every face looks up: seen from above, nothing is hidden."""
-    return all((face_normals(vertices, faces[part])[:, 2] > 0.0).all() for part in chunks(len(faces)))
+    return all((area_normals(vertices, faces[part])[:, 2] > 0.0).all() for part in chunks(len(faces)))
 
 
 def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bool | None = None, device: str = "cpu",
@@ -135,7 +136,7 @@ def _not_empty(vertices, faces):
 
 def _without_slivers(vertices, faces):
     """Without the few faces that lost their area where the rim was drawn to a corner of the outline."""
-    if all((face_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
+    if all((area_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
         return vertices, faces
     return clean(*merge_equal(vertices, faces))
 
@@ -144,7 +145,7 @@ def natural_resolution(vertices, faces, region, sheet: bool) -> int:
     """Vertices along the longer side for a surface twice as fine as the model, within ``MOST_VERTICES``."""
     low, high = _bounds(vertices, region if sheet else None)
     side = float((high - low)[:2].max() if sheet else (high - low).max())
-    area = 0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1).sum()
+    area = 0.5 * np.linalg.norm(area_normals(vertices, faces), axis=1).sum()
     step = max(0.5 * median_edge(vertices, faces), np.sqrt(PER_CELL * area / MOST_VERTICES))
     return int(np.clip(np.ceil(side / step), 2, MOST_ROWS)) + 1
 
@@ -326,9 +327,5 @@ def trim(model: Surface, wrap: Wrap, step: float) -> Wrap:
 
 def _draw_to_outline(model, points, which, step):
     """Move points just beyond the outline to the nearest point of the model, which is on it."""
-    place = wp.zeros(len(which), dtype=wp.vec3, device=model.device)
-    face = wp.empty(len(which), dtype=wp.int32, device=model.device)
-    launch(project.find_nearest, len(which), [model.mesh.id, upload(points[which], wp.vec3, model.device), 3.0 * step],
-           [face, place], model.device)
-    found = face.numpy() >= 0
-    points[which[found]] = place.numpy()[found]
+    place, face = model.project(points[which], 3.0 * step)
+    points[which[face >= 0]] = place[face >= 0]

@@ -1,0 +1,65 @@
+"""Launching kernels: at once on a GPU, in tiles of rows from a thread pool on the CPU.
+
+A CPU launch is serial and lets go of Python's lock, so that threads share the work.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import warp as wp
+
+from varos_warp.kernels.conventions import BLOCK_DIM
+
+wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
+
+TILE_ROWS = 8
+"""Rows of a CPU tile: enough tiles to keep every core busy to the end."""
+CHUNK = 1 << 15
+"""Threads of a CPU launch over one dimension, likewise; a launch costs little beside so many."""
+
+
+def usable_cores() -> int:
+    """Cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def load_kernel(kernel: wp.Kernel, device: str) -> None:
+    """Compile a kernel before threads need it; the block size is part of a binary's identity, on a CPU always 1."""
+    kernel.module.load(device, block_dim=1 if device == "cpu" else BLOCK_DIM)
+
+
+def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,
+                threads: int | None = None) -> None:
+    """Run a kernel that takes the first row of its tile between the arguments ``before`` and ``after``.
+
+    Args:
+        kernel: The kernel.
+        dim: Threads; ``dim[0]`` are the rows.
+        before: Arguments before the first row.
+        after: Arguments after it.
+        device: ``cpu`` or ``cuda:N``.
+        rows: Of a tile on the CPU.
+        threads: On the CPU; absent: all cores that the process may use. Does not change a byte of any result.
+    """
+    load_kernel(kernel, device)
+    if device != "cpu":
+        wp.launch(kernel, dim=dim, inputs=[*before, 0, *after], device=device, block_dim=BLOCK_DIM)
+        return
+
+    def tile(row):
+        wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), inputs=[*before, row, *after], device=device)
+
+    with ThreadPoolExecutor(threads or usable_cores()) as pool:
+        list(pool.map(tile, range(0, dim[0], rows)))
+
+
+def launch(kernel: wp.Kernel, count: int, inputs: list, outputs: list, device: str) -> None:
+    """Run ``count`` threads of a kernel whose first argument is its first thread."""
+    if count:
+        launch_rows(kernel, (count,), [], [*inputs, *outputs], device, rows=CHUNK)
+
+
+def upload(array: np.ndarray, dtype, device: str) -> wp.array:
+    """An array on the device; on a CPU the array itself, where it is laid out alike."""
+    return wp.array(np.ascontiguousarray(array), dtype=dtype, device=device, copy=False)
