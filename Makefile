@@ -14,6 +14,7 @@ test: $(VENV)/.installed-test lint
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
+	$(BIN)/mypy
 
 # write docs/validation.md anew
 validation: $(VENV)/.installed-test

@@ -1,1 +1,1 @@
-"""Speed against accuracy: scenes, methods, errors, charts; run from a checkout, as `varos-warp bench`."""
+"""Speed against accuracy: scenes, methods, errors, charts; run from a checkout, `python -m benchmarks.bench`."""

@@ -1,11 +1,14 @@
-"""Every method on named scenes, error against time: what `varos-warp bench` runs.
+"""Every method on named scenes, error against time.
 
-    varos-warp bench [SCENE-NAMES...] [--methods ...] [--outputs A,sensors] [--device cuda:0] [--quick] [-o OUT]
+    python -m benchmarks.bench [SCENE-NAMES...] [--methods ...] [--outputs A,sensors] [--device cuda:0] [--quick]
+                               [-o OUT]
 
 Writes bench.json, a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is on
 disk as soon as it is known.
 """
 
+import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -77,7 +80,35 @@ def draw(result: dict, folder: Path, prefix: str = "") -> None:
         chart.steps_and_rates(result, folder / f"{prefix}sensors.png")
 
 
-if __name__ == "__main__":
-    from varos_warp.cli import app
+def _names(text: str) -> list[str]:
+    """Names between commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
 
-    app(["bench", *sys.argv[1:]], prog_name="varos-warp")
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; returns its exit status."""
+    parser = argparse.ArgumentParser(prog="benchmarks.bench", description="Chart errors of methods against time.")
+    parser.add_argument("names", nargs="*", metavar="SCENE", help="ref1, open_water, jerlov_1b ... (none: all)")
+    parser.add_argument("--methods", type=_names, default=[], metavar="NAME,...",
+                        help="methods of A: direct, single, path, field, field+oidn ...")
+    parser.add_argument("--outputs", type=_names, default=list(OUTPUTS), metavar="A,sensors", help="charts to make")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    parser.add_argument("--quick", action="store_true", help="two scenes, few methods: two minutes")
+    parser.add_argument("--seconds", type=float, help="budget of each scene and chart")
+    parser.add_argument("-o", "--out", type=Path, default=Path("bench"), help="folder for tables and charts")
+    parser.add_argument("--json", action="store_true", help="print what bench.json holds")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no lines of progress")
+    given = parser.parse_args(arguments)
+    try:
+        result = run(given.names, given.methods, given.outputs, given.device, given.quick, given.seconds, given.out,
+                     given.quiet)
+    except InputError as error:
+        print(f"{parser.prog}: {error.message}", file=sys.stderr)
+        return 2
+    names = ", ".join(sorted(path.name for path in given.out.glob("*.*")))
+    print(json.dumps(result, indent=2) if given.json else f"{given.out}: {names}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,11 +1,13 @@
 """The command line: exit statuses, messages without tracebacks, and the verbs of the contract."""
 
+import ast
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 import standins
@@ -14,8 +16,9 @@ import yaml
 from typer.testing import CliRunner
 
 from varos_warp import cli
+from varos_warp.cli import options
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.errors import InputError, SchedulerGone
+from varos_warp.errors import InputError
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +81,7 @@ def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
 
 
 def test_a_tolerance_replaces_the_scenes_samples():
-    assert cli.overrides(tolerance=0.1) == ["render.tolerance=0.1", "render.spp=null"]
+    assert options.Choices(tolerance=0.1).overrides() == ["render.tolerance=0.1", "render.spp=null"]
 
 
 def test_shards_together_make_a_whole_dataset(scene_file, tmp_path):
@@ -112,7 +115,7 @@ JOB = COMMON + " --linear-exr --shard --json --quiet"
 
 
 @pytest.mark.parametrize(("verb", "options"), [
-    ("run", JOB), ("render", JOB), ("demo", JOB), ("plan", COMMON + " --json --quiet"),
+    ("run", JOB + " --workers"), ("render", JOB + " --workers"), ("demo", JOB), ("plan", COMMON + " --json --quiet"),
     ("simulate", "--seed --set --json --quiet"), ("info", "--set --json --quiet"), ("validate", "--json --quiet"),
     ("report", "--json --quiet")])
 def test_every_verb_has_the_options_of_the_contract_that_mean_something_to_it(verb, options):
@@ -240,6 +243,42 @@ def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
     assert "from the original to the result" in call("preprocess", tmp_path / "0.ply", "-o", tmp_path / "b.ply").output
 
 
+def test_the_cache_shows_what_it_holds_and_is_emptied(tmp_path, monkeypatch):
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
+    monkeypatch.setenv("VAROS_WARP_CACHE_MB", "50")
+    entries = {f"field-{digit * 32}.npz": size for digit, size in (("a", 3_000_000), ("b", 500_000))}
+    for name, size in entries.items():
+        (tmp_path / name).write_bytes(bytes(size))
+    (tmp_path / "mine.npz").write_text("not the cache's")
+    told = json.loads(call("cache", "--json").stdout)
+    assert (told["folder"], told["bytes"], told["limit_bytes"]) == (str(tmp_path), 3_500_000, 50_000_000)
+    assert {entry["name"]: entry["bytes"] for entry in told["entries"]} == entries
+    assert f"{tmp_path}: 2 entries, 3.5 of at most 50 MB" in call("cache").output
+    assert f"{tmp_path}: 0 entries, 0.0 of at most 50 MB" in call("cache", "--clear").output
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
+
+
+def most_arguments(path) -> dict[str, int]:
+    functions = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.FunctionDef)]
+    return {f.name: len(f.args.posonlyargs + f.args.args + f.args.kwonlyargs) for f in functions}
+
+
+def test_no_function_of_the_command_line_takes_more_than_ten_arguments():
+    for path in Path(cli.__file__).parent.glob("*.py"):
+        assert max(most_arguments(path).values(), default=0) <= 10, path.name
+
+
+def test_shells_complete_the_verbs_and_options():
+    """As bash asks, with the line so far in the environment."""
+    def complete(line: str) -> list[str]:
+        words = line.split(" ")
+        asked = {"_VAROS_WARP_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+        return CliRunner().invoke(cli.app, [], env=asked, prog_name="varos-warp").output.split()
+
+    assert "preprocess" in complete("varos-warp pr")
+    assert "--max-scatterings" in complete("varos-warp run --max")
+
+
 # ---------------------------------------------------------------------------------------------------------- bad input
 
 
@@ -320,20 +359,20 @@ def test_wrong_usage_ends_with_status_2():
     assert call("fly").exit_code == 2
 
 
-@pytest.mark.parametrize("function", [cli.parse_frames, cli.parse_shard, cli.parse_region])
+@pytest.mark.parametrize("function", [options.parse_frames, options.parse_shard, options.parse_region])
 def test_parsers_take_nothing_for_everything(function):
     expected = {"parse_frames": slice(None), "parse_shard": (0, 1), "parse_region": None}
     assert function(None) == expected[function.__name__]
 
 
 def test_parsers_read_what_the_help_shows():
-    assert cli.parse_frames("3:8") == slice(3, 8)
-    assert cli.parse_frames("3:") == slice(3, None)
-    assert cli.parse_frames("7") == slice(7, 8)
-    assert cli.parse_shard("2/3") == (2, 3)
-    assert cli.parse_region("0,1,2.5,3") == (0.0, 1.0, 2.5, 3.0)
+    assert options.parse_frames("3:8") == slice(3, 8)
+    assert options.parse_frames("3:") == slice(3, None)
+    assert options.parse_frames("7") == slice(7, 8)
+    assert options.parse_shard("2/3") == (2, 3)
+    assert options.parse_region("0,1,2.5,3") == (0.0, 1.0, 2.5, 3.0)
     with pytest.raises(InputError, match="XMIN"):
-        cli.parse_region("1,2,3")
+        options.parse_region("1,2,3")
 
 
 def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
@@ -343,18 +382,8 @@ def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
     assert isinstance(result.exception, ZeroDivisionError)
 
 
-def test_a_scheduler_that_has_gone_is_one_line_and_status_1(scene_file, tmp_path, monkeypatch):
-    def gone(*_, **__):
-        raise SchedulerGone("the scheduler has gone; the same command goes on")
-
-    monkeypatch.setattr("varos_warp.dataset.run.produce.produce", gone)
-    result = call("run", scene_file, "-o", tmp_path / "out")
-    assert result.exit_code == 1
-    assert result.stderr == "varos-warp: the scheduler has gone; the same command goes on\n"
-
-
 @pytest.mark.parametrize(("verb", "called", "goes_on"), [
-    ("run", "produce.produce", True), ("validate", "validate.validate", False)])
+    ("run", "run.produce.produce", True), ("validate", "validate.validate", False)])
 def test_only_what_goes_on_says_so_when_it_is_interrupted(scene_file, tmp_path, monkeypatch, verb, called, goes_on):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

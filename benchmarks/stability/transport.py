@@ -1,16 +1,12 @@
 """What the sweeps of light transport share: estimates of one ray, and how far they are from the truth."""
 
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import warp as wp
 
+from tests.physics.rig import floor, one_ray_scene, point, radiance, single_scattering, spot, water
 from varos_warp.errors import InputError
-
-sys.path.append(str(Path(__file__).parents[2] / "tests"))  # the camera of one ray, which the tests look through too
-from physics.rig import floor, one_ray_scene, point, radiance, single_scattering, spot, water
 
 __all__ = ["INTEGRATORS", "estimate", "floor", "off", "one_ray_scene", "point", "run", "single_scattering", "spot",
            "truth_of", "water"]

@@ -1,38 +1,26 @@
-"""The verb `varos-warp bench`."""
+"""The command line of the benchmarks."""
 
-import sys
+import json
 
-from typer.testing import CliRunner
+import pytest
 
 from benchmarks import bench
-from varos_warp.cli import app
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["bench", *arguments])
+@pytest.mark.parametrize("arguments", [["nowhere"], ["--methods", "magic"], ["--outputs", "B"], ["--seconds", "-1"],
+                                       ["--device", "cuda:99"]])
+def test_an_unknown_name_or_a_bad_value_is_one_message(tmp_path, capsys, arguments):
+    assert bench.main([*arguments, "-o", str(tmp_path)]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("benchmarks.bench: ")
+    assert not list(tmp_path.iterdir())
 
 
-def test_outside_of_a_checkout_it_says_where_to_run_it(monkeypatch):
-    for name in [name for name in sys.modules if name.split(".")[0] == "benchmarks"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "benchmarks", None)
-    result = run("ref1")
-    assert result.exit_code == 2
-    assert "checkout" in result.output
-
-
-def test_bad_names_are_one_message(tmp_path):
-    for arguments in (["nowhere"], ["--methods", "magic"], ["--outputs", "B"], ["--seconds", "-1"]):
-        result = run(*arguments, "-o", str(tmp_path))
-        assert result.exit_code == 2, result.output
-        assert "varos-warp: " in result.output
-        assert not list(tmp_path.iterdir())
-
-
-def test_the_options_reach_the_benchmark(monkeypatch, tmp_path):
+def test_the_options_reach_the_benchmark(monkeypatch, tmp_path, capsys):
     seen = []
     monkeypatch.setattr(bench, "run", lambda *arguments: seen.append(arguments) or {"machine": {}})
-    result = run("ref1", "demo", "--methods", "path, field", "--outputs", "A,sensors", "--device", "cpu", "--quick",
-                 "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet")
-    assert result.exit_code == 0, result.output
+    assert bench.main(["ref1", "demo", "--methods", "path, field", "--outputs", "A,sensors", "--device", "cpu",
+                       "--quick", "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet"]) == 0
     assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "sensors"], "cpu", True, 7.0, tmp_path, True)]
+    assert json.loads(capsys.readouterr().out) == {"machine": {}}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from chance import assert_plausible
-from rig import (
+from physics.rig import (
     VAROS_LAMPS,
     VAROS_WATER,
     agreement,

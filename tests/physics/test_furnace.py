@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from chance import assert_plausible, two_sided
-from rig import Z, agreement, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
+from physics.rig import Z, agreement, assert_agrees, floor, one_ray_scene, point, radiance, spot, water
 
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene

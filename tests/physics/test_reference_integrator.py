@@ -9,8 +9,20 @@ import numpy as np
 import pytest
 import trimesh
 from chance import assert_plausible
-from rig import GREEN, VAROS_LAMPS, VAROS_WATER, Z, agreement, assert_agrees, floor, one_ray_scene, point, spot, water
-from rig import radiance as any_radiance
+from physics.rig import (
+    GREEN,
+    VAROS_LAMPS,
+    VAROS_WATER,
+    Z,
+    agreement,
+    assert_agrees,
+    floor,
+    one_ray_scene,
+    point,
+    spot,
+    water,
+)
+from physics.rig import radiance as any_radiance
 from scipy import stats
 from scipy.spatial.transform import Rotation
 

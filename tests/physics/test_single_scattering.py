@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig import (
+from physics.rig import (
     BLUE,
     GREEN,
     RED,

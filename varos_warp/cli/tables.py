@@ -108,3 +108,11 @@ def print_preprocessed(out: Path, facts: dict) -> None:
     print(*(f"{key.replace('_', ' ')}: {value}" for key, value in facts["counts"].items() if value), sep=", ")
     print(*(f"{key} {value:.1f} s" for key, value in facts["seconds"].items()), sep=", ")
     print(f"{out} is written, and its report {out.with_suffix('.json')}")
+
+
+def print_cache(contents) -> None:
+    """How full the cache of precomputed fields is, and with what."""
+    print_table(["entry", "size [MB]"], [[name, f"{size / 1e6:.1f}"] for name, size in contents.entries])
+    count = len(contents.entries)
+    print(f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} of at "
+          f"most {contents.limit / 1e6:.0f} MB")

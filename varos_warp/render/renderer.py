@@ -1,9 +1,12 @@
 """One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
 import functools
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel
@@ -17,7 +20,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.segments import segment_table
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
@@ -41,7 +44,8 @@ class FrameRenderer:
         threads: CPU threads; absent: all that the process may use. Does not change a byte of the result.
     """
 
-    def __init__(self, scene: Scene, device: str = "auto", parts: list[Part] | None = None, threads: int | None = None):
+    def __init__(self, scene: Scene, device: str = "auto", parts: list[Part | Instances] | None = None,
+                 threads: int | None = None):
         self.scene = scene
         self.device = resolve_device(device)
         self.device_name = wp.get_device(self.device).name
@@ -58,8 +62,8 @@ class FrameRenderer:
         """Time spent so far on compiling kernels."""
         return self.launcher.compile_seconds
 
-    def render(self, T_w_v, camera: str | Camera | None = None, outputs="ABCD", *, seed: int | None = None,
-               frame: int = 0, **options) -> Frame:
+    def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
+               seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
@@ -76,14 +80,15 @@ class FrameRenderer:
         """
         return finish(self.steps(T_w_v, camera, outputs, seed=seed, frame=frame, **options))
 
-    def steps(self, T_w_v, camera=None, outputs="ABCD", *, seed=None, frame=0, **options) -> Steps[Frame]:
+    def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
+              seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
         guides = functools.cache(lambda: self.radiance.trace_guides(view, T_w_v))
-        images = {}
+        images: dict[str, Any] = {}
         for letter, make in (("A", self.radiance.water), ("B", self.radiance.ambient)):
             if letter in outputs:
                 key = stream_key(seed, frame, view.id, letter)
@@ -100,7 +105,7 @@ class FrameRenderer:
             raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(cameras)}.")
         return cameras[name]
 
-    def _render_first_hits(self, view, T_w_v, outputs) -> Steps[dict[str, NormalImage | DepthImage | SegmentImage]]:
+    def _render_first_hits(self, view: Camera, T_w_v: np.ndarray, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))

@@ -168,7 +168,7 @@ def _trajectory(columns: dict[str, np.ndarray]) -> Trajectory:
 
 
 def _follow_poses(scene: Scene, step: int) -> Run:
-    poses, duration = scene.trajectory.poses, scene.trajectory.duration_s
+    poses, duration = scene.trajectory.poses or [], scene.trajectory.duration_s
     times = pose_times(poses)
     last = times[-1] if len(poses) > 1 else 0.0
     if not duration:
@@ -196,7 +196,7 @@ def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
                     rows=_rows(scene, frames, step) if frames else None,
                     rows_after=lambda tick: _rows(scene, tick // step + 1, step),
                     tell=_teller(progress, duration or course.duration))
-    frames = frames or end // step + 1
+    frames = frames or end // step + 1  # type: ignore[operator]  # where frames is unknown, end is known
     columns = dict(zip(COLUMNS, np.split(log, np.cumsum(list(COLUMNS.values()))[:-1], axis=1), strict=True))
     reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint")[:, 0].astype(int)
     columns = {name: np.ascontiguousarray(column) for name, column in columns.items()}

@@ -1,11 +1,9 @@
 """Light in open water: single scattering against adaptive quadrature, and how tables are looked up."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import warp as wp
+from physics.rig import single_scattering as exact
 
 from varos_warp.kernels.field.open_water import (
     LightField,
@@ -19,9 +17,6 @@ from varos_warp.kernels.field.open_water import (
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light
-
-sys.path.append(str(Path(__file__).parents[2] / "physics"))
-from rig import single_scattering as exact
 
 
 @wp.kernel(enable_backward=False)

@@ -1,12 +1,11 @@
 """The precomputed field of open water against exact solutions, order-resolved truths, and the path integrator."""
 
-import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
+from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
 from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
 from varos_warp.kernels.world.light import Light
@@ -22,9 +21,6 @@ from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.lights import light_record
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
-
-sys.path.append(str(Path(__file__).parents[2] / "physics"))
-from rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 FOUR_PI = 4.0 * np.pi

@@ -1,9 +1,10 @@
 """`Dataset`: a dataset on disk, opened for reading."""
 
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from varos_warp.dataset.reader import schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
+
+if TYPE_CHECKING:
+    from varos_warp.dataset.reader.torch import TorchDataset
 
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
@@ -32,8 +36,9 @@ class Dataset:
         InputError: If there is no readable dataset; reading methods raise it for damaged or missing files.
     """
 
-    def __init__(self, root):
-        self.root, self._kept = Path(root), {}
+    def __init__(self, root: str | Path):
+        self.root = Path(root)
+        self._kept: dict[Any, Any] = {}
         if not (self.root / "dataset.json").is_file():
             raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
                              remedy="Give the folder that `varos-warp run` wrote to.")
@@ -58,7 +63,11 @@ class Dataset:
         """Every frame, through the first camera."""
         return (self[index] for index in range(len(self)))
 
-    def __getitem__(self, key) -> Frame | list[Frame]:
+    @overload
+    def __getitem__(self, key: int | tuple[int, str | None]) -> Frame: ...
+    @overload
+    def __getitem__(self, key: slice | tuple[slice, str | None]) -> list[Frame]: ...
+    def __getitem__(self, key: Any) -> Frame | list[Frame]:
         """``data[index]``, ``data[start:stop]`` or either with a camera's id, ``data[index, "R0"]``.
 
         Raises:
@@ -87,10 +96,10 @@ class Dataset:
     def _indices(self) -> dict[int, int]:
         return {number: index for index, number in enumerate(self.frames)}
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.root.absolute(),)
 
-    def _once(self, key, read: Callable):
+    def _once(self, key: Any, read: Callable) -> Any:
         """What ``read()`` returns, which is called the first time only; two threads may both call it, with no harm."""
         if key not in self._kept:
             self._kept[key] = read()
@@ -158,7 +167,7 @@ class Dataset:
         clean = truth and output == "A" and self.has_noise("A")
         return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
-    def require_images(self, outputs=None, cameras=None) -> None:
+    def require_images(self, outputs: Iterable[str] | None = None, cameras: Iterable[str] | None = None) -> None:
         """Refuse to go on where the PNG of an image is not there, or not whole.
 
         Args:
@@ -189,7 +198,7 @@ class Dataset:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""
         return self.image("D", frame, camera)
 
-    def scale(self, output: str, frame: int, camera: str | None = None):
+    def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
         """What an image's pixels are decoded with: gain of A and B, range [m] of D, None for C."""
         if output == "D":
             return tuple(self.meta["depth"]["range_m"])
@@ -315,7 +324,8 @@ class Dataset:
         first = 2 if truth and self.has_noise("depth0") else 1
         return self._samples(self.layout.sensor("depth0"), {"depth": 1}, start_ns, stop_ns, first)
 
-    def _samples(self, path: Path, widths: dict[str, int], start_ns, stop_ns, first: int = 1) -> dict[str, np.ndarray]:
+    def _samples(self, path: Path, widths: dict[str, int], start_ns: int | None, stop_ns: int | None,
+                 first: int = 1) -> dict[str, np.ndarray]:
         """Rows of a table from one time to another: ``time_ns`` and, from column ``first`` on, a block a name."""
         table = self._once((path, first), lambda: files.read_numbers(path, first + sum(widths.values())))
         rows = slice(*(None if t is None else np.searchsorted(table[0], t) for t in (start_ns, stop_ns)))
@@ -326,7 +336,7 @@ class Dataset:
             column += width
         return result
 
-    def torch(self, outputs: str = "ACD", camera: str | None = None, **options):
+    def torch(self, outputs: Sequence[str] = "ACD", camera: str | None = None, **options: Any) -> "TorchDataset":
         """A PyTorch data set of this one: `varos_warp.dataset.reader.torch.TorchDataset`.
 
         Raises:

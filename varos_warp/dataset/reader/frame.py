@@ -1,6 +1,7 @@
 """One frame of a dataset: its images are read when they are first asked for, and kept as long as the frame is."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ class Frame:
         InputError: By every property, if a file it reads is missing or damaged; the message names it.
     """
 
-    def __init__(self, data, index: int, camera: str):
+    def __init__(self, data: Any, index: int, camera: str):
         self.data, self.index, self.camera = data, index, camera
         self.number: int = data.frames[index]
         """Number of the frame in the sequence, which is in the file names."""
@@ -27,7 +28,7 @@ class Frame:
     def __repr__(self) -> str:
         return f"Frame({self.number}, camera {self.camera}, {self.time_ns * 1e-9:g} s)"
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return Frame, (self.data, self.index, self.camera)
 
     def seen_by(self, camera: str) -> "Frame":

@@ -1,6 +1,7 @@
 """A dataset as PyTorch takes it. Only this module needs PyTorch."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class TorchDataset(torch.utils.data.Dataset):
         InputError: If an image that is asked for is not in the dataset, or there is no such camera.
     """
 
-    def __init__(self, data, outputs="ACD", camera: str | None = None, *,
+    def __init__(self, data: Any, outputs: Sequence[str] = "ACD", camera: str | None = None, *,
                  no_depth: float = float("inf"), transform: Callable | None = None):
         self.data, self.outputs, self.camera = data, tuple(outputs), camera
         self.no_depth, self.transform = no_depth, transform

@@ -1,0 +1,105 @@
+"""Every scene that ships loads and renders, and together they show every block and key of scene files."""
+
+import typing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description import Scene
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.trajectory import simulate
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = sorted((*(ROOT / "examples").rglob("*.yaml"), *(ROOT / "varos_warp" / "data").glob("*.yaml")))
+SMALL = {
+    "demo": ["terrain.preprocess=null", "terrain.resolution=65"],
+    "starter": ["terrain.resolution=65"],
+    "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
+    "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
+                    "scatter.0.count=5"],
+    "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3"],
+}
+"""What makes each scene cheap, by file or folder; no block goes."""
+
+
+def name_of(path: Path) -> str:
+    return path.parent.name if path.stem == "scene" else path.stem
+
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=name_of)
+def test_every_shipped_scene_renders(path):
+    """First frame through every camera, all outputs: finite numbers, and none of the images is black."""
+    small = [f"vehicle.cameras.{i}.resolution=[16, 9]" for i in range(len(load_scene(path).vehicle.cameras))]
+    scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", "trajectory.duration_s=0.5"])
+    simulation = simulate(scene)
+    renderer = FrameRenderer(scene, "cpu")
+    T_w_v = simulation.trajectory.T_w_v(simulation.frame_ticks[0])
+    for camera in scene.vehicle.cameras:
+        frame = renderer.render(T_w_v, camera.id, "ABCDS", spp=2, spp_b=2, denoise="none", denoise_b="none")
+        for image in (frame.A, frame.B):
+            assert np.isfinite(image.radiance).all()
+            assert image.radiance.shape == (9, 16, 3)
+            assert (image.radiance.mean(axis=(0, 1)) > 1e-6).all()
+        seen = np.isfinite(frame.D.depth)
+        assert seen.mean() > 0.3
+        assert (frame.D.depth[seen] > 0.0).all()
+        np.testing.assert_allclose(np.linalg.norm(frame.C.normal[seen], axis=-1), 1.0, atol=1e-3)
+        assert (frame.S.instance[seen] > 0).all()
+
+
+# ---------------------------------------------------------------------------------------------- every block is shown
+
+
+def models_in(annotation) -> set[type[BaseModel]]:
+    """Models that a type annotation mentions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return {annotation}
+    return set().union(*(models_in(inner) for inner in typing.get_args(annotation)))
+
+
+def every_model(model: type[BaseModel] = Scene, found: frozenset = frozenset()) -> frozenset[type[BaseModel]]:
+    """A model, and those of its fields."""
+    if model in found:
+        return found
+    found |= {model}
+    for field in model.model_fields.values():
+        for inner in models_in(field.annotation):
+            found = every_model(inner, found)
+    return found
+
+
+def given(block) -> set[tuple[type, str]]:
+    """(model, key) of everything that a file says, not what is there by default; with the models it inherits from."""
+    if isinstance(block, list | tuple | dict):
+        return set().union(*(given(item) for item in (block.values() if isinstance(block, dict) else block)))
+    if not isinstance(block, BaseModel):
+        return set()
+    bases = [base for base in type(block).__mro__ if issubclass(base, BaseModel)]
+    here = {(base, key) for base in bases for key in block.model_fields_set}
+    return here.union(*(given(getattr(block, key)) for key in block.model_fields_set))
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return set().union(*(given(load_scene(path)) for path in SHIPPED))
+
+
+def test_the_shipped_scenes_show_every_kind_of_block(shown):
+    """A part of a mixture shows its phase function too."""
+    assert [model.__name__ for model in every_model() if not any(shows is model for shows, _ in shown)] == []
+
+
+def owner(model: type[BaseModel], key: str) -> type[BaseModel]:
+    """The most basic model that has a key: every object has a position, one that shows it is enough."""
+    return [base for base in model.__mro__ if key in getattr(base, "model_fields", ())][-1]
+
+
+def test_the_shipped_scenes_show_every_key(shown):
+    """Deprecated keys aside."""
+    keys = {(owner(model, key), key) for model in every_model() for key, field in model.model_fields.items()
+            if not field.deprecated}
+    assert sorted(f"{model.__name__}.{key}" for model, key in keys - shown) == []

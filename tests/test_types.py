@@ -1,0 +1,58 @@
+"""Users' type checkers know the public API: what uses it well passes, what uses it wrongly fails."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import varos_warp
+
+ROOT = Path(__file__).parents[1]
+USE = ROOT / "tests" / "typed_use.py"
+WRONG = {
+    'spp: int | None = scene.render.spp': 'spp: str = scene.render.spp',
+    'vw.simulate(scene)': 'vw.simulate(path)',
+    'simulation.trajectory.T_w_v(0)': 'simulation.course.T_w_v(0)',
+    'device="cpu")': 'divice="cpu")',
+    'number: int = first.number': 'number: str = first.number',
+    'first.A, *': 'several.A, *',
+    'data.cameras\n': 'data.camera\n',
+    'error.message': 'error.massage',
+}
+"""What is written in typed_use.py, and a mistake in its place."""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("mypy")
+
+
+def mypy(*arguments, cache) -> tuple[int, str]:
+    pytest.importorskip("mypy")
+    result = subprocess.run([sys.executable, "-m", "mypy", "--cache-dir", cache, *arguments], cwd=ROOT, text=True,
+                            capture_output=True)
+    return result.returncode, result.stdout + result.stderr
+
+
+def test_what_defines_and_what_uses_the_public_api_passes(cache):
+    assert mypy(cache=cache)[0] == 0, mypy(cache=cache)[1]
+
+
+def test_every_wrong_use_fails(tmp_path, cache):
+    """Each mistake is one error, at its line."""
+    text = USE.read_text()
+    for right, wrong in WRONG.items():
+        assert text.count(right) == 1, right
+        text = text.replace(right, wrong)
+    (tmp_path / "wrong.py").write_text(text)
+    status, said = mypy(tmp_path / "wrong.py", cache=cache)
+    assert status == 1
+    for wrong in WRONG.values():
+        line = text[:text.index(wrong)].count("\n") + 1
+        assert f"wrong.py:{line}: error" in said, f"{wrong}: {said}"
+
+
+def test_every_public_name_is_used_there():
+    text = USE.read_text()
+    assert [name for name in varos_warp.__all__ if f"vw.{name}" not in text] == []

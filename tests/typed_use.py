@@ -1,0 +1,43 @@
+"""How the public API is used, for the type checker: never run. tests/test_types.py breaks it line by line."""
+
+from pathlib import Path
+
+import numpy as np
+
+import varos_warp as vw
+
+
+def scene_to_image(path: Path) -> np.ndarray:
+    """What the README shows."""
+    scene = vw.load_scene(path, ["render.spp=4"])
+    spp: int | None = scene.render.spp
+    simulation = vw.simulate(scene)
+    renderer = vw.FrameRenderer(scene, device="cpu")
+    T_w_v = simulation.trajectory.T_w_v(0)
+    plan = vw.plan_render(scene, renderer, [T_w_v])
+    frame = renderer.render(T_w_v, camera="M0", outputs="ABCD", spp=spp or plan.spp)
+    assert frame.A is not None
+    radiance = frame.A.radiance
+    assert radiance is not None
+    return radiance
+
+
+def dataset_to_arrays(path: Path) -> list[np.ndarray]:
+    """Reading back."""
+    data = vw.Dataset(path)
+    first, several = data[0], data[2:4]
+    number: int = first.number
+    names: tuple[str, ...] = data.cameras
+    assert number in data.frames
+    assert names
+    return [first.A, *(frame.D for frame in several)]
+
+
+def scattering_ahead(scene: vw.Scene) -> float:
+    """Of the phase function, straight on [1/sr]."""
+    return float(vw.phase_function(scene).eval(np.array([1.0]))[0])
+
+
+def refuse(error: vw.InputError) -> str:
+    """What went wrong, in one line."""
+    return error.message

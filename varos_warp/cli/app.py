@@ -1,0 +1,52 @@
+"""What makes a function a verb: a dataclass's fields as options, and one message where the input is bad."""
+
+import dataclasses
+import functools
+import inspect
+import sys
+from collections.abc import Callable
+
+import typer
+
+from varos_warp.errors import InputError
+
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False,
+                  help="Realistic synthetic underwater video with exact ground truth.")
+
+
+def verb(function: Callable, goes_on: bool = False) -> Callable:
+    """Register a command; bad input becomes one message and status 2, an interruption status 130.
+
+    Args:
+        function: What it does; of a parameter that is a dataclass the command line has the fields.
+        goes_on: Whether, given again, it goes on where it was interrupted.
+    """
+    parameters = inspect.signature(function).parameters.values()
+    groups = {p.name: p.annotation for p in parameters if dataclasses.is_dataclass(p.annotation)}
+
+    @functools.wraps(function)
+    def guarded(**given):
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in dataclasses.fields(group)})
+        try:
+            return function(**given)
+        except InputError as error:
+            print(f"varos-warp: {error.message}", file=sys.stderr)
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt:
+            rest = "; what is complete stays, the same command goes on from there" if goes_on else ""
+            print(f"varos-warp: interrupted{rest}", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    options = [option for p in parameters for option in (_options(p.annotation) if p.name in groups else [p])]
+    guarded.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in options])
+    guarded.__annotations__ = {p.name: p.annotation for p in options}
+    return app.command(no_args_is_help=False)(guarded)
+
+
+def _options(group: type) -> list[inspect.Parameter]:
+    """The fields of a dataclass as parameters."""
+    return list(inspect.signature(group).parameters.values())
+
+
+resumable = functools.partial(verb, goes_on=True)

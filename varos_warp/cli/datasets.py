@@ -1,0 +1,102 @@
+"""Verbs that read a dataset: check it, look at it, write it in other formats."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from varos_warp.cli.app import verb
+from varos_warp.cli.options import Folder, Frames, Json, NewFolder, Quiet, parse_frames
+from varos_warp.cli.tables import print_json, print_table
+
+
+@verb
+def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
+    """Read everything back and check it against itself; status 2 if something does not agree."""
+    from varos_warp.dataset.validate import validate as check
+
+    result = check(dataset, quiet)
+    result.keep(dataset)
+    if json_:
+        print_json({"dataset": str(dataset), **result.plain()})
+    else:
+        print_table(["measure", "value", "limit", "unit"],
+                     [[m["name"], f"{m['value']:.3g}", f"{m['limit']:.3g}", m["unit"]] for m in result.measures])
+        for problem in result.problems:
+            print(f"problem: {problem}")
+        sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
+        count = len(result.problems)
+        print(f"{dataset}: {result.files_read} images read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
+    if result.problems:
+        raise typer.Exit(2)
+
+
+@verb
+def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
+        "-o", "--out", help="HTML file; report.html in the dataset by default.")] = None,
+        json_: Json = False, quiet: Quiet = False):
+    """Write one self-contained HTML page: frames, sensors, trajectory, plan, timings."""
+    from varos_warp.dataset.reader.dataset import Dataset
+    from varos_warp.dataset.report import write_report
+
+    page = write_report(Dataset(dataset), out or dataset / "report.html", quiet)
+    if json_:
+        print_json({"report": str(page)})
+    elif not quiet:
+        print(page)
+
+
+@verb
+def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
+        metavar="FILE.rrd", help="Write the recording to a file instead of opening the viewer.")] = None,
+        frames: Frames = None, quiet: Quiet = False):
+    """Open the dataset in the viewer Rerun: images, depth cloud, frustum, course, sensors on one time line."""
+    from varos_warp.dataset.view import view as show
+
+    recording = show(dataset, save, parse_frames(frames), quiet)
+    if recording and not quiet:
+        print(f"{recording}: open it with `rerun {recording}`")
+
+
+@verb
+def export(dataset: Folder,
+           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap",
+                                           help="Format.")],
+           out: NewFolder,
+           images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
+           camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
+           raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
+           start_ns: Annotated[int, typer.Option(help="Time of the beginning, added to all stamps: ROS takes 0 for "
+                                                      "none.")] = 0,
+           json_: Json = False, quiet: Quiet = False):
+    """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
+
+    Where readings have noise, they are exported with it.
+    """
+    from varos_warp.dataset.export import export as write
+    from varos_warp.dataset.export.job import NO_NOISE
+
+    job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
+    if json_:
+        print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
+        return
+    noises = "".join(f"; {', '.join(names)} {words}" for words, names in job.by_noise().items() if words != NO_NOISE)
+    print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
+
+
+@verb
+def noise(dataset: Folder,
+          profile: Annotated[list[str], typer.Option("--profile", metavar="NAME|FILE",
+                                                     help="What errs and how; repeatable for several sensors.")],
+          out: NewFolder,
+          seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
+    """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
+    from varos_warp.dataset.noise import add_noise
+    from varos_warp.scene.noise_profile import load_profile, merge_profiles
+
+    chosen = [load_profile(name) for name in profile]
+    made = add_noise(dataset, chosen[0] if len(chosen) == 1 else merge_profiles(chosen), out, seed, quiet)
+    if json_:
+        print_json({"out": str(out), "frames": len(made), **made.meta["noise"]})
+        return
+    print(f"{out}: {len(made)} frames with noise of {made.meta['noise']['profile']['name']}, seed {seed}")

@@ -1,0 +1,96 @@
+"""Verbs that take a scene and make a dataset of it, or say what that would take."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from varos_warp.cli.app import resumable, verb
+from varos_warp.cli.options import (
+    Choices,
+    Json,
+    Out,
+    Quiet,
+    SceneFile,
+    Seed,
+    Set,
+    Shard,
+    Workers,
+    parse_frames,
+    parse_shard,
+)
+from varos_warp.cli.tables import print_json, print_plan
+
+
+@resumable
+def run(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
+        json_: Json = False, quiet: Quiet = False):
+    """Simulate, render and write the dataset; goes on where an earlier run stopped."""
+    make(scene, out, choices, json_, quiet, shard=parse_shard(shard), workers=workers)
+
+
+@resumable
+def render(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
+           json_: Json = False, quiet: Quiet = False):
+    """Render the frames only, without IMU, depth gauge and vehicle poses."""
+    make(scene, out, choices, json_, quiet, shard=parse_shard(shard), workers=workers, sensors=False)
+
+
+@verb
+def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, json_: Json = False,
+             quiet: Quiet = False):
+    """Write trajectory, IMU and depth gauge only."""
+    make(scene, out, Choices(seed=seed, set_=set_), json_, quiet, images=False)
+
+
+@resumable
+def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Shard = None, json_: Json = False,
+         quiet: Quiet = False):
+    """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
+    from varos_warp.dataset.reader.dataset import Dataset
+    from varos_warp.dataset.report import write_report
+    from varos_warp.scene.load import demo_scene_path
+
+    if not make(demo_scene_path(), out, choices, json_, quiet, shard=parse_shard(shard)):
+        return
+    page = write_report(Dataset(out), out / "report.html", quiet)
+    if not json_:
+        print(f"look at {out / 'contact_sheet.png'} and {page}")
+
+
+def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **options) -> bool:
+    """Produce a dataset and print what was done; returns whether all that was asked for is there."""
+    from varos_warp.dataset.run.produce import produce
+    from varos_warp.scene.load import load_scene
+
+    summary = produce(load_scene(path, choices.overrides()), out, device=choices.device,
+                      frames=parse_frames(choices.frames), quiet=quiet, **options)
+    if json_:
+        print_json(asdict(summary))
+        return summary.complete
+    images = f"{summary.rendered} images rendered, {summary.kept} kept" if options.get("images", True) else "no images"
+    where = f" on {summary.device}" if summary.device else ""
+    state = "" if summary.complete else "; not complete yet"
+    print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
+    return summary.complete
+
+
+@verb
+def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
+    """Say which models each output needs, why, and what it will cost."""
+    from varos_warp.dataset.run.produce import select, simulated
+    from varos_warp.render.planner.plan import plan_render
+    from varos_warp.render.renderer import FrameRenderer
+    from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.load import load_scene
+
+    device = resolve_device(choices.device)
+    loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
+    simulation = simulated(loaded, quiet)
+    ticks = simulation.frame_ticks
+    poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
+    wanted = [poses[frame] for frame in select(chosen, len(ticks))]
+    planned = plan_render(loaded, FrameRenderer(loaded, device), wanted, measure_cost=True)
+    result = planned.to_dict()
+    if json_:
+        print_json(result)
+        return
+    print_plan(result, planned)

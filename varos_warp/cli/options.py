@@ -1,0 +1,150 @@
+"""Arguments and options of the command line, and what their words mean."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from varos_warp.errors import InputError
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")]
+Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `varos-warp run` wrote to.")]
+Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
+NewFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")]
+Device = Annotated[str, typer.Option(help="auto, cpu or cuda:N.")]
+Frames = Annotated[str | None, typer.Option(metavar="A:B", help="Only frames A to B - 1; also A: or A.")]
+Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
+Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
+Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choices:
+    """What may be chosen for one call; what is absent is as the scene says."""
+
+    device: Device = "auto"
+    frames: Frames = None
+    outputs: Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Image types to make.")] = None
+    tolerance: Annotated[float | None, typer.Option(
+        help="Relative error asked of A; the planner chooses the samples.")] = None
+    spp: Annotated[int | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")] = None
+    max_scatterings: Annotated[int | None, typer.Option(
+        help="Most scatterings in the water on a path of light.")] = None
+    max_bounces: Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")] = None
+    layers: Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Parts of A to render.")] = None
+    integrator: Annotated[str | None, typer.Option(metavar="auto|field|path|reference",
+                                                   help="How A is computed.")] = None
+    seed: Seed = None
+    denoise: Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")] = None
+    linear_exr: Annotated[bool, typer.Option(
+        "--linear-exr", help="Also write A as rendered, with its standard error.")] = False
+    set_: Set = None
+
+    def overrides(self) -> list[str]:
+        """The choices that change the scene, as ``key.path=value``; ``--set`` first, so the others have the last word.
+
+        Raises:
+            InputError: If both a tolerance and a number of samples are given.
+        """
+        if self.tolerance is not None and self.spp is not None:
+            raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
+        changes = {
+            "render.outputs": self.outputs and f"[{','.join(self.outputs.replace(',', ''))}]",
+            "render.tolerance": self.tolerance, "render.spp": "null" if self.tolerance is not None else self.spp,
+            "render.max_scatterings": self.max_scatterings, "render.max_bounces": self.max_bounces,
+            "render.layers": self.layers and f"[{self.layers}]", "render.integrator": self.integrator,
+            "seed": self.seed, "render.denoise": self.denoise, "render.linear_exr": "true" if self.linear_exr else None,
+        }
+        return list(self.set_ or ()) + [f"{key}={value}" for key, value in changes.items() if value is not None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """What `preprocess` does to meshes."""
+
+    vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many.")] = None
+    merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than so many m.")] = 0.001
+    fill_holes: Annotated[float | None, typer.Option(
+        min=0.0, help="Fill holes up to so many metres wide, by default ten median edges.")] = None
+    shrinkwrap: Annotated[str, typer.Option(
+        metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
+        "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto"
+    close: Annotated[str, typer.Option(
+        metavar="skirt|solid|none", help="Close the outline of a wrapped sheet by a skirt, or by skirt and "
+        "bottom.")] = "skirt"
+    region: Annotated[str | None, typer.Option(metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only.")] = None
+    scale: Annotated[float, typer.Option(help="Multiply coordinates; 0.001 if they are millimetres.")] = 1.0
+    up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None
+
+    def parsed(self) -> dict:
+        """Arguments of `preprocess_meshes`.
+
+        Raises:
+            InputError: If one is not what its help says.
+        """
+        check_choice("--up-axis", self.up_axis, (None, "x", "y", "z"))
+        check_choice("--close", self.close, ("skirt", "solid", "none"))
+        return {"vertices": self.vertices, "merge_tolerance_m": self.merge_tolerance, "fill_holes_m": self.fill_holes,
+                "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap), "close": self.close,
+                "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis}
+
+
+def parse_frames(text: str | None) -> slice:
+    """``A:B``, ``A:``, ``:B`` or ``A`` as a slice of the frames."""
+    try:
+        ends = [int(end) if end.strip() else None for end in (text or ":").split(":")]
+        if len(ends) == 1:
+            ends.append(ends[0] + 1)
+        first, last = ends
+        if any(end is not None and end < 0 for end in ends):
+            raise ValueError
+    except (ValueError, TypeError):
+        raise InputError("is not A:B", key="--frames", value=text, remedy="For example 0:10, 50: or 7.") from None
+    return slice(first, last)
+
+
+def parse_shard(text: str | None) -> tuple[int, int]:
+    """``I/N`` with 0 <= I < N."""
+    try:
+        index, count = (int(part) for part in (text or "0/1").split("/"))
+        if not 0 <= index < count:
+            raise ValueError
+    except ValueError:
+        raise InputError("is not I/N with I from 0 to N - 1", key="--shard", value=text,
+                         remedy="For example 0/4, 1/4, 2/4 and 3/4 on four machines.") from None
+    return index, count
+
+
+def parse_region(text: str | None) -> tuple[float, float, float, float] | None:
+    """Four numbers with commas."""
+    try:
+        values = tuple(float(part) for part in text.split(",")) if text else None
+        if values is not None and len(values) != 4:
+            raise ValueError
+    except ValueError:
+        raise InputError("is not XMIN,YMIN,XMAX,YMAX", key="--region", value=text) from None
+    return values
+
+
+def parse_shrinkwrap(text: str) -> int | str | None:
+    """A number of vertices, ``auto`` or ``none``."""
+    if text in ("auto", "none"):
+        return None if text == "none" else text
+    if not (text.isdecimal() and int(text) >= 2):
+        raise InputError("is not a number of vertices, at least 2", key="--shrinkwrap", value=text,
+                         remedy="For example 1024, auto or none.")
+    return int(text)
+
+
+def check_choice(key: str, value, known: tuple) -> None:
+    """Refuse what is none of the known words.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if value not in known:
+        raise InputError("is unknown", key=key, value=value, remedy=f"Use one of {', '.join(filter(None, known))}.")
