@@ -19,11 +19,13 @@ from varos_warp.render.field.solver import LightFieldSolver, farthest_m, shines_
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera, Light
-from varos_warp.scene.device import camera_record, light_record, medium_record
-from varos_warp.scene.frames import camera_pose, intrinsics, lamp_position
-from varos_warp.scene.water import optical_properties
+from varos_warp.scene.device import camera_record
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.lights import light_position, light_record
+from varos_warp.scene.water import medium_record, optical_properties
 
-CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.water")
+CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
+        "varos_warp.scene.water")
 """What the numbers of the field follow from, besides the scene: those on disk are solved again when it changes."""
 CAMERA_NODES = (64, 19, 33)
 """Nodes of multiple in-scattering along a camera's rays: of the distance, and of rows and columns of the image."""
@@ -68,7 +70,7 @@ def along_camera(scene: Scene, view: Camera) -> bool:
         return False
     T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
     for light in scene.vehicle.lights:
-        p = T_c_v[:3, :3] @ lamp_position(light, np.eye(4)) + T_c_v[:3, 3]
+        p = T_c_v[:3, :3] @ light_position(light, np.eye(4)) + T_c_v[:3, 3]
         col, row = (K @ p)[:2] / max(p[2], 1e-9) / view.resolution
         if p[2] > 0.0 and abs(col - 0.5) < IN_VIEW and abs(row - 0.5) < IN_VIEW:
             return False
