@@ -1,5 +1,6 @@
 """For all tests: those that need a GPU are skipped where there is none, and numpy's global generator is seeded."""
 
+import os
 from functools import cache
 
 import numpy as np
@@ -30,7 +31,9 @@ def seeded():
 
 @pytest.fixture(autouse=True, scope="session")
 def cache_of_its_own(tmp_path_factory):
-    """Tables are made for this run, not found where a user or an earlier version of the code left them."""
+    """Fields are solved for this run, once for all its processes, not found where a user or another run left them."""
+    base = tmp_path_factory.getbasetemp()
+    run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("VAROS_WARP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("VAROS_WARP_CACHE", str(run / "cache"))
         yield

@@ -181,7 +181,7 @@ def test_no_light_of_open_water_leaks_into_a_closed_box_around_the_camera(denois
     assert np.all(means.std(axis=0, ddof=1) / np.sqrt(8) < 3e-3)  # light that only first surfaces blocked was 1.3e-2
 
 
-def test_a_black_wall_blocks_the_veil_without_reflections():
+def test_a_black_wall_blocks_multiple_in_scattering_without_reflections():
     scene, wall = one_ray_scene(VAROS_LAMPS, water(0.8, 1.0, 0.8), pixels=8), [floor(1.0, 0.25)]
     ours = radiance(scene, wall, integrator="field", spp=64, max_bounces=0)
     assert_agrees(ours, radiance(scene, wall, integrator="path", spp=4096, max_bounces=0)[0], 2e-4, precision=0.02)

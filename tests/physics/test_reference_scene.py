@@ -104,11 +104,6 @@ def test_all_orders_are_the_reference(renderer):
     assert_same_image(ours, reference("full"), 3e-3)
 
 
-@pytest.mark.slow
-def test_all_orders_are_the_reference_at_full_size(renderer):
-    assert_same_image(render(renderer, spp=64, seed=3), reference("full"), 1e-3)
-
-
 def assert_tables_within_their_bias(renderer, spp, seeds):
     """Block means, their error by the spread of renderings; 0.3 % of a block is the stated bias of tables."""
     images = np.array([block_means(render(renderer, spp=spp, seed=seed, integrator="field", denoise="none")[0])

@@ -14,7 +14,7 @@ SCENE = Scene(trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"spp": 12
 
 
 @pytest.mark.parametrize(("key", "value"), [
-    ("layers", ()), ("layers", ("direct", "veil")), ("layers", "direct"), ("integrator", "bidirectional"),
+    ("layers", ()), ("layers", ("direct", "glow")), ("layers", "direct"), ("integrator", "bidirectional"),
     ("denoise", "blur"), ("denoise_b", "blur"), ("spp", 0), ("spp_b", -3), ("max_scatterings", -1),
     ("max_bounces", -1)])
 def test_unknown_names_and_numbers_too_low_are_bad_input_that_names_the_option(key, value):

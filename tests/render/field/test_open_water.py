@@ -50,8 +50,8 @@ def open_water(lights, coefficients, **camera) -> OpenWater:
 def in_scattered(made: OpenWater, T) -> np.ndarray:
     """Light scattered twice or more on the rig's ray up to T [3]."""
     kept = made.field(made.scene.vehicle.cameras[0])
-    values = kept.veil.numpy()
-    t = kept.veil_nearest * np.exp(kept.veil_log_step * np.arange(len(values)))
+    values = kept.in_scattering.numpy()
+    t = kept.nearest * np.exp(kept.log_step * np.arange(len(values)))
     middle = values[:, values.shape[1] // 2, values.shape[2] // 2]
     return np.array([np.interp(np.log(T), np.log(t), middle[:, c]) for c in range(3)])
 

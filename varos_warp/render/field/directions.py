@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Directions:
     """A grid of directions: gamma = pi s^power [rad] by phi [rad], ``s`` and ``phi`` increasing."""
 

@@ -6,6 +6,8 @@ lines take that to the nodes again (kernels/field/tabulate.py). The sum over the
 X = B + K X.
 """
 
+import functools
+
 import numpy as np
 import warp as wp
 from scipy.interpolate import make_interp_spline
@@ -22,6 +24,7 @@ from varos_warp.render.launch import Launcher
 from varos_warp.scene.description.vehicle import Light, PointLight
 from varos_warp.scene.lights import light_record
 from varos_warp.scene.water import OpticalProperties, medium_record
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the light that have nodes, the last as optical depth too; what is nearer is in proportion."""
@@ -89,7 +92,7 @@ class LightFieldSolver:
 
     def solve(self) -> dict[str, np.ndarray]:
         """The arrays of a LightField, ``irradiance`` and ``source``, float32 with the channels last."""
-        self._set_matrices()
+        self._once_to, self._twice_to, self._again_to = _matrices(self.phase, ONCE, TWICE, AGAIN)
         once = self._launch(tabulate_single_scattering, self.fine, ONCE, [self._scene, self.fine])
         first = self._source(once, self._once_to)
         twice = self._scattered_again(first, self.middle, TWICE)
@@ -144,16 +147,6 @@ class LightFieldSolver:
         table.grid, table.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
         return self._launch(tabulate_next_order, grid, directions, [self._scene, table, grid])
 
-    def _set_matrices(self):
-        """What turns radiance from the directions ONCE, TWICE and AGAIN into irradiance and sources."""
-        scatter = scattering_matrix(self.phase, ONCE, LEAVING)
-        irradiance = irradiance_matrix(ONCE, NORMALS)
-        shape = shape_of_twice(self.phase, scatter, ONCE, LEAVING)
-        self._once_to = {"irradiance": irradiance, "source": scatter}
-        self._twice_to, self._again_to = (
-            {"irradiance": irradiance @ between, "source": scatter @ between}
-            for between in (TWICE.interpolation(ONCE, shape), AGAIN.interpolation(ONCE, shape)))
-
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
         return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
 
@@ -207,6 +200,17 @@ class Refinement:
         """Values [coarse..., n, 3] at the fine nodes."""
         smooth = np.einsum("ai,bj,ij...->ab...", *self._splines, values / self.amplitude, optimize=True)
         return smooth * self._fine_amplitude
+
+
+@functools.lru_cache(maxsize=1)
+def _matrices(phase: PhaseFunction, once: Directions, *more: Directions) -> list[dict[str, np.ndarray]]:
+    """What turns radiance from each grid of directions into irradiance and sources; it is the same for all lights."""
+    scatter = scattering_matrix(phase, once, LEAVING)
+    irradiance = irradiance_matrix(once, NORMALS)
+    shape = shape_of_twice(phase, scatter, once, LEAVING)
+    between = (grid.interpolation(once, shape) for grid in more)
+    return [{"irradiance": irradiance, "source": scatter},
+            *({"irradiance": irradiance @ matrix, "source": scatter @ matrix} for matrix in between)]
 
 
 def _as_grid(values: np.ndarray, directions: Directions) -> np.ndarray:

@@ -55,6 +55,12 @@ class PhaseFunction(ABC):
     def key(self) -> tuple:
         """All that its values depend on, in numbers, strings and tuples of them: for caches in memory and on disk."""
 
+    def __eq__(self, other) -> bool:
+        return isinstance(other, PhaseFunction) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
     @abstractmethod
     def density(self, s: np.ndarray) -> np.ndarray:
         """In proportion to the density per solid angle, at s in (0, 1]."""
