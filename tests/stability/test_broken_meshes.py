@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry import terrain
+from varos_warp.scene.geometry import terrain, topology
 from varos_warp.scene.geometry.procedural import generate_terrain
 
 SHEET = generate_terrain(20.0, 17, 2.0, seed=3)
@@ -21,7 +21,7 @@ def sound(vertices, faces):
     assert faces.min() >= 0
     assert faces.max() < len(vertices)
     assert len(np.unique(faces)) == len(vertices)
-    normals = terrain.topology.area_normals(vertices, faces)
+    normals = topology.area_normals(vertices, faces)
     assert (normals != 0.0).any(axis=1).all()
 
 
@@ -93,7 +93,7 @@ def test_a_broken_sheet_becomes_a_sound_one(broken, shrinkwrap):
 @pytest.mark.parametrize("shrinkwrap", [None, 25], ids=["as it is", "wrapped"])
 def test_an_inverted_sheet_is_turned_up(shrinkwrap):
     result = terrain.preprocess(SHEET[0], SHEET[1][:, ::-1], shrinkwrap_resolution=shrinkwrap, close="none")
-    assert (terrain.topology.area_normals(*result)[:, 2] > 0.0).all()
+    assert (topology.area_normals(*result)[:, 2] > 0.0).all()
 
 
 def test_an_inverted_ball_is_turned_out():

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
+from varos_warp.scene.files import read_text
 
 DATA = resources.files("varos_warp") / "data"
 """Scenes that come with the package: ``demo.yaml`` and ``starter.yaml``."""
@@ -32,7 +33,7 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         InputError: The file cannot be read, is not YAML, repeats a key, or says something no scene can say.
     """
     path = Path(path)
-    source = _parse(_read_text(path), path)
+    source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.")
     for override in overrides:
         _apply_override(source, override)
     scene = _validate(source, path.parent)
@@ -58,7 +59,7 @@ def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str)
     Raises:
         InputError: As for `load_scene`.
     """
-    source = _parse(_read_text(Path(path), what, remedy), Path(path), what, remedy)
+    source = _parse(Path(path), what, remedy)
     source.model = model
     return _validated(source)
 
@@ -114,22 +115,9 @@ class _Source:
         return [text for inner, text in self.overridden.items() if inner[:len(path)] == path != inner]
 
 
-def _read_text(path: Path, what: str = "scene file",
-               remedy: str = "Give the path of a scene file; `varos-warp init` writes one to begin with.") -> str:
-    if not path.is_file():
-        problem = f"is a folder, not a {what}" if path.is_dir() else f"there is no such {what}"
-        raise InputError(problem, file=path, remedy=remedy)
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("is not a text file in UTF-8", file=path, remedy=remedy) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy=remedy) from error
-
-
-def _parse(text: str, path: Path, what: str = "scene file",
-           remedy: str = "`varos-warp init` writes one to begin with.") -> _Source:
+def _parse(path: Path, what: str, remedy: str) -> _Source:
     """Data and line numbers of a YAML file."""
+    text = read_text(path, what, remedy)
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         lines: dict[tuple, int] = {}

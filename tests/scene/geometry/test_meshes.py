@@ -237,7 +237,7 @@ def test_a_missing_mesh_names_its_key_in_the_scene(tmp_path):
 
 def test_the_example_has_its_terrain_in_metres_around_the_course():
     scene = load_scene(EXAMPLE / "scene.yaml")
-    terrain = build_parts(scene)[0]
+    terrain, = build_parts(scene.model_copy(update={"objects": [], "scatter": []}))
     np.testing.assert_allclose(terrain.vertices[:, :2].min(axis=0), [850, 270])
     np.testing.assert_allclose(terrain.vertices[:, :2].max(axis=0), [930, 350])
     assert len(scene.trajectory.waypoints) == 20

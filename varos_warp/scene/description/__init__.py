@@ -44,7 +44,7 @@ class Render(Block):
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
     integrator: Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)] = "auto"
     """How the light of A is computed: path tracing with the precomputed field of open water, or without; ``reference``:
-    a plain, slow path tracer, the judge of the others. Older files call the field ``tables``."""
+    a plain, slow path tracer, to compare the others with. Older files call the field ``tables``."""
     denoise: Literal["oidn", "nlm", "none"] = "oidn"
     denoise_b: Literal["oidn", "nlm", "none"] = "nlm"
     exposure: Exposure = Exposure()

@@ -11,6 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.scene.files import require_file
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.skins import join_skins
 from varos_warp.scene.geometry.topology import FARTHEST
@@ -109,9 +110,7 @@ def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None
 
 def _check_file(path, key):
     """A file of a known format that is there and not empty."""
-    if not path.is_file():
-        problem = "there is no such mesh file" if not path.exists() else "is a folder, not a mesh file"
-        raise InputError(problem, file=path, key=key, remedy="Paths are relative to the scene file; correct the path.")
+    require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
                          remedy=f"Use one of {', '.join(FORMATS)}.")

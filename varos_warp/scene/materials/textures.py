@@ -14,6 +14,7 @@ from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
+from varos_warp.scene.files import require_file
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.launch import launch_rows
 
@@ -202,10 +203,8 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
         InputError: The file is missing or is no image.
     """
     path = Path(path)
-    if not path.is_file():
-        problem = "is a folder, not an image" if path.is_dir() else "there is no such image file"
-        known = " or ".join(GROUND)
-        raise InputError(problem, file=path, key=key, remedy=f"Give {known}, or the path relative to the scene file.")
+    known = " or ".join(GROUND)
+    require_file(path, "image file", f"Give {known}, or the path relative to the scene file.", key)
     try:
         with PillowImage.open(path) as image:
             return decode_image(image)

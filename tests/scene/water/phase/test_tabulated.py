@@ -97,5 +97,5 @@ def test_a_bad_table_is_named_with_file_line_key_value_and_remedy(tmp_path, tabl
 
 def test_a_table_in_another_encoding_is_refused(tmp_path):
     (tmp_path / "vsf.csv").write_bytes(b"\xff\xfe\x00a")
-    with pytest.raises(InputError, match="cannot be read as text"):
+    with pytest.raises(InputError, match="not a text file"):
         phase_of(tmp_path, None)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.scene.files import read_text
 from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
@@ -108,13 +109,7 @@ def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _lines(path: Path, key: str) -> list[tuple[int, list[str]]]:
     """Number and cells of every line that is neither empty nor a comment."""
-    if not path.is_file():
-        problem = "is a folder, not a table" if path.is_dir() else "there is no such table of a phase function"
-        raise InputError(problem, file=path, key=key, remedy="Paths are relative to the scene file; correct the path.")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
-        raise InputError(f"cannot be read as text: {error}", file=path, key=key, remedy="Export it as CSV.") from None
+    text = read_text(path, "table of a phase function", "Paths are relative to the scene file; export it as CSV.", key)
     lines = enumerate(text.splitlines(), start=1)
     return [(i, next(csv.reader([line]))) for i, line in lines if line.strip(", \t") and not line.startswith("#")]
 
