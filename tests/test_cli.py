@@ -408,7 +408,7 @@ def test_an_interrupted_run_ends_with_status_130_and_whole_files_only(scene_file
         "standins.FlatFloorRenderer.render = lambda *a, **k: (time.sleep(0.5), render(*a, **k))[1]\n"
         "from varos_warp.cli import main\nmain()\n")
     out = tmp_path / "out"
-    environment = os.environ | {"PYTHONPATH": os.path.dirname(standins.__file__)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([os.path.dirname(standins.__file__), *sys.path])}
     process = subprocess.Popen([sys.executable, program, "run", scene_file, "-o", out, "--device", "cpu"],
                                stderr=subprocess.PIPE, text=True, env=environment)
     deadline = time.monotonic() + 60

@@ -15,7 +15,7 @@ from varos_warp.sim.trajectory import simulate
 ROOT = Path(__file__).parents[1]
 SHIPPED = sorted((*(ROOT / "examples").rglob("*.yaml"), *(ROOT / "varos_warp" / "data").glob("*.yaml")))
 SMALL = {
-    "demo": ["terrain.preprocess=null", "terrain.resolution=65"],
+    "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],
     "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
     "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
