@@ -1,4 +1,4 @@
-"""What the command line prints as a single message: bad input, with status 2, and a scheduler that has gone, with 1."""
+"""What the command line prints as a single message: bad input (status 2), and images that could not be made (1)."""
 
 from pathlib import Path
 from typing import Any
@@ -21,5 +21,5 @@ class InputError(ValueError):
         return f"{text}. {self.remedy}" if self.remedy else text
 
 
-class SchedulerGone(RuntimeError):
-    """Nothing can be asked of the workers of a cluster any more."""
+class RunFailed(RuntimeError):
+    """Some images could not be made; all others are, and the same command tries again."""

@@ -29,7 +29,6 @@ from varos_warp.cli.arguments import (
     Outputs,
     Quiet,
     SceneFile,
-    Scheduler,
     Seed,
     Set,
     Shard,
@@ -45,7 +44,7 @@ from varos_warp.cli.arguments import (
     split_names,
 )
 from varos_warp.cli.tables import print_info, print_json, print_meshes, print_plan, print_preprocessed, print_table
-from varos_warp.errors import InputError, SchedulerGone
+from varos_warp.errors import InputError, RunFailed
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="Realistic synthetic underwater video with exact ground truth.")
@@ -65,7 +64,7 @@ def verb(function, goes_on: bool = False):
         except InputError as error:
             print(f"varos-warp: {error.message}", file=sys.stderr)
             raise typer.Exit(2) from None
-        except SchedulerGone as error:
+        except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)
             raise typer.Exit(1) from None
         except KeyboardInterrupt:
@@ -88,12 +87,12 @@ def _job(name: str, text: str, **kind):
                 tolerance: Tolerance = None, spp: Spp = None, max_scatterings: MaxScatterings = None,
                 max_bounces: MaxBounces = None, layers: Layers = None, integrator: Integrator = None,
                 seed: Seed = None, denoise: Denoise = None, linear_exr: LinearExr = False, set_: Set = None,
-                shard: Shard = None, workers: Workers = None, scheduler: Scheduler = None, json_: Json = False,
+                shard: Shard = None, workers: Workers = None, json_: Json = False,
                 quiet: Quiet = False):
         changed = overrides(set_, outputs, tolerance, spp, max_scatterings, max_bounces, layers, integrator, seed,
                             denoise, linear_exr)
         make(scene, out, changed, json_, quiet, device=device, frames=parse_frames(frames), shard=parse_shard(shard),
-             workers=workers, scheduler=scheduler, **kind)
+             workers=workers, **kind)
 
     command.__name__, command.__doc__ = name, text
     return resumable(command)
@@ -234,7 +233,7 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap|stream",
+           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap",
                                            help="Format.")],
            out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
@@ -265,7 +264,7 @@ def noise(dataset: Folder,
           out: Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")],
           seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
     """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
-    from varos_warp.dataset.noise import add_noise
+    from varos_warp.dataset.noise_pass import add_noise
     from varos_warp.scene.noise_profile import load_profile, merge_profiles
 
     chosen = [load_profile(name) for name in profile]
@@ -342,13 +341,13 @@ def preprocess(
     proportion to the vertices of the model or of its wrap, whichever are more.
     """
     from varos_warp.dataset.files import write_json
-    from varos_warp.dataset.progress import Steps
+    from varos_warp.dataset.progress import NamedSteps
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.geometry.terrain import STEPS, preprocess_meshes, write_ply
 
     check_choice("--up-axis", up_axis, (None, "x", "y", "z"))
     check_choice("--close", close, ("skirt", "solid", "none"))
-    with Steps("preprocess", STEPS, quiet) as steps:
+    with NamedSteps("preprocess", STEPS, quiet) as steps:
         (points, faces), facts = preprocess_meshes(
             meshes, vertices, merge_tolerance_m=merge_tolerance, fill_holes_m=fill_holes, close=close, scale=scale,
             shrinkwrap_resolution=parse_shrinkwrap(shrinkwrap), region=parse_region(region), up_axis=up_axis,

@@ -25,8 +25,6 @@ LinearExr = Annotated[bool, typer.Option("--linear-exr", help="Also write A as r
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
 Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
-Scheduler = Annotated[str | None, typer.Option(metavar="dask://HOST:PORT",
-                                               help="Render on the workers of a Dask scheduler.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
 

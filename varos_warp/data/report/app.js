@@ -150,6 +150,6 @@ function buildReadout() {
   listeners.push(({ index }) => {
     list.replaceChildren();
     const row = DATA.now[state.camera] && DATA.now[state.camera][index];
-    DATA.readout.forEach((name, i) => row && list.append(element("dt", {}, name), element("dd", {}, row[i])));
+    DATA.readout.forEach((name, i) => row && list.append(element("div", {}, element("dt", {}, name), element("dd", {}, row[i]))));
   });
 }

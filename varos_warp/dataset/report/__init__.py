@@ -16,15 +16,15 @@ import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts
+from varos_warp.dataset.report.course import course_pictures, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
 from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
-from varos_warp.dataset.report.world import scene_parts, world
 from varos_warp.render.image.outputs import OUTPUTS
 
 __all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
 
-SCRIPTS = ("app.js", "plots.js", "world.js", "start.js")
+SCRIPTS = ("app.js", "plots.js", "start.js")
 READOUT = ("x, y [m]", "z [m]", "depth [m]", "heading", "pitch", "roll", "speed [m/s]", "gain of A", "D near – far [m]")
 
 
@@ -47,9 +47,9 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
         "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
                          for value, name in facts.headline(data)),
         "warnings": _warnings(facts.warnings(data, scene.warnings)),
-        "data": _json(_content(data, strip, scene)),
+        "data": _json(_content(data, strip)),
     }
-    sections = _sections(data, strip, scene.missing or (None if scene.parts else "it has none"))
+    sections = _sections(data, strip, _course(course_pictures(data, scene), scene.missing))
     words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
     words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: words[match[1]], _text("page.html"))
@@ -69,14 +69,14 @@ def _json(content: Any) -> str:
 # ------------------------------------------------------------------------------------------------- what scripts draw
 
 
-def _content(data: Dataset, strip: Filmstrip, scene) -> dict[str, Any]:
+def _content(data: Dataset, strip: Filmstrip) -> dict[str, Any]:
     """Everything that the page's scripts show."""
     rows = np.searchsorted(data.frames, strip.frames)
     return {
         "frames": strip.frames, "times": (data.views()[0][rows] * 1e-9).tolist(),
         "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
         "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
-        "plots": curves(data), "attenuation": attenuation(data), "world": world(data, strip.frames, scene),
+        "plots": curves(data), "attenuation": attenuation(data),
         "readout": READOUT, "now": {camera: _readout(data, strip.frames, camera) for camera in data.cameras},
     }
 
@@ -124,10 +124,10 @@ def _warnings(found: list[str]) -> str:
     return f'<div class="warnings" role="note"><b>Before you use it</b><ul>{rows}</ul></div>'
 
 
-def _sections(data: Dataset, strip: Filmstrip, missing: str | None) -> list[tuple[str, str, str]]:
+def _sections(data: Dataset, strip: Filmstrip, course: str) -> list[tuple[str, str, str]]:
     """(id, title, HTML) of every section, in order."""
     return [
-        ("frames", "Frames", _frames(data, strip)), ("course-section", "Course", _course(missing)),
+        ("frames", "Frames", _frames(data, strip)), ("course", "Course", course),
         ("curves", "Sensors and exposure", '<div id="plots"></div>'),
         ("water", "Water, cameras, sensors", _setup(data)),
         ("plan", "Plan", f'<div class="card stack">{facts.plan(data)}</div>'),
@@ -159,16 +159,13 @@ aria-pressed="false">side by side</button></span></div>
 <h3>Contact sheet</h3><div id="sheet"></div>''')
 
 
-def _course(missing: str | None) -> str:
+def _course(pictures: dict[str, str], missing: str | None) -> str:
     note = "" if missing is None else (
-        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}); the points are D of a '
-        "few frames, carried into the world by the poses.</p>")
-    return f'''<div id="course" class="card"><div id="world"><canvas tabindex="0" role="img"
-aria-label="Course, ground and camera"></canvas><span class="hint">drag to turn, shift-drag to move</span>
-<span class="tools"><button type="button" data-tool="nearer" aria-label="Nearer">+</button>
-<button type="button" data-tool="farther" aria-label="Farther">−</button>
-<button type="button" data-tool="top">top</button>
-<button type="button" data-tool="whole">reset</button></span></div><dl id="now"></dl></div>{note}'''
+        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}).</p>')
+    images = "".join(f'<img src="data:image/png;base64,{picture}" alt="The course seen {name}">'
+                     for name, picture in pictures.items())
+    return f'''<div class="card"><div class="course">{images}</div><dl id="now"></dl></div>{note}
+<p class="note"><code>varos-warp view</code> shows the world in three dimensions.</p>'''
 
 
 def _setup(data: Dataset) -> str:
