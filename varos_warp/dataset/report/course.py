@@ -69,19 +69,19 @@ def _picture(course: np.ndarray, points: np.ndarray, stops: list, axes: tuple[in
     """One view; ``axes``: which of x, y and z go to the right and up."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.2, 4.6), layout="constrained", dpi=130)
+    figure = Figure(figsize=(4.6, 3.5), layout="constrained", dpi=180)
     plot = figure.subplots()
     order = np.argsort(points[:, 2])  # what is higher is seen from above
-    plot.scatter(*points[order][:, axes].T, c=points[order, 2], cmap="cividis", s=3, linewidths=0, alpha=0.6)
+    plot.scatter(*points[order][:, axes].T, c=points[order, 2], cmap="cividis", s=9, linewidths=0, alpha=0.6)
     plot.plot(*course[:, axes].T, color="#d1495b", linewidth=1.6, label="course")
     if stops:
-        plot.plot(*np.transpose(stops)[list(axes)], "x", color="#333333", markersize=6, label="waypoints")
+        plot.plot(*np.transpose(stops)[list(axes)], "x", color="#333333", markersize=5, label="waypoints")
     for name, place, marker in (("start", course[0], "o"), ("end", course[-1], "s")):
-        plot.plot(*place[list(axes)], marker, color="#d1495b", markeredgecolor="black", label=name)
+        plot.plot(*place[list(axes)], marker, markersize=5, color="#d1495b", markeredgecolor="black", label=name)
     plot.set(xlabel=f"{'xyz'[axes[0]]} [m]", ylabel=f"{'xyz'[axes[1]]} [m]")
     plot.set_aspect("equal", adjustable="datalim")
     plot.ticklabel_format(useOffset=False, style="plain")
-    plot.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    plot.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, columnspacing=1.2)
     data = io.BytesIO()
     figure.savefig(data, format="png")
     return base64.b64encode(data.getvalue()).decode()
