@@ -9,21 +9,19 @@ import shutil
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.spatial.transform import Rotation
 from standins import make_scene, tree
 from typer.testing import CliRunner
 
 from varos_warp.cli import app
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report import contact_sheet, heading_pitch_roll, spread, write_report
+from varos_warp.dataset.report import contact_sheet, spread, write_report
 from varos_warp.dataset.report.course import SceneParts, course_pictures, ground_points, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves, envelope
 from varos_warp.dataset.report.facts import headline, warnings
 from varos_warp.dataset.report.pictures import filmstrip, preview
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.scene.frames import R_V_C
 
 
 @pytest.fixture(scope="module")
@@ -178,16 +176,6 @@ def test_water_leaves_what_beer_and_lambert_say(data):
 
 
 # ------------------------------------------------------------------------------------------------------------- world
-
-
-@pytest.mark.parametrize("angles", [(0, 0, 0), (90, 0, 0), (200, -30, 0), (350, 45, 20), (12, 3, -100)])
-def test_heading_pitch_and_roll_turn_a_level_camera_to_where_it_looks(angles):
-    """Heading is clockwise from above, pitch upwards, roll clockwise as the camera sees it."""
-    heading, pitch, roll = np.radians(angles)
-    T = np.eye(4)
-    T[:3, :3] = (Rotation.from_euler("z", -heading) * Rotation.from_euler("x", pitch)).as_matrix() @ R_V_C[:3, :3] @ (
-        Rotation.from_euler("z", roll).as_matrix())
-    np.testing.assert_allclose(heading_pitch_roll(T), angles, atol=1e-9)
 
 
 def test_the_course_is_drawn_with_the_ground_around_it(tmp_path):

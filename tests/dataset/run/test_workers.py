@@ -176,7 +176,7 @@ def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_ren
 def test_a_frame_that_fails_in_a_worker_is_named_and_all_others_are_made(written, tmp_path, monkeypatch):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "failing", tmp_path))
     with pytest.raises(RunFailed, match=r"frame 5, camera L0 could not be made: CUDA error 700; 1 more failed"):
-        produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2)
+        produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=1)
     assert len(list((tmp_path / "out").rglob("D/*.png"))) == 18
     assert produce(make_scene(), tmp_path / "out", quiet=True).rendered == 8
     assert tree(tmp_path / "out") == tree(written)
@@ -199,8 +199,8 @@ def test_an_interrupted_command_has_status_130_and_leaves_whole_files_only(tmp_p
 
 
 def test_a_folder_at_which_workers_are_is_refused_to_others(tmp_path):
-    with claimed(tmp_path, (2, 2)), claimed(tmp_path, (0, 2)), claimed(tmp_path, (1, 2)):
-        for shard in ((0, 1), (0, 2), (2, 2), (0, 3)):
+    with claimed(tmp_path, (2, 3)), claimed(tmp_path, (0, 3)), claimed(tmp_path, (1, 3)):
+        for shard in ((0, 1), (0, 2), (1, 3), (2, 3), (0, 4)):
             with pytest.raises(InputError, match="another run is writing"), claimed(tmp_path, shard):
                 pass
 

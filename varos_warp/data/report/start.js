@@ -2,7 +2,6 @@
   buildViewer();
   buildSheet();
   buildTransport();
-  buildReadout();
   const plots = $("plots"), water = $("water-plot");
   if (plots) DATA.plots.forEach(plot => buildPlot(plot, plots));
   if (water) buildPlot(DATA.attenuation, water);

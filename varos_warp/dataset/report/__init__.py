@@ -25,7 +25,6 @@ from varos_warp.render.image.outputs import OUTPUTS
 __all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
 
 SCRIPTS = ("app.js", "plots.js", "start.js")
-READOUT = ("x, y [m]", "z [m]", "depth [m]", "heading", "pitch", "roll", "speed [m/s]", "gain of A", "D near – far [m]")
 
 
 def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
@@ -77,41 +76,7 @@ def _content(data: Dataset, strip: Filmstrip) -> dict[str, Any]:
         "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
         "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
         "plots": curves(data), "attenuation": attenuation(data),
-        "readout": READOUT, "now": {camera: _readout(data, strip.frames, camera) for camera in data.cameras},
     }
-
-
-def _readout(data: Dataset, frames: list[int], camera: str) -> list[list[str]]:
-    """Where a camera is, how it moves and what it sees, as text for each frame."""
-    time_ns, T_w_c = data.views(camera)
-    speed = np.gradient(T_w_c[:, :3, 3], time_ns * 1e-9, axis=0) if len(time_ns) > 1 else np.zeros((1, 3))
-    has_gain = "A" in data.outputs and data.layout.camera_file(camera, "_exposure_A.csv").is_file()
-    gains = data.gains("A", camera) if has_gain else {}
-    rows = []
-    for frame, i in zip(frames, np.searchsorted(data.frames, frames), strict=True):
-        x, y, z = T_w_c[i, :3, 3]
-        rows.append([f"{x:.2f}, {y:.2f}", f"{z:.2f}", f"{data.meta['surface_depth_m'] - z:.2f}",
-                     *(f"{angle:z.1f}°" for angle in heading_pitch_roll(T_w_c[i])),
-                     f"{np.linalg.norm(speed[i]):.2f}", f"{gains[frame]:.4g}" if frame in gains else "–",
-                     _nearest(data, frame, camera)])
-    return rows
-
-
-def heading_pitch_roll(T_w_c: np.ndarray) -> tuple[float, float, float]:
-    """Degrees: where a camera looks, from the world's y axis to its x axis; upwards; clockwise about its axis."""
-    right, _, forward = T_w_c[:3, :3].T
-    heading, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
-    level = np.array([np.cos(heading), -np.sin(heading), 0.0])  # to the right, without roll
-    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
-    return float(np.degrees(heading) % 360.0), float(np.degrees(pitch)), float(np.degrees(roll))
-
-
-def _nearest(data: Dataset, frame: int, camera: str) -> str:
-    if "D" not in data.outputs:
-        return "–"
-    depth = data.depth(frame, camera)[::4, ::4]
-    found = depth[np.isfinite(depth)]
-    return f"{found.min():.2f} – {found.max():.2f}" if found.size else "nothing"
 
 
 # ---------------------------------------------------------------------------------------------------- what is written
@@ -164,8 +129,8 @@ def _course(pictures: dict[str, str], missing: str | None) -> str:
         f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}).</p>')
     images = "".join(f'<img src="data:image/png;base64,{picture}" alt="The course seen {name}">'
                      for name, picture in pictures.items())
-    return f'''<div class="card"><div class="course">{images}</div><dl id="now"></dl></div>{note}
-<p class="note"><code>varos-warp view</code> shows the world in three dimensions.</p>'''
+    return f'''<div class="card"><div class="course">{images}</div></div>{note}
+<p class="note"><code>varos-warp view</code> shows the world in three dimensions, and every pose.</p>'''
 
 
 def _setup(data: Dataset) -> str:

@@ -82,11 +82,12 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
                          value=workers)
     layout = Layout.of(scene, out)
-    device = (renderer.device if renderer is not None else resolve_device(device) if workers is None else device)
+    if workers is None:
+        device = resolve_device(device) if renderer is None else renderer.device
     new = not layout.root.exists()
     try:
-        # the parent of n workers is beside their shards 0 to n - 1
-        with folder.claimed(layout.root, (workers, workers) if workers else shard):
+        # n workers and their parent share the folder as n + 1
+        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
             previous = folder.open_folder(scene, layout, alone=shard[1] == 1 and not workers)
             run = _Run(scene, layout, shard, Console(quiet), device, renderer)
             run.simulate(frames, previous)
@@ -106,7 +107,7 @@ def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard
                  console) -> tuple[Summary, Rendered]:
     """What a worker does: all of a run but what follows from the frames of all workers."""
     layout = Layout.of(scene, out)
-    with folder.claimed(layout.root, shard):
+    with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
         run = _Run(scene, layout, shard, console, device_of_worker(device, shard[0]))
         run.is_worker = True
         run.simulate(frames, folder.recorded(scene, layout))

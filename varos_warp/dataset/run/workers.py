@@ -184,11 +184,14 @@ def _live(pipe: connection.Connection, shard: tuple[int, int], work: Callable, a
         if hasattr(signal, "pthread_sigmask"):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})  # which may have come already
         threading.Thread(target=_end_with_parent, daemon=True).start()
-        console.send("result", work(*arguments, shard=shard, console=console))
-    except (InputError, RunFailed) as error:
-        console.send("failure", error)
+        try:
+            message = "result", work(*arguments, shard=shard, console=console)
+        except (InputError, RunFailed) as error:
+            message = "failure", error
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # there is nothing left to interrupt
     except KeyboardInterrupt:
         sys.exit(130)
+    console.send(*message)
 
 
 def _interrupt(number: int, _frame) -> None:
