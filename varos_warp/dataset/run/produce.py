@@ -82,7 +82,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
                          value=workers)
     layout = Layout.of(scene, out)
-    if workers is None:
+    if images and workers is None:
         device = resolve_device(device) if renderer is None else renderer.device
     new = not layout.root.exists()
     try:
@@ -184,9 +184,13 @@ class _Run:
         self.find_work()
         if not self.work:
             return
-        with self.console.progress("rendering", len(self.work)) as progress:
-            results = run_in_workers(workers, render_shard, arguments, done=progress.advance, tell=self.console.tell)
-            self.summary.rate = round(progress.rate, 4)
+        try:
+            with self.console.progress("rendering", len(self.work)) as progress:
+                results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
+                                         tell=self.console.tell)
+                self.summary.rate = round(progress.rate, 4)
+        finally:
+            files.sweep(self.layout.root)  # what killed workers left
         for summary, made in results:
             self.made.statistics |= made.statistics
             self.made.clamped += made.clamped
