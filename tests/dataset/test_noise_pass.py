@@ -70,7 +70,7 @@ def test_dataset_json_says_profile_and_seed(written, noisy):
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(written, noisy, tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.noise_pass.os.cpu_count", lambda: 1)
+    monkeypatch.setattr("varos_warp.dataset.progress.os.cpu_count", lambda: 1)
     again = add_noise(written, PROFILE, tmp_path / "again", seed=4, quiet=True)
     other = add_noise(written, PROFILE, tmp_path / "other", seed=5, quiet=True)
     assert tree(again.root) == tree(noisy.root)
