@@ -4,10 +4,9 @@
         [--device auto] [--set KEY=VALUE ...] [-o benchmarks/results/scaling]
 
 Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
-kernels are compiled (a run before the others does that) and scenes uploaded, which is told apart: in one process `load`
-brings the scene to the device, with workers that belongs to the time until the first image. 0 workers are
-a run in one process without Dask, to show what Dask costs. Workers on a CPU share its cores, so that more of them are
-no faster: there, only the machinery is measured.
+kernels are compiled (a run before the others does that), scenes loaded and the plan made, which is told apart.
+0 workers are a run in one process. Workers on a CPU share its cores, so more of them are no faster: there, only the
+machinery is measured.
 """
 
 import argparse
@@ -38,14 +37,14 @@ def measure(scene, frames: int, workers: int, device: str, out: Path, step: int 
     """
     summary = produce(scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None,
                       quiet=True)
-    log, = (json.loads(path.read_text()) for path in (out / "log").iterdir())
-    seconds, spp = summary.stages, [entry["spp"] for entry in log["frames"] if "spp" in entry]
-    rendering = seconds["wait"] + (0.0 if workers else seconds["render"])
+    logs = [json.loads(path.read_text()) for path in (out / "log").iterdir()]
+    seconds, spp = summary.stages, [entry["spp"] for log in logs for entry in log["frames"] if "spp" in entry]
+    ending, images = seconds["expose"] + seconds["checksums"], sum(len(log["frames"]) for log in logs)
     return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
             "frames_per_s": summary.rate, "seconds": summary.seconds,
-            "start_and_upload_s": seconds["load"], "plan_s": seconds["plan"],
-            "until_first_image_s": round(rendering - (frames - 1) / summary.rate, 2),
-            "compile_s": log["compile_seconds"], "expose_and_checksums_s": seconds["expose"] + seconds["checksums"],
+            "until_first_image_s": round(summary.seconds - ending - (images - 1) / summary.rate, 2),
+            "load_s": seconds["load"], "plan_s": seconds["plan"], "expose_and_checksums_s": ending,
+            "compile_s": max(log["compile_seconds"] for log in logs),
             "spp": round(sum(spp) / len(spp), 2) if spp else None, "stages": seconds,
             "checksums": (out / "checksums").read_text()}
 
@@ -92,12 +91,12 @@ def chart(result: dict, path: Path) -> None:
                       (row["workers"], row["frames_per_s"]), textcoords="offset points", xytext=(6, -12), fontsize=9)
     for row in (row for row in result["runs"] if not row["workers"]):
         left.axhline(row["frames_per_s"], color="C2", linestyle=":",
-                     label=f"one process without Dask: {row['frames_per_s']:.3g}")
+                     label=f"one process: {row['frames_per_s']:.3g}")
     left.set(xlabel="workers", ylabel="frames/s from the first image on, all files written", ylim=(0, None),
              xticks=counts, xlim=(0, 1.2 * counts[-1]))
     left.legend(fontsize=9)
     bottom = [0.0] * len(rows)
-    for name in ("start_and_upload_s", "plan_s", "until_first_image_s", "expose_and_checksums_s"):
+    for name in ("until_first_image_s", "expose_and_checksums_s"):
         heights = [row[name] for row in rows]
         right.bar([str(n) for n in counts], heights, bottom=bottom, label=name[:-2].replace("_", " "))
         bottom = [low + height for low, height in zip(bottom, heights, strict=True)]
@@ -115,7 +114,7 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=MUNKHOLMEN)
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--step", type=int, default=1, help="Every so many-th frame, over a long course.")
-    parser.add_argument("--workers", default="0,1,2,4", help="Numbers of workers; 0: one process, no Dask.")
+    parser.add_argument("--workers", default="0,1,2,4", help="Numbers of workers; 0: one process.")
     parser.add_argument("--device", default="auto")
     parser.add_argument("--compiled", action="store_true", help="Kernels are in the cache: no run before the others.")
     parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from varos_warp import cli
 from varos_warp.cli import options
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, RunFailed
 
 
 @pytest.fixture(autouse=True)
@@ -380,6 +380,16 @@ def test_our_own_failure_is_not_hidden(scene_file, tmp_path, monkeypatch):
     result = call("run", scene_file, "-o", tmp_path / "out")
     assert result.exit_code == 1
     assert isinstance(result.exception, ZeroDivisionError)
+
+
+def test_images_that_could_not_be_made_are_one_line_and_status_1(scene_file, tmp_path, monkeypatch):
+    def failed(*_, **__):
+        raise RunFailed("frame 4, camera M0 could not be made: odd")
+
+    monkeypatch.setattr("varos_warp.dataset.run.produce.produce", failed)
+    result = call("run", scene_file, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert result.stderr == "varos-warp: frame 4, camera M0 could not be made: odd\n"
 
 
 @pytest.mark.parametrize(("verb", "called", "goes_on"), [

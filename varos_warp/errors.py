@@ -1,6 +1,6 @@
-"""What the package tells its user: warnings, and errors that are printed as a single message.
+"""What the package tells its user: warnings, and errors that the command line prints as a single message.
 
-Bad input ends the command line with status 2, and a scheduler that has gone with status 1.
+Bad input ends it with status 2, images that could not be made with status 1.
 """
 
 import sys
@@ -28,8 +28,8 @@ class InputError(ValueError):
         return f"{text}. {self.remedy}" if self.remedy else text
 
 
-class SchedulerGone(RuntimeError):
-    """Nothing can be asked of the workers of a cluster any more."""
+class RunFailed(RuntimeError):
+    """Some images could not be made; all others are, and the same command tries again."""
 
 
 def warn(message: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import typer
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, RunFailed
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False,
                   help="Realistic synthetic underwater video with exact ground truth.")
@@ -33,6 +33,9 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
         except InputError as error:
             print(f"varos-warp: {error.message}", file=sys.stderr)
             raise typer.Exit(2) from None
+        except RunFailed as error:
+            print(f"varos-warp: {error}", file=sys.stderr)
+            raise typer.Exit(1) from None
         except KeyboardInterrupt:
             rest = "; what is complete stays, the same command goes on from there" if goes_on else ""
             print(f"varos-warp: interrupted{rest}", file=sys.stderr)

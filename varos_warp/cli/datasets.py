@@ -91,7 +91,7 @@ def noise(dataset: Folder,
           out: NewFolder,
           seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
     """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
-    from varos_warp.dataset.noise import add_noise
+    from varos_warp.dataset.noise_pass import add_noise
     from varos_warp.scene.noise_profile import load_profile, merge_profiles
 
     chosen = [load_profile(name) for name in profile]

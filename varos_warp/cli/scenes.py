@@ -63,12 +63,12 @@ def preprocess(
     proportion to the vertices of the model or of its wrap, whichever are more.
     """
     from varos_warp.dataset.files import write_json
-    from varos_warp.dataset.progress import Steps
+    from varos_warp.dataset.progress import NamedSteps
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.geometry.terrain import STEPS, preprocess_meshes, write_ply
 
     options = repair.parsed()
-    with Steps("preprocess", STEPS, quiet) as steps:
+    with NamedSteps("preprocess", STEPS, quiet) as steps:
         (points, faces), facts = preprocess_meshes(meshes, **options, device=resolve_device(device),
                                                    progress=steps.reach)
     write_ply(out, points, faces)

@@ -7,6 +7,7 @@ import glob
 import io
 import itertools
 import json
+import operator
 import os
 import re
 import shutil
@@ -14,7 +15,7 @@ import socket
 import struct
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +204,29 @@ def read_json(path: Path, **reading) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
     with _reading(path, **reading):
         return json.loads(path.read_text(encoding="utf-8"))
+
+
+def differences(first, second, same: Callable = operator.eq, every: bool = True, path: str = ""
+                ) -> Iterator[tuple[str, object, object]]:
+    """(key, value in the first, in the second) of everything that differs between two trees of dicts and lists.
+
+    Args:
+        first: As JSON has it.
+        second: As well.
+        same: Whether two values without parts are the same.
+        every: Compare the keys of both; False: those of the second.
+        path: Of the trees within others.
+    """
+    if isinstance(first, dict) and isinstance(second, dict):
+        pairs = [(key, first.get(key), second.get(key)) for key in ({**first, **second} if every else second)]
+    elif isinstance(first, list | tuple) and isinstance(second, list | tuple) and len(first) == len(second):
+        pairs = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
+    else:
+        if not same(first, second):
+            yield path, first, second
+        return
+    for key, a, b in pairs:
+        yield from differences(a, b, same, every, f"{path}.{key}" if path else str(key))
 
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:

@@ -1,8 +1,11 @@
 """How far a long job is: a bar on a terminal, a line now and then in a log, nothing when quiet. All on stderr."""
 
 import math
+import os
 import sys
 import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 LINE_SECONDS = 15.0
 """At most one line in this time where there is no terminal."""
@@ -16,26 +19,21 @@ class Progress:
         total: Steps of the whole job.
         unit: Of one step, in the plural.
         quiet: Say nothing.
+        also: Told of the steps, too.
     """
 
-    def __init__(self, label: str, total: int, unit: str = "frames", quiet: bool = False):
-        self.label, self.total, self.unit, self.quiet = label, total, unit, quiet
+    def __init__(self, label: str, total: int, unit: str = "frames", quiet: bool = False,
+                 also: Callable[[int], None] = lambda steps: None):
+        self.label, self.total, self.unit, self.quiet, self.also = label, total, unit, quiet, also
         self.done = self._at_first = 0
         self._bar = None
 
     def __enter__(self) -> "Progress":
         self._start = self._last = time.monotonic()
-        if self.quiet or not self.total or not sys.stderr.isatty():
-            return self
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
-        self._bar = Bar(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-                        TextColumn("{task.fields[rate]}"), TextColumn("elapsed"), TimeElapsedColumn(),
-                        TextColumn("left"), TimeRemainingColumn(), console=Console(stderr=True))
-        self._bar.start()
-        self._task = self._bar.add_task(self.label, total=self.total, rate="")
+        if not self.quiet and self.total and sys.stderr.isatty():
+            self._bar = self._new_bar()
+            self._task = self._bar.add_task(self.label, total=self.total, rate="")
+            self._bar.start()
         return self
 
     def __exit__(self, kind, value, trace) -> None:
@@ -43,6 +41,14 @@ class Progress:
             self._bar.stop()
         elif not self.quiet and self.done and kind is None and time.monotonic() - self._start >= 1.0:
             self._say()
+
+    def _new_bar(self):
+        from rich.console import Console as Terminal
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        return Bar("{task.description}", BarColumn(), TextColumn("{task.fields[rate]}"), "elapsed",
+                   TimeElapsedColumn(), "left", TimeRemainingColumn(), console=Terminal(stderr=True))
 
     @property
     def rate(self) -> float:
@@ -54,10 +60,12 @@ class Progress:
     def advance(self, steps: int = 1) -> None:
         """Count steps that were done."""
         self.done += steps
+        self.also(steps)
         if not self._at_first:
             self._at_first, self._first = self.done, time.monotonic()
         if self._bar is not None:
-            self._bar.update(self._task, advance=steps, rate=f"{self.rate:.3g} {self.unit}/s")
+            words = f"{self.done}/{self.total} {self.rate:.3g} {self.unit}/s"
+            self._bar.update(self._task, completed=self.done, rate=words)
         elif not self.quiet and self.done < self.total and time.monotonic() - self._last >= LINE_SECONDS:
             self._last = time.monotonic()
             self._say()
@@ -77,7 +85,7 @@ class Progress:
         print(words, file=sys.stderr, flush=True)
 
 
-class Steps:
+class NamedSteps(Progress):
     """Shows which step of a job is at work and how far it is; use it in a ``with`` statement.
 
     Args:
@@ -87,25 +95,8 @@ class Steps:
     """
 
     def __init__(self, label: str, names, quiet: bool = False):
-        self.label, self.names, self.quiet = label, list(names), quiet
-        self._bar, self._said = None, None
-
-    def __enter__(self) -> "Steps":
-        if not self.quiet and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as Bar
-
-            self._bar = Bar(TextColumn("{task.description}"), BarColumn(), TextColumn("elapsed"), TimeElapsedColumn(),
-                            console=Console(stderr=True))
-            self._bar.start()
-            self._task = self._bar.add_task(self.label, total=len(self.names))
-        self._start = time.monotonic()
-        return self
-
-    def __exit__(self, kind, value, trace) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self.names, self._said = list(names), None
+        super().__init__(label, len(self.names), quiet=quiet)
 
     def reach(self, name: str, share: float) -> None:
         """Tell that a share of a step is done, 0 to 1; a log gets a line when a step begins."""
@@ -114,6 +105,38 @@ class Steps:
         elif not self.quiet and name != self._said and time.monotonic() - self._start >= 1.0:
             self._said = name
             print(f"{self.label}: {name} after {_clock(time.monotonic() - self._start)}", file=sys.stderr, flush=True)
+
+
+class Console:
+    """What a job tells the user while it goes on; nothing when quiet."""
+
+    def __init__(self, quiet: bool = False):
+        self.quiet = quiet
+
+    def tell(self, words: str) -> None:
+        """Print a line."""
+        if not self.quiet:
+            print(words, file=sys.stderr, flush=True)
+
+    def progress(self, label: str, total: int, unit: str = "frames") -> Progress:
+        """Show how far something is."""
+        return Progress(label, total, unit, self.quiet)
+
+
+def in_threads(label: str, make: Callable, *items, unit: str = "frames", quiet: bool = False) -> Iterator:
+    """What ``make`` gives for each item, in their order; several at a time, with progress.
+
+    Args:
+        label: What is counted.
+        make: Takes one of each of the items.
+        items: Sequences of one length.
+        unit: Of an item, in the plural.
+        quiet: No progress.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as pool, Progress(label, len(items[0]), unit, quiet) as progress:
+        for result in pool.map(make, *items):
+            yield result
+            progress.advance()
 
 
 def _clock(seconds: float) -> str:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from varos_warp.dataset.export import FORMATS, export
-from varos_warp.dataset.noise import add_noise
+from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.scene.noise_profile import NoiseProfile
 

@@ -18,10 +18,8 @@ from typer.testing import CliRunner
 from varos_warp import cli
 from varos_warp.dataset import files
 from varos_warp.dataset.export import FORMATS, export, job
-from varos_warp.dataset.export import stream as stream_export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.stream import read_stream
 from varos_warp.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore:tum has room for 1")
@@ -93,7 +91,7 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
     def full(*_args, **_options):
         raise OSError(28, "No space left on device")
 
-    for owner, function in ((files, "write_bytes"), (stream_export, "write_stream"), (Writer, "write")):
+    for owner, function in ((files, "write_bytes"), (Writer, "write")):
         monkeypatch.setattr(owner, function, full)
     with pytest.raises(InputError, match="No space left"):
         export(written, name, tmp_path / "out")
@@ -102,7 +100,8 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
 
 
 def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
-    for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"), ({"images": "C"}, "no colour images.*A, B"),
+    for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"), ({"to": "stream"}, "no format.*Use mcap"),
+                          ({"images": "C"}, "no colour images.*A, B"),
                           ({"cameras": ["X1"]}, "no such camera"), ({"start_ns": -1}, "nanoseconds since 1970"),
                           ({"start_ns": 2**31 * 10**9}, "before the year 2038"),
                           ({"out": written}, "is there already"),
@@ -120,7 +119,7 @@ def test_a_missing_image_is_found_before_anything_is_written(written, tmp_path):
     export(copy, "euroc", tmp_path / "out")  # which takes no depth
 
 
-@pytest.mark.parametrize("name", ["euroc", "tum", "mcap", "stream"])
+@pytest.mark.parametrize("name", ["euroc", "tum", "mcap"])
 def test_readings_that_are_gone_are_bad_input_not_an_export_without_them(written, tmp_path, name):
     copy = shutil.copytree(written, tmp_path / "copy")
     Dataset(copy).layout.sensor("imu0").unlink()
@@ -145,14 +144,13 @@ def test_frames_without_sensors_go_to_colmap_but_not_to_euroc(tmp_path):
     produce(make_scene(render={"outputs": ["A"]}), tmp_path / "data", quiet=True, sensors=False)
     with pytest.raises(InputError, match=r"course of the vehicle.*simulate"):
         export(tmp_path / "data", "euroc", tmp_path / "out")
-    assert len(export(tmp_path / "data", "stream", tmp_path / "stream").data) == 10
     assert len(export(tmp_path / "data", "colmap", tmp_path / "out").data) == 10
 
 
 def test_a_clock_that_is_set_moves_every_stamp_by_as_much_and_keeps_its_nanoseconds(written, data, out, tmp_path):
     """Beyond the 53 bits of a float64."""
     start = 1_629_158_400_000_000_001
-    for name in ("euroc", "tum", "mcap", "stream", "kitti"):
+    for name in ("euroc", "tum", "mcap", "kitti"):
         export(written, name, tmp_path / name, start_ns=start)
     times = [start + t for t in data.time_ns("L0").tolist()]
     assert sorted(p.name for p in (tmp_path / "euroc/mav0/cam0/data").iterdir()) == [f"{t}.png" for t in times]
@@ -166,8 +164,6 @@ def test_a_clock_that_is_set_moves_every_stamp_by_as_much_and_keeps_its_nanoseco
         assert [t - start for t in moved] == native
     with AnyReader([tmp_path / "mcap/bag"]) as moved, AnyReader([out / "mcap/bag"]) as native:
         assert [t - start for _, t, _ in moved.messages()] == [t for _, t, _ in native.messages()]
-    moved, native = (list(read_stream(root / "stream.sbst")) for root in (tmp_path / "stream", out / "stream"))
-    assert [m.time_ns - start for m in moved] == [m.time_ns for m in native]
     relative = "kitti/sequences/01/times.txt"
     assert (tmp_path / relative).read_bytes() == (out / relative).read_bytes()
 

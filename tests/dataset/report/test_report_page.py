@@ -77,20 +77,23 @@ def clock(page) -> str:
 
 def test_every_image_is_decoded_by_the_browser(page, written):
     page.evaluate("Promise.all([...document.images].map(image => image.decode()))")
-    widths = page.evaluate("[...document.images].map(image => image.naturalWidth)")
+    course = page.evaluate("[...document.querySelectorAll('.course img')].map(image => image.naturalWidth)")
+    assert len(course) == 2
+    assert min(course) > 400
+    widths = page.evaluate("[...document.querySelectorAll('img:not(.course img)')].map(image => image.naturalWidth)")
     assert len(widths) >= 4 + 4 * 8
     assert set(widths) == {48}
     assert set(sources(page)) == set(Dataset(written).outputs)
 
 
-def test_the_scrubber_changes_the_images_the_clock_the_world_and_the_curves(page):
-    before = clock(page), pixels(page, "#world canvas"), pixels(page, ".plot canvas"), page.inner_text("#now")
+def test_the_scrubber_changes_the_images_the_clock_and_the_curves(page):
+    before = clock(page), pixels(page, ".plot canvas")
     assert sources(page) == embedded(page, "L0", 0)
     page.locator("#scrubber").fill("7")
     assert clock(page) == "frame 7 · 0.70 s"
     assert sources(page) == embedded(page, "L0", 7)
     assert len({embedded(page, "L0", index)["A"] for index in range(10)}) == 10
-    after = clock(page), pixels(page, "#world canvas"), pixels(page, ".plot canvas"), page.inner_text("#now")
+    after = clock(page), pixels(page, ".plot canvas")
     assert all(a != b for a, b in zip(before, after, strict=True))
 
 
@@ -122,19 +125,6 @@ def test_the_other_camera_shows_other_images_at_the_same_time(page):
     assert clock(page).startswith("frame 1 ·")
     assert sources(page) == embedded(page, "R0", 1)
     assert embedded(page, "R0", 1)["A"] != embedded(page, "L0", 1)["A"]
-
-
-def test_dragging_turns_the_world_and_reset_turns_it_back(page):
-    page.locator("#world").scroll_into_view_if_needed()
-    first, box = pixels(page, "#world canvas"), page.locator("#world canvas").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + 100
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 80, y + 40, steps=3)
-    page.mouse.up()
-    assert pixels(page, "#world canvas") != first
-    page.click("[data-tool=whole]")
-    assert pixels(page, "#world canvas") == first
 
 
 def test_a_click_on_a_curve_goes_to_its_time(page):
@@ -180,7 +170,6 @@ def test_what_is_not_there_is_no_error(browser, tmp_path, options):
     path = write_report(Dataset(tmp_path / "data"), tmp_path / "report.html")
     for page in opened(browser, path.as_uri()):
         page.keyboard.press("ArrowRight")
-        page.locator("#world canvas").click()
         shown = {(): 10, ("images",): 0, ("frames",): 1}.get(tuple(options), 10)
         assert page.locator("#viewer figure").count() == (4 if shown else 0)
         assert page.locator("#transport").is_visible() == bool(shown)

@@ -10,6 +10,7 @@ from multiprocessing import get_context
 from types import SimpleNamespace
 
 import pytest
+import standins
 from standins import FlatFloorRenderer, make_scene, tree
 
 from benchmarks.soak import small_scene
@@ -42,17 +43,24 @@ def real_run(out, message=None, size=(16, 9), limit=None, **render):
         sys.exit(3)
 
 
+def quick_run(out):
+    """The body of a process: `written` anew, with the stand-ins, which leave nearly all of its time to the files."""
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        produce(make_scene(), out, quiet=True)
+
+
 @pytest.fixture(scope="module")
 def start():
-    """Starts `real_run` in a process that has imported everything and shares nothing with other ones."""
+    """Starts `real_run`, or another, in a process that has imported everything and shares nothing with other ones."""
     context = get_context("forkserver")
     context.set_forkserver_preload([
         "varos_warp.dataset.run.produce", "varos_warp.dataset.report", "varos_warp.render.renderer",
         "varos_warp.render.planner.plan", "varos_warp.sim.trajectory",
         "benchmarks.soak", "PIL.PngImagePlugin", "standins"])
 
-    def started(*args, **options):
-        process = context.Process(target=real_run, args=args, kwargs=options)
+    def started(*args, body=real_run, **options):
+        process = context.Process(target=body, args=args, kwargs=options)
         process.start()
         return process
 
@@ -85,13 +93,13 @@ def kill_after(process, out, count: int) -> bool:
 
 
 @processes
-def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterrupted_one(start, whole, tmp_path):
+def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterrupted_one(start, written, tmp_path):
     """And at each of these moments what has its name is what it will be in the end."""
-    rng, kills, datasets = random.Random(7), 0, 0
+    rng, kills, datasets, whole = random.Random(7), 0, 0, tree(written)
     while kills < KILLS:
         out, datasets = tmp_path / str(datasets), datasets + 1
         while True:
-            process = start(out)
+            process = start(out, body=quick_run)
             count = len(visible(out))
             time.sleep(rng.uniform(0.0, 0.05))
             if not kill_after(process, out, count + rng.randrange(len(whole) // 5)):
@@ -100,7 +108,7 @@ def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterr
             left = visible(out)
             assert left == {name: whole[name] for name in left}
             if rng.random() < 0.15:
-                process = start(out)
+                process = start(out, body=quick_run)
                 process.join()
                 break
         assert process.exitcode == 0
@@ -170,8 +178,6 @@ def test_shards_that_start_together_plan_once_and_make_the_bytes_of_a_plain_run(
 
 def slow_shard(out, plans, index):
     """The body of a process: one of three shards, whose planner takes half a second and tells."""
-    import standins
-
     plan_render = standins.plan_render
 
     def slow(*args, **options):
@@ -234,8 +240,6 @@ def test_a_writer_that_dies_loses_its_image_only_and_the_next_run_makes_it(writt
     with pytest.raises(RuntimeError, match=r"frame 3, camera R0 could not be made: cannot allocate\. All others are"):
         produce(make_scene(), tmp_path, quiet=True)
     monkeypatch.undo()
-    import standins
-
     with pytest.MonkeyPatch.context() as patch:
         standins.install(patch)
         assert produce(make_scene(), tmp_path, quiet=True).rendered == 1

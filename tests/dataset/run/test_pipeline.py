@@ -11,8 +11,7 @@ import pytest
 from standins import FlatFloorRenderer, make_scene, plan_render
 
 from varos_warp.dataset.layout import Layout
-from varos_warp.dataset.run.engine import Places, Stopped
-from varos_warp.dataset.run.pipeline import GIVE_UP, Rendered, render_frames, room
+from varos_warp.dataset.run.pipeline import GIVE_UP, Pipeline, Rendered, room
 from varos_warp.dataset.run.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
 from varos_warp.errors import InputError
@@ -67,7 +66,7 @@ both = pytest.mark.parametrize("at_once", [1, 2])
 
 
 def go(renderer, writer, jobs=JOBS, **options):
-    return render_frames(renderer, writer, PLAN, jobs, lambda frame: np.eye(4), **options)
+    return Pipeline(renderer, writer, PLAN, lambda frame: np.eye(4), **options).run(jobs)
 
 
 def test_images_are_written_while_the_next_one_is_rendered():
@@ -135,13 +134,12 @@ def test_images_that_can_never_be_written_are_given_up(at_once):
 
 def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypatch):
     """While one waits for what it asked of the device, the other goes on; results are those of one by one."""
-    turn, using, waiting, most = threading.Lock(), set(), set(), []
+    using, waiting, most = set(), set(), []
 
     class Stepping(Renderer):
         def steps(self, T_w_v, camera, outputs, *, frame, **options):
             for _ in range(3):
                 using.add(frame)
-                assert turn.locked()
                 most.append((len(using), len(waiting)))
                 time.sleep(0.002)
                 using.remove(frame)
@@ -155,7 +153,7 @@ def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypat
 
     monkeypatch.setattr(launch.wp, "synchronize_event", wait)
     writer = Writer()
-    made = go(Stepping(), writer, turn=lambda: turn, at_once=2)
+    made = go(Stepping(), writer, at_once=2)
     assert sorted(writer.written) == list(range(12))
     assert sorted(entry["frame"] for entry in made.timings) == list(range(12))
     assert max(users for users, _ in most) == 1
@@ -221,27 +219,3 @@ def test_looking_pixels_up_gives_what_computing_each_gives(letter, gain):
     half = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
     half = np.resize(half[~np.isnan(half)], (120, 177, 3))
     np.testing.assert_array_equal(develop(letter, half, gain), OUTPUTS[letter].encode(half, gain))
-
-
-def test_images_that_wait_for_the_device_are_not_begun_once_a_run_is_stopped():
-    places, begun, refused = Places(1), [], []
-
-    def image(frame):
-        try:
-            with places:
-                begun.append(frame)
-        except Stopped:
-            refused.append(frame)
-
-    with places:
-        waiting = [threading.Thread(target=image, args=(frame,)) for frame in range(3)]
-        for thread in waiting:
-            thread.start()
-        time.sleep(0.05)
-        places.stopped = True
-    for thread in waiting:
-        thread.join(5.0)
-    assert not begun
-    assert sorted(refused) == [0, 1, 2]
-    with pytest.raises(Stopped), places:
-        pass

@@ -283,11 +283,11 @@ def test_values_that_were_cut_are_counted_whichever_thread_cut_them(tmp_path, mo
 
 
 def test_the_denoiser_that_was_really_used_is_recorded_and_not_mixed_with_another(tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.run.engine.available_method", lambda method: "nlm")
+    monkeypatch.setattr("varos_warp.dataset.run.produce.available_method", lambda method: "nlm")
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))
     assert Dataset(tmp_path).meta["samples"]["denoise"] == "nlm"
     assert Dataset(tmp_path).meta["scene"]["render"]["denoise"] == "oidn"
-    monkeypatch.setattr("varos_warp.dataset.run.engine.available_method", lambda method: method)
+    monkeypatch.setattr("varos_warp.dataset.run.produce.available_method", lambda method: method)
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))  # nothing is left to denoise
     before = times(tmp_path)
     with pytest.raises(InputError, match=r"samples.denoise: .*denoised with 'nlm', .*'oidn'"):

@@ -12,7 +12,7 @@ import yaml
 from hills import hills_scene
 
 from varos_warp.dataset import files
-from varos_warp.dataset.noise import add_noise
+from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import Validation, listing, validate, views

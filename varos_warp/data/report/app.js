@@ -143,13 +143,3 @@ addEventListener("keydown", event => {
   event.preventDefault();
   KEYS[event.key](event);
 });
-
-function buildReadout() {
-  const list = $("now");
-  if (!list) return;
-  listeners.push(({ index }) => {
-    list.replaceChildren();
-    const row = DATA.now[state.camera] && DATA.now[state.camera][index];
-    DATA.readout.forEach((name, i) => row && list.append(element("dt", {}, name), element("dd", {}, row[i])));
-  });
-}

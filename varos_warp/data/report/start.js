@@ -2,11 +2,9 @@
   buildViewer();
   buildSheet();
   buildTransport();
-  buildReadout();
   const plots = $("plots"), water = $("water-plot");
   if (plots) DATA.plots.forEach(plot => buildPlot(plot, plots));
   if (water) buildPlot(DATA.attenuation, water);
-  buildWorld();
   setTheme(preference.matches);
   if (DATA.frames.length) show(0);
 }

@@ -15,7 +15,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap")
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
@@ -42,7 +42,8 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
     """
     if to not in FORMATS:
-        raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
+        instead = "Use mcap: it holds the same." if to == "stream" else f"There are: {', '.join(FORMATS)}."
+        raise InputError("is no format", key="to", value=to, remedy=instead)
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
     if not 0 <= start_ns < LATEST_NS:

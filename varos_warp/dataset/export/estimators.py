@@ -5,6 +5,8 @@ are two cameras), Kalibr ``ConfigReader.py``, OpenVINS ``opencv_yaml_parse.h`` a
 the first and the last; it wants ``%YAML:1.0`` in the first line, which PyYAML, Kalibr's reader, refuses.
 """
 
+from importlib import resources
+
 import numpy as np
 import yaml
 
@@ -15,35 +17,6 @@ from varos_warp.scene.frames import inverse
 NOISE_FREE = {"gyroscope_noise_density": 1e-4, "gyroscope_random_walk": 1e-6,
               "accelerometer_noise_density": 1e-3, "accelerometer_random_walk": 1e-5}
 """Estimators and Kalibr refuse zeros, so readings without noise are said to have this little; Kalibr's units."""
-FEATURES = {"ORBextractor.nFeatures": 1000, "ORBextractor.scaleFactor": 1.2, "ORBextractor.nLevels": 8,
-            "ORBextractor.iniThFAST": 20, "ORBextractor.minThFAST": 7, "Viewer.KeyFrameSize": 0.05,
-            "Viewer.KeyFrameLineWidth": 1.0, "Viewer.GraphLineWidth": 0.9, "Viewer.PointSize": 2.0,
-            "Viewer.CameraSize": 0.08, "Viewer.CameraLineWidth": 3.0, "Viewer.ViewpointX": 0.0,
-            "Viewer.ViewpointY": -0.7, "Viewer.ViewpointZ": -3.5, "Viewer.ViewpointF": 500.0}
-"""Of ORB-SLAM3: those of its EuRoC settings."""
-OPENVINS = {
-    "verbosity": "INFO", "use_fej": True, "integration": "rk4", "calib_cam_extrinsics": False,
-    "calib_cam_intrinsics": False, "calib_cam_timeoffset": False, "calib_imu_intrinsics": False,
-    "calib_imu_g_sensitivity": False, "max_clones": 11, "max_slam": 50, "max_slam_in_update": 25,
-    "max_msckf_in_update": 40, "dt_slam_delay": 1, "feat_rep_msckf": "GLOBAL_3D",
-    "feat_rep_slam": "ANCHORED_MSCKF_INVERSE_DEPTH", "feat_rep_aruco": "ANCHORED_MSCKF_INVERSE_DEPTH",
-    "try_zupt": False, "zupt_chi2_multipler": 0, "zupt_max_velocity": 0.1, "zupt_noise_multiplier": 10,
-    "zupt_max_disparity": 0.5, "zupt_only_at_beginning": False, "init_window_time": 2.0, "init_imu_thresh": 1.5,
-    "init_max_disparity": 10.0, "init_max_features": 50, "init_dyn_use": True, "init_dyn_mle_opt_calib": False,
-    "init_dyn_mle_max_iter": 50, "init_dyn_mle_max_time": 0.05, "init_dyn_mle_max_threads": 6, "init_dyn_num_pose": 6,
-    "init_dyn_min_deg": 10.0, "init_dyn_inflation_ori": 10, "init_dyn_inflation_vel": 100, "init_dyn_inflation_bg": 10,
-    "init_dyn_inflation_ba": 100, "init_dyn_min_rec_cond": 1e-12, "init_dyn_bias_g": [0.0, 0.0, 0.0],
-    "init_dyn_bias_a": [0.0, 0.0, 0.0], "record_timing_information": False,
-    "record_timing_filepath": "/tmp/traj_timing.txt", "save_total_state": False,
-    "filepath_est": "/tmp/ov_estimate.txt", "filepath_std": "/tmp/ov_estimate_std.txt",
-    "filepath_gt": "/tmp/ov_groundtruth.txt", "use_klt": True, "num_pts": 200, "fast_threshold": 20, "grid_x": 5,
-    "grid_y": 5, "min_px_dist": 10, "knn_ratio": 0.7, "downsample_cameras": False, "num_opencv_threads": 4,
-    "histogram_method": "HISTOGRAM", "use_aruco": False, "num_aruco": 1024, "downsize_aruco": True,
-    "up_msckf_sigma_px": 1, "up_msckf_chi2_multipler": 1, "up_slam_sigma_px": 1, "up_slam_chi2_multipler": 1,
-    "up_aruco_sigma_px": 1, "up_aruco_chi2_multipler": 1, "use_mask": False,
-    "relative_config_imu": "kalibr_imu_chain.yaml", "relative_config_imucam": "kalibr_imucam_chain.yaml"}
-"""Its EuRoC configuration, all of which it asks for; but the calibration is exact, so it is not to be estimated, and
-the vehicle may move from the start, so initialisation may not wait for it to stand still."""
 
 
 def write(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
@@ -59,6 +32,12 @@ def write(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
     write_yaml(job, "kalibr_camchain.yaml", chain)
     write_yaml(job, "kalibr_imu.yaml", imu)
     _openvins(job, chain, imu)
+
+
+def _settings(program: str) -> dict:
+    """What a program asks for, whatever the dataset."""
+    path = resources.files("varos_warp") / "data" / "estimators" / f"{program}.yaml"
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def imu_noise(job: Job) -> tuple[dict[str, float], str]:
@@ -92,7 +71,7 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
               "Camera.fps": max(1, round(meta["frames"]["rate_hz"])), "Camera.RGB": 0,
               "IMU.NoiseGyro": noise["gyroscope_noise_density"], "IMU.NoiseAcc": noise["accelerometer_noise_density"],
               "IMU.GyroWalk": noise["gyroscope_random_walk"], "IMU.AccWalk": noise["accelerometer_random_walk"],
-              "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"])} | FEATURES
+              "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"])} | _settings("orb_slam3")
     lines = ["%YAML:1.0", 'File.version: "1.0"', 'Camera.type: "PinHole"', *_opencv_matrix("IMU.T_b_c1", T_b_c1)]
     if others:
         second, T_b_c2 = others[0]
@@ -142,7 +121,7 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
 def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
     """estimator_config.yaml and the two chains that it names."""
     meta, count = job.data.meta, len(chain)
-    settings = OPENVINS | {
+    settings = _settings("openvins") | {
         "use_stereo": count > 1, "max_cameras": count, "gravity_mag": float(np.linalg.norm(meta["gravity"])),
         "track_frequency": 2.0 * meta["frames"]["rate_hz"] + 1.0}  # of images, or it drops some
     write_yaml(job, "openvins/estimator_config.yaml", settings, opencv=True)

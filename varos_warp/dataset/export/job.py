@@ -1,8 +1,6 @@
 """What every export does: link images, encode depth anew, print numbers without losing digits."""
 
-import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import planar_depth
 
@@ -67,13 +65,7 @@ class Job:
     def each(self, what: str, make: Callable[[int, int], object]) -> list:
         """What ``make(place, frame)`` gives for every frame, several at a time; ``what`` names the progress bar."""
         frames = self.data.frames
-        with (ThreadPoolExecutor(os.cpu_count()) as pool,
-              Progress(what, len(frames), quiet=self.quiet) as progress):
-            made = []
-            for result in pool.map(make, range(len(frames)), frames):
-                made.append(result)
-                progress.advance()
-            return made
+        return list(in_threads(what, make, range(len(frames)), frames, quiet=self.quiet))
 
     def depths(self, camera: str, name: Callable[[int], str], per_metre: float) -> tuple[float, float]:
         """D of every frame as uint16 of planar z, 0 where there is none or the format's range ends.

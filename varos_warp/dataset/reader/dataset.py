@@ -13,6 +13,7 @@ from varos_warp.dataset.layout import Layout, from_runs, runs
 from varos_warp.dataset.reader import schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.errors import InputError
+from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.outputs import OUTPUTS
 
 if TYPE_CHECKING:
@@ -20,6 +21,20 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
+
+
+def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
+    """Gain and statistics of every frame in a table of exposures.
+
+    Raises:
+        InputError: If it cannot be read, or lacks a column.
+    """
+    table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
+    if missing := [name for name in names if name not in table]:
+        raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
+                         remedy="`run` again to make it anew.")
+    rows = zip(*(table[name].tolist() for name in names), strict=True)
+    return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
 
 
 class Dataset:
@@ -218,12 +233,8 @@ class Dataset:
 
     def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
         """Exposure gain of every frame of A or B."""
-        path = self._exposure_file(output, self._camera(camera))
-        table = files.read_csv(path)
-        if missing := {"frame", "gain"} - set(table):
-            raise InputError(f"has no column {' and no column '.join(sorted(missing))}", file=path,
-                             remedy="`run` again to make it anew.")
-        return dict(zip(table["frame"].tolist(), table["gain"].tolist(), strict=True))
+        exposures = read_exposures(self._exposure_file(output, self._camera(camera)))
+        return {frame: gain for frame, (gain, _) in exposures.items()}
 
     # ------------------------------------------------------------------------------------------- poses and sensors
 

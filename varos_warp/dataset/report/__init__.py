@@ -16,16 +16,15 @@ import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts
+from varos_warp.dataset.report.course import course_pictures, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
 from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
-from varos_warp.dataset.report.world import scene_parts, world
 from varos_warp.render.image.outputs import OUTPUTS
 
 __all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
 
-SCRIPTS = ("app.js", "plots.js", "world.js", "start.js")
-READOUT = ("x, y [m]", "z [m]", "depth [m]", "heading", "pitch", "roll", "speed [m/s]", "gain of A", "D near – far [m]")
+SCRIPTS = ("app.js", "plots.js", "start.js")
 
 
 def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
@@ -47,9 +46,9 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
         "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
                          for value, name in facts.headline(data)),
         "warnings": _warnings(facts.warnings(data, scene.warnings)),
-        "data": _json(_content(data, strip, scene)),
+        "data": _json(_content(data, strip)),
     }
-    sections = _sections(data, strip, scene.missing or (None if scene.parts else "it has none"))
+    sections = _sections(data, strip, _course(course_pictures(data, scene), scene.missing))
     words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
     words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: words[match[1]], _text("page.html"))
@@ -69,49 +68,15 @@ def _json(content: Any) -> str:
 # ------------------------------------------------------------------------------------------------- what scripts draw
 
 
-def _content(data: Dataset, strip: Filmstrip, scene) -> dict[str, Any]:
+def _content(data: Dataset, strip: Filmstrip) -> dict[str, Any]:
     """Everything that the page's scripts show."""
     rows = np.searchsorted(data.frames, strip.frames)
     return {
         "frames": strip.frames, "times": (data.views()[0][rows] * 1e-9).tolist(),
         "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
         "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
-        "plots": curves(data), "attenuation": attenuation(data), "world": world(data, strip.frames, scene),
-        "readout": READOUT, "now": {camera: _readout(data, strip.frames, camera) for camera in data.cameras},
+        "plots": curves(data), "attenuation": attenuation(data),
     }
-
-
-def _readout(data: Dataset, frames: list[int], camera: str) -> list[list[str]]:
-    """Where a camera is, how it moves and what it sees, as text for each frame."""
-    time_ns, T_w_c = data.views(camera)
-    speed = np.gradient(T_w_c[:, :3, 3], time_ns * 1e-9, axis=0) if len(time_ns) > 1 else np.zeros((1, 3))
-    has_gain = "A" in data.outputs and data.layout.camera_file(camera, "_exposure_A.csv").is_file()
-    gains = data.gains("A", camera) if has_gain else {}
-    rows = []
-    for frame, i in zip(frames, np.searchsorted(data.frames, frames), strict=True):
-        x, y, z = T_w_c[i, :3, 3]
-        rows.append([f"{x:.2f}, {y:.2f}", f"{z:.2f}", f"{data.meta['surface_depth_m'] - z:.2f}",
-                     *(f"{angle:z.1f}°" for angle in heading_pitch_roll(T_w_c[i])),
-                     f"{np.linalg.norm(speed[i]):.2f}", f"{gains[frame]:.4g}" if frame in gains else "–",
-                     _nearest(data, frame, camera)])
-    return rows
-
-
-def heading_pitch_roll(T_w_c: np.ndarray) -> tuple[float, float, float]:
-    """Degrees: where a camera looks, from the world's y axis to its x axis; upwards; clockwise about its axis."""
-    right, _, forward = T_w_c[:3, :3].T
-    heading, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
-    level = np.array([np.cos(heading), -np.sin(heading), 0.0])  # to the right, without roll
-    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
-    return float(np.degrees(heading) % 360.0), float(np.degrees(pitch)), float(np.degrees(roll))
-
-
-def _nearest(data: Dataset, frame: int, camera: str) -> str:
-    if "D" not in data.outputs:
-        return "–"
-    depth = data.depth(frame, camera)[::4, ::4]
-    found = depth[np.isfinite(depth)]
-    return f"{found.min():.2f} – {found.max():.2f}" if found.size else "nothing"
 
 
 # ---------------------------------------------------------------------------------------------------- what is written
@@ -124,10 +89,10 @@ def _warnings(found: list[str]) -> str:
     return f'<div class="warnings" role="note"><b>Before you use it</b><ul>{rows}</ul></div>'
 
 
-def _sections(data: Dataset, strip: Filmstrip, missing: str | None) -> list[tuple[str, str, str]]:
+def _sections(data: Dataset, strip: Filmstrip, course: str) -> list[tuple[str, str, str]]:
     """(id, title, HTML) of every section, in order."""
     return [
-        ("frames", "Frames", _frames(data, strip)), ("course-section", "Course", _course(missing)),
+        ("frames", "Frames", _frames(data, strip)), ("course", "Course", course),
         ("curves", "Sensors and exposure", '<div id="plots"></div>'),
         ("water", "Water, cameras, sensors", _setup(data)),
         ("plan", "Plan", f'<div class="card stack">{facts.plan(data)}</div>'),
@@ -159,16 +124,13 @@ aria-pressed="false">side by side</button></span></div>
 <h3>Contact sheet</h3><div id="sheet"></div>''')
 
 
-def _course(missing: str | None) -> str:
+def _course(pictures: dict[str, str], missing: str | None) -> str:
     note = "" if missing is None else (
-        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}); the points are D of a '
-        "few frames, carried into the world by the poses.</p>")
-    return f'''<div id="course" class="card"><div id="world"><canvas tabindex="0" role="img"
-aria-label="Course, ground and camera"></canvas><span class="hint">drag to turn, shift-drag to move</span>
-<span class="tools"><button type="button" data-tool="nearer" aria-label="Nearer">+</button>
-<button type="button" data-tool="farther" aria-label="Farther">−</button>
-<button type="button" data-tool="top">top</button>
-<button type="button" data-tool="whole">reset</button></span></div><dl id="now"></dl></div>{note}'''
+        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}).</p>')
+    images = "".join(f'<img src="data:image/png;base64,{picture}" alt="The course seen {name}">'
+                     for name, picture in pictures.items())
+    return f'''<div class="card"><div class="course">{images}</div></div>{note}
+<p class="note"><code>varos-warp view</code> shows the world in three dimensions, and every pose.</p>'''
 
 
 def _setup(data: Dataset) -> str:

@@ -2,15 +2,13 @@
 
 import base64
 import io
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
@@ -183,9 +181,7 @@ def _encode(data: Dataset, frames: list[int], width: int, ends: tuple[float, flo
         return base64.b64encode(buffer.getvalue()).decode()
 
     images: dict[str, dict[str, list[str]]] = {camera: {o: [] for o in data.outputs} for camera in data.cameras}
-    with (ThreadPoolExecutor(os.cpu_count()) as pool,
-          Progress("images of the report", len(work), quiet=quiet) as progress):
-        for (camera, output, _), text in zip(work, pool.map(encode, work), strict=True):
-            images[camera][output].append(text)
-            progress.advance()
+    texts = in_threads("report", encode, work, unit="images", quiet=quiet)
+    for (camera, output, _), text in zip(work, texts, strict=True):
+        images[camera][output].append(text)
     return images

@@ -14,7 +14,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from varos_warp.render.image import exposure
 from varos_warp.render.launch import finish
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
+from varos_warp.scene.device import kind_of
+from varos_warp.scene.launch import usable_cores
 
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
@@ -49,63 +51,6 @@ class Rendered:
     """For the log: an entry for each image job."""
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
     """What could not be made, and why."""
-
-    def add(self, other: "Rendered") -> None:
-        """Take in what is known of further images."""
-        self.statistics |= other.statistics
-        self.clamped += other.clamped
-        self.timings += other.timings
-        self.failures += other.failures
-
-
-def render_frames(renderer, store: Store, plan: dict, jobs: Iterable[ImageJob],
-                  T_w_v: Callable[[int], np.ndarray], *, made: Rendered | None = None, clock: Clock | None = None,
-                  done: Callable[[], None] = lambda: None, say: Callable[[str], None] = lambda message: None,
-                  turn: Callable[[], contextlib.AbstractContextManager] | None = None,
-                  place: contextlib.AbstractContextManager | None = None, at_once: int = 1,
-                  cores: int | None = None) -> Rendered:
-    """Render images and write their files. Exposure is left to whoever knows all frames.
-
-    An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
-    row. Files get their names when they are whole, so whatever ends this, another call with what `Store.missing` then
-    names goes on from there.
-
-    Args:
-        renderer: The scene's renderer.
-        store: Writes the images.
-        plan: Of the sequence, as `Plan.to_dict` has it.
-        jobs: What to render.
-        T_w_v: Pose [4, 4] of the vehicle at a frame.
-        made: What is known already, to be added to; whole also when this is interrupted.
-        clock: Counts the time of the stages.
-        done: Called after each image.
-        say: Told what the user should know.
-        turn: Makes what is held while the device is told what to do, where several threads share the renderer.
-        place: Held until an image is rendered.
-        at_once: Images to be under way on the device; 1: the calling thread renders.
-        cores: That denoise and write; absent: all that the process may use.
-
-    Raises:
-        InputError: If the disk refuses a file.
-        KeyboardInterrupt: As soon as the images under way are written.
-    """
-    from varos_warp.render.launch import usable_cores
-
-    run = _Run(renderer, store, plan, T_w_v, made or Rendered(), clock or Clock(), done, say,
-               turn or contextlib.nullcontext, place or contextlib.nullcontext())
-    cores = cores or usable_cores()
-    under_way: deque[tuple[ImageJob, Future]] = deque()
-    with (run.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as run.writers,
-          _renderers(at_once) as pool):
-        for job in jobs:
-            if len(under_way) >= room(cores):
-                run.collect(*under_way.popleft())
-            under_way.append((job, pool.submit(run.render, job)))
-            if under_way[-1][1].done() and under_way[-1][1].exception():
-                run.collect(*under_way.pop())
-        while under_way:
-            run.collect(*under_way.popleft())
-    return run.made
 
 
 @contextlib.contextmanager
@@ -133,27 +78,68 @@ class _HereAndNow(Executor):
         return future
 
 
-_done: WeakKeyDictionary[object, float] = WeakKeyDictionary()
-"""When the last image was done, by renderer: images that are under way side by side share the time."""
+@dataclass
+class Pipeline:
+    """Renders images and writes their files. Exposure is left to whoever knows all frames.
 
+    An image that cannot be made is noted among the ``failures``, and the next one is tried, but `GIVE_UP` times in a
+    row. Files get their names when they are whole, so whatever ends this, another call with what `Store.missing` then
+    names goes on from there.
+    """
 
-class _Run:
-    """State of `render_frames`."""
+    renderer: Any
+    """The scene's `FrameRenderer`."""
+    store: Store
+    """Writes the images."""
+    plan: dict
+    """Of the sequence, as `Plan.to_dict` has it."""
+    T_w_v: Callable[[int], np.ndarray]
+    """Pose [4, 4] of the vehicle at a frame."""
+    made: Rendered = field(default_factory=Rendered)
+    """What is known already, to be added to; whole also when this is interrupted."""
+    clock: Clock = field(default_factory=Clock)
+    """Counts the time of the stages."""
+    done: Callable[[], None] = lambda: None
+    """Called after each image."""
+    say: Callable[[str], None] = lambda message: None
+    """Told what the user should know."""
+    at_once: int | None = None
+    """Images under way on the device; absent: those of `AT_ONCE`. With 1, the calling thread renders."""
 
-    def __init__(self, renderer, store: Store, plan: dict, T_w_v, made: Rendered, clock: Clock, done, say, turn, place):
-        self.renderer, self.store, self.plan, self.T_w_v = renderer, store, plan, T_w_v
-        self.made, self.clock, self.done, self.say, self.in_a_row = made, clock, done, say, 0
-        self.turn, self.place, self.noting = turn, place, threading.Lock()
+    def __post_init__(self):
+        self.turn, self.noting = threading.Lock(), threading.Lock()
+        self.in_a_row, self.last_done = 0, 0.0
         self.writers: Executor
         keys = (("denoise", "A"), ("denoise_b", "B"))
-        on_device = renderer.device != "cpu"  # the CPU's part is done beside the next frame
-        self.options = {"denoised_only": not store.render.linear_exr} | {
-            key: "oidn" for key, letter in keys if on_device and store.denoisers[letter] == "oidn"}
+        on_device = self.renderer.device != "cpu"  # the CPU's part is done beside the next frame
+        self.options = {"denoised_only": not self.store.render.linear_exr} | {
+            key: "oidn" for key, letter in keys if on_device and self.store.denoisers[letter] == "oidn"}
+
+    def run(self, jobs: Iterable[ImageJob]) -> Rendered:
+        """Render and write images.
+
+        Raises:
+            InputError: If the disk refuses a file.
+            KeyboardInterrupt: As soon as the images under way are written.
+        """
+        cores, under_way = usable_cores(), deque()
+        at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
+        with (self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
+               _renderers(at_once) as pool):
+            for job in jobs:
+                if len(under_way) >= room(cores):
+                    self.collect(*under_way.popleft())
+                under_way.append((job, pool.submit(self.render, job)))
+                if under_way[-1][1].done() and under_way[-1][1].exception():
+                    self.collect(*under_way.pop())
+            while under_way:
+                self.collect(*under_way.popleft())
+        return self.made
 
     def render(self, job: ImageJob) -> list[Future]:
         """Render an image, and have it written."""
         try:
-            with self.place, self.clock("render"):
+            with self.clock("render"):
                 image, seconds = self.timed(job)
         except InputError:
             raise
@@ -174,9 +160,9 @@ class _Run:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            **frame_options(self.plan, job.camera, job.frame), **self.options), self.turn))
-        overlap = max(_done.get(self.renderer, start) - start, 0.0)
-        _done[self.renderer] = time.perf_counter()
+            **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
+        overlap = max(self.last_done - start, 0.0)
+        self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)
 
     def samples_of(self, job: ImageJob, image) -> dict:

@@ -6,7 +6,6 @@ all of them afterwards. So the bytes do not depend on how the work was divided.
 
 import contextlib
 import os
-import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -16,18 +15,20 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
-from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.progress import Console
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.run.engine import Engine
-from varos_warp.dataset.run.pipeline import Rendered
-from varos_warp.dataset.run.timing import BESIDE, Clock
+from varos_warp.dataset.run.pipeline import Pipeline, Rendered
+from varos_warp.dataset.run.timing import BESIDE, MAIN, Clock
+from varos_warp.dataset.run.workers import run_in_workers
 from varos_warp.dataset.write import folder
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import write_checksums
 from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, RunFailed
+from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
+from varos_warp.scene.device import resolve_device
 
 
 @dataclass
@@ -53,8 +54,8 @@ class Summary:
 
 
 def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), shard: tuple[int, int] = (0, 1),
-            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None, workers: int | None = None,
-            scheduler: str | None = None) -> Summary:
+            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None,
+            workers: int | None = None) -> Summary:
     """Simulate, render and write a dataset; completes one that was interrupted, and leaves a complete one alone.
 
     Args:
@@ -68,47 +69,66 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         images: Whether to render.
         quiet: No progress on stderr.
         renderer: A `FrameRenderer` of this scene, where there is one already.
-        workers: Render in so many processes of this host (cluster.py).
-        scheduler: Render on the workers of this Dask scheduler, ``dask://HOST:PORT``.
+        workers: Render in so many processes of this host, each on a GPU of its own with ``auto``; a script that asks
+            for them must not do so again when it is imported (``if __name__ == "__main__":``).
 
     Raises:
         InputError: If the folder cannot be used, holds a dataset of another scene, or another run is at it; or there
-            is no such device, worker or scheduler.
-        RuntimeError: If images could not be made; all others are.
+            is no such device.
+        RunFailed: If images could not be made; all others are.
     """
     start = time.monotonic()
+    if workers is not None and (workers < 1 or shard[1] > 1):
+        raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
+                         value=workers)
     layout = Layout.of(scene, out)
-    engine = _engine(device, renderer, workers, scheduler) if images else contextlib.nullcontext()
+    if images and workers is None:
+        device = resolve_device(device) if renderer is None else renderer.device
     new = not layout.root.exists()
     try:
-        with folder.claimed(layout.root, shard), engine:
-            previous = folder.open_folder(scene, layout, alone=shard[1] == 1)
-            job = _Job(scene, layout, shard, quiet)
-            job.simulate(frames, previous)
-            job.run(engine, sensors, images)
+        # n workers and their parent share the folder as n + 1
+        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
+            previous = folder.open_folder(scene, layout, alone=shard[1] == 1 and not workers)
+            run = _Run(scene, layout, shard, Console(quiet), device, renderer)
+            run.simulate(frames, previous)
+            if workers and images:
+                run.hand_out(workers, (scene, out, device, frames, sensors))
+            run.go(sensors, images)
     finally:
         if new:
             with contextlib.suppress(OSError):
                 layout.root.rmdir()  # what failed before the first file leaves no empty folder
-    job.summary.seconds = round(time.monotonic() - start, 3)
-    job.summary.stages = job.clock.rounded()
-    return job.summary
+    run.summary.seconds = round(time.monotonic() - start, 3)
+    run.summary.stages = run.clock.rounded()
+    return run.summary
 
 
-def _engine(device: str, renderer, workers: int | None, scheduler: str | None):
-    """What renders."""
-    if workers is None and scheduler is None:
-        return Engine(device, renderer)
-    from varos_warp.dataset.run.cluster import Cluster
+def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard: tuple[int, int],
+                 console) -> tuple[Summary, Rendered]:
+    """What a worker does: all of a run but what follows from the frames of all workers."""
+    layout = Layout.of(scene, out)
+    with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
+        run = _Run(scene, layout, shard, console, device_of_worker(device, shard[0]))
+        run.is_worker = True
+        run.simulate(frames, folder.recorded(scene, layout))
+        run.go(sensors, images=True)
+    run.summary.stages = run.clock.rounded()
+    return run.summary, run.made
 
-    return Cluster(device, workers, scheduler)
+
+def device_of_worker(asked: str, index: int) -> str:
+    """``auto`` is the next GPU for each worker, as long as there are some, and then the first one again."""
+    import warp as wp
+
+    gpus = wp.get_cuda_device_count() if asked == "auto" else 0
+    return f"cuda:{index % gpus}" if gpus else resolve_device(asked)
 
 
 def simulated(scene, quiet: bool = False):
     """The scene's `Simulation`, with a progress bar."""
     from varos_warp.sim.trajectory import simulate
 
-    with Progress("simulating", 100, "%", quiet) as progress:
+    with Console(quiet).progress("simulating", 100, "%") as progress:
         return simulate(scene, progress=progress.reach)
 
 
@@ -126,18 +146,22 @@ def select(frames: slice, count: int) -> list[int]:
     return chosen
 
 
-class _Job:
-    """State of one run."""
+class _Run:
+    """State of one run, or of one worker's part of it."""
 
-    def __init__(self, scene, layout: Layout, shard: tuple[int, int], quiet: bool):
-        self.scene, self.layout, self.shard, self.quiet = scene, layout, shard, quiet
+    is_worker = False
+    """Whether a parent does what follows from the frames of all shards."""
+
+    def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
+        self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
+        self.device, self.renderer = device, renderer
         self.clock, self.made = Clock(), Rendered()
         self.work: list[ImageJob] = []
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
         """The course of the vehicle, and the frames of it that are asked for."""
         with self.clock("simulate"):
-            self.simulation = simulated(self.scene, self.quiet)
+            self.simulation = simulated(self.scene, self.console.quiet)
         self.count = len(self.simulation.frame_ticks)
         self.selected = select(frames, self.count)
         self.summary = Summary(str(self.layout.root), len(self.selected))
@@ -151,19 +175,37 @@ class _Job:
         """What earlier runs, or other shards, decided holds for this one, too."""
         self.previous = previous
         before = previous["samples"] if previous else {}
-        self.plan, self.device = before.get("plan"), previous and previous["device"]
+        self.plan, self.recorded_device = before.get("plan"), previous and previous["device"]
         self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
         self.store = Store(self.layout, self.scene.render, self.denoisers)
 
-    def run(self, engine, sensors: bool, images: bool) -> None:
+    def hand_out(self, workers: int, arguments: tuple) -> None:
+        """Have worker processes render what is missing; afterwards nothing is."""
+        self.find_work()
+        if not self.work:
+            return
+        try:
+            with self.console.progress("rendering", len(self.work)) as progress:
+                results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
+                                         tell=self.console.tell)
+                self.summary.rate = round(progress.rate, 4)
+        finally:
+            files.sweep(self.layout.root)  # what killed workers left
+        for summary, made in results:
+            self.made.statistics |= made.statistics
+            self.made.clamped += made.clamped
+            self.clock.beside(summary.stages)
+            self.summary.messages += [words for words in summary.messages if words not in self.summary.messages]
+        self.summary.device = in_words(Counter(summary.device for summary, _ in results if summary.device))
+
+    def go(self, sensors: bool, images: bool) -> None:
         """Everything after the simulation."""
-        self.engine = engine
         if images:
             self.find_work()
         if self.work:
             with self.clock("load"):
                 self.load()
-        with folder.planning(self.layout.root, self.tell_of_waiting):
+        with folder.planning(self.layout.root, None if self.is_worker else self.tell_of_waiting):
             self.take_over(folder.recorded(self.scene, self.layout))
             if self.work:
                 self.settle()
@@ -171,8 +213,9 @@ class _Job:
         try:
             if images:
                 self.render()
+            if images and not self.is_worker:
                 self.finish()
-            if self.summary.complete:
+            if self.summary.complete and not self.is_worker:
                 with self.clock("checksums"):
                     write_checksums(self.layout.root)
         finally:
@@ -181,16 +224,11 @@ class _Job:
     def say(self, message: str) -> None:
         """Tell the user, and keep it for the summary."""
         self.summary.messages.append(message)
-        self.tell(f"note: {message}")
-
-    def tell(self, words: str) -> None:
-        """Tell the user."""
-        if not self.quiet:
-            print(words, file=sys.stderr, flush=True)
+        self.console.tell(f"note: {message}")
 
     def tell_of_waiting(self) -> None:
         """Of another shard that is planning."""
-        self.tell("waiting for the plan that another shard makes ...")
+        self.console.tell("waiting for the plan that another shard makes ...")
 
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose of the vehicle at a frame."""
@@ -211,7 +249,7 @@ class _Job:
         index, of = self.shard
         mine = self.selected[index::of]
         self.work = list(self.store.missing(mine))
-        self.summary.rendered = sum(len(job.letters) for job in self.work)
+        self.summary.rendered += sum(len(job.letters) for job in self.work)
         wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
         self.summary.kept = wanted - self.summary.rendered
 
@@ -225,7 +263,7 @@ class _Job:
         for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
             if not any(letter in job.letters for job in self.work):
                 continue
-            method, before = self.engine.available_method(asked), self.denoisers[letter]
+            method, before = available_method(asked), self.denoisers[letter]
             if before not in (None, method):
                 raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
                                  f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
@@ -235,15 +273,24 @@ class _Job:
 
     def load(self) -> None:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
+        self.choose_denoisers()
+        if self.renderer is None:
+            self.make_renderer()
+        if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
+            raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
+                             key="render.outputs", value="S", remedy="Leave out S, or scatter fewer.")
+
+    def make_renderer(self) -> None:
+        """Bring the scene to the device, and warn of what looks wrong in it before hours are spent."""
+        from varos_warp.render.renderer import FrameRenderer
+        from varos_warp.scene.checks import check_scene
+        from varos_warp.scene.geometry.build import build_parts
         from varos_warp.sim.trajectory import path_samples
 
-        self.engine.start(self.layout.root, self.tell)
-        self.choose_denoisers()
-        for warning in self.engine.load(self.scene, self.poses(), path_samples(self.simulation)):
+        parts = build_parts(self.scene)
+        for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
             self.say(warning)
-        if "S" in self.scene.render.outputs and len(self.engine.segments) > SEGMENT_LEVELS:
-            raise InputError(f"{len(self.engine.segments)} objects cannot be numbered in 16 bits", key="render.outputs",
-                             value="S", remedy="Leave out S, or scatter fewer.")
+        self.renderer = FrameRenderer(self.scene, self.device, parts)
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, the plan."""
@@ -254,19 +301,20 @@ class _Job:
 
     def note_device(self) -> None:
         """Keep the first device on record, and say when another one goes on."""
-        self.device = self.device or self.engine.devices[0]
-        words = Counter(_device(here) for here in self.engine.devices)
-        self.summary.device = ", ".join(f"{count} x {name}" if count > 1 else name for name, count in words.items())
-        for here in {here["model"]: here for here in self.engine.devices}.values():
-            if here["model"] != self.device["model"]:
-                self.say(f"earlier frames were rendered on {_device(self.device)}, these are on {_device(here)}: "
-                         "pixels may differ in rounding; dataset.json keeps the first")
+        here = {"name": self.renderer.device, "model": self.renderer.device_name}
+        self.recorded_device = self.recorded_device or here
+        self.summary.device = _device(here)
+        if here["model"] != self.recorded_device["model"]:
+            self.say(f"earlier frames were rendered on {_device(self.recorded_device)}, these are on {_device(here)}: "
+                     "pixels may differ in rounding; dataset.json keeps the first")
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
+        from varos_warp.render.planner.plan import plan_render
+
         start = time.monotonic()
-        self.tell("planning from a few poses ...")
-        plan = self.engine.plan()
+        self.console.tell("planning from a few poses ...")
+        plan = plan_render(self.scene, self.renderer, self.poses())
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
         took = time.monotonic() - start
         self.say(f"planned in {took:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
@@ -285,7 +333,7 @@ class _Job:
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
         self.write_metadata()
         if self.work and "S" in self.scene.render.outputs:
-            files.write_json(self.layout.segments, {"0": "nothing", "segments": self.engine.segments})
+            files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
         writers.write_readme(self.layout, self.scene)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
@@ -297,7 +345,7 @@ class _Job:
     def write_metadata(self) -> None:
         """Write dataset.json; the versions and the device stay those that the first frame was rendered with."""
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, plan=self.plan, device=self.device,
+                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
                                    denoisers=self.denoisers)
         if self.previous and self.previous["device"]:
             content["versions"] = self.previous["versions"]
@@ -309,37 +357,36 @@ class _Job:
         """Render what is missing.
 
         Raises:
-            RuntimeError: If images could not be made.
+            RunFailed: If images could not be made.
         """
         if not self.work:
             return
-        with Progress("rendering", len(self.work), quiet=self.quiet) as progress:
-            self.engine.render(self.store, self.plan, self.work, made=self.made, clock=self.clock,
-                               done=progress.advance, say=self.say)
+        with self.console.progress("rendering", len(self.work)) as progress:
+            Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.made, self.clock, progress.advance,
+                     self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures
             more = f"; {len(rest)} more failed" if rest else ""
-            raise RuntimeError(f"frame {job.frame}, camera {job.camera} could not be made: {error}{more}. All others "
-                               "are; the same command tries again") from error
+            raise RunFailed(f"frame {job.frame}, camera {job.camera} could not be made: {error}{more}. All others "
+                            "are; the same command tries again") from error
 
     def write_log(self) -> None:
         """When and how fast this run rendered; the only file that differs from run to run."""
-        if not self.made.timings:
-            return
-        stamp, first = datetime.now(UTC), self.engine.devices[0]
-        name = f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json"
         seconds = self.clock.rounded()
-        content = {"ended": stamp.isoformat(timespec="seconds"), "device": first["name"],
-                   "model": first["model"], "compile_seconds": round(self.engine.compile_seconds, 3),
-                   "devices": self.engine.devices, "versions": writers.versions(), "stages": seconds,
-                   "messages": self.summary.messages,
-                   "frames": self.made.timings}
-        with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
-            files.write_json(self.layout.root / "log" / name, content)
-        words = [", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)
-                 for stages in ([stage for stage in seconds if stage not in BESIDE], BESIDE)]
-        self.tell("time: " + "; beside it, in all threads: ".join(filter(None, words)))
+        if self.made.timings:
+            stamp = datetime.now(UTC)
+            content = {"ended": stamp.isoformat(timespec="seconds"), "device": self.renderer.device,
+                       "model": self.renderer.device_name,
+                       "compile_seconds": round(self.renderer.compile_seconds, 3), "versions": writers.versions(),
+                       "stages": seconds, "messages": self.summary.messages, "frames": self.made.timings}
+            with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
+                files.write_json(self.layout.root / "log" / f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json",
+                                 content)
+        if self.summary.rendered and not self.is_worker:
+            words = [", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)
+                     for stages in (MAIN, BESIDE)]
+            self.console.tell("time: " + "; beside it, in all threads: ".join(filter(None, words)))
 
     # --------------------------------------------------------------------------------------------------- finishing
 
@@ -371,3 +418,8 @@ class _Job:
 
 def _device(device: dict) -> str:
     return f"{device['name']} ({device['model']})"
+
+
+def in_words(counts: Counter[str]) -> str:
+    """As ``2 x cpu, cuda:0``."""
+    return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in counts.items())

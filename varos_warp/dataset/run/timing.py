@@ -12,8 +12,7 @@ sheet; checksums: SHA-256 of every new file."""
 BESIDE = ("denoise", "encode")
 """What threads do beside them, the seconds of all threads added up. On a GPU that denoises, ``render`` has that.
 
-With several workers, ``render`` and these are sums over all images, and ``wait`` is the time until all images
-were there."""
+With several workers, these are sums over all of them, and each stage of `MAIN` is the longest of any."""
 
 
 class Clock:
@@ -58,6 +57,11 @@ class Clock:
         with self._lock:
             for stage, more in seconds.items():
                 self.seconds[stage] += more
+
+    def beside(self, seconds: dict[str, float]) -> None:
+        """Count what went on in a process beside this one and others: of stages in `MAIN`, the longest counts."""
+        for stage, more in seconds.items():
+            self.seconds[stage] = max(self.seconds[stage], more) if stage in MAIN else self.seconds[stage] + more
 
     def rounded(self) -> dict[str, float]:
         """Seconds of each stage, for the log."""

@@ -1,16 +1,14 @@
 """Every image by itself: its size and type, PNG against EXR against exposure, C against D, S against its table."""
 
 import hashlib
-import os
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.noise import is_repeatable, noisy_pixels
-from varos_warp.dataset.progress import Progress
-from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.noise_pass import is_repeatable, noisy_pixels
+from varos_warp.dataset.progress import in_threads
+from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation, problem_of
 from varos_warp.dataset.validate.pending import Pending
@@ -29,17 +27,15 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     problems: list[str] = []
     angles: list[float] = []
     frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
-    with (ThreadPoolExecutor(os.cpu_count()) as pool,
-          Progress("reading", len(frames) * len(data.cameras), quiet=quiet) as progress):
-        for camera in data.cameras:
-            colors = [Exposures(data, camera, output) for output in exposed]
-            for found, slopes in pool.map(partial(_check_frame, data, camera, colors), frames):
-                problems += found.problems
-                result.files_read += found.files_read
-                angles += slopes
-                progress.advance()
-            for color in colors:
-                problems += color.verdicts()
+    for camera in data.cameras:
+        colors = [Exposures(data, camera, output) for output in exposed]
+        check = partial(_check_frame, data, camera, colors)
+        for found, slopes in in_threads(f"images {camera}", check, frames, quiet=quiet):
+            problems += found.problems
+            result.files_read += found.files_read
+            angles += slopes
+        for color in colors:
+            problems += color.verdicts()
     result.add_all(problems, "images")
     if angles:
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
@@ -98,11 +94,7 @@ class Exposures:
 
     def _read_table(self) -> dict[int, tuple[float, exposure.Statistics]]:
         """Gain and statistics by frame."""
-        table = files.read_csv(self.path)
-        if missing := {"frame", "gain", "log_average", "highlight"} - set(table):
-            raise InputError(f"has no column {sorted(missing)[0]}", file=self.path)
-        columns = [table[name].tolist() for name in ("frame", "gain", "log_average", "highlight")]
-        rows = {frame: (gain, exposure.Statistics(*rest)) for frame, gain, *rest in zip(*columns, strict=True)}
+        rows = read_exposures(self.path)
         bad = [frame for frame in self.data.frames if frame not in rows or not 0.0 < rows[frame][0] < np.inf]
         if bad:
             raise InputError(f"the exposure table lacks a positive gain for frame {bad[0]}", file=self.path)

@@ -109,7 +109,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         if profile.get(block):
             made["sensors"][name]["noise"] = profile[block]
     told = [f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
-            for key, here, there in differences(meta, made)]
+            for key, here, there in _differences(meta, made)]
     if meta["frames"]["rate_hz"] != scene.render.frame_rate_hz:
         told.append(f"dataset.json: frames.rate_hz is {meta['frames']['rate_hz']!r}, but its scene makes it "
                     f"{scene.render.frame_rate_hz!r}")
@@ -117,7 +117,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
     for camera in data.cameras:
         path = data.layout.camera_file(camera, ".yaml")
         found = [f"{_name(data, path)}: {key} is {here!r}, in dataset.json {there!r}"
-                 for key, here, there in differences(_read_yaml(path), data.camera(camera))]
+                 for key, here, there in _differences(_read_yaml(path), data.camera(camera))]
         result.add_all(found, "entries")
 
 
@@ -133,19 +133,16 @@ def _read_yaml(path: Path) -> dict:
     return content
 
 
-def differences(here, there, path: str = "") -> Iterator[tuple[str, object, object]]:
-    """(key, value here, value there) of whatever ``there`` says and ``here`` does not, to rounding."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key, value in there.items():
-            yield from differences(here.get(key), value, f"{path}.{key}" if path else str(key))
-    elif isinstance(there, list | tuple) and isinstance(here, list | tuple) and len(here) == len(there):
-        for i, pair in enumerate(zip(here, there, strict=True)):
-            yield from differences(*pair, f"{path}.{i}")
-    elif isinstance(there, float) and isinstance(here, float | int):
-        if not abs(here - there) <= RELATIVE * max(abs(here), abs(there), RELATIVE):
-            yield path, here, there
-    elif here != there:
-        yield path, here, there
+def _same(here, there) -> bool:
+    """Equal to rounding."""
+    if isinstance(there, float) and isinstance(here, float | int):
+        return abs(here - there) <= RELATIVE * max(abs(here), abs(there), RELATIVE)
+    return here == there
+
+
+def _differences(here: dict, there: dict) -> Iterator[tuple[str, object, object]]:
+    """(key, value here, value there) of whatever ``there`` says and ``here`` does not."""
+    return files.differences(here, there, _same, every=False)
 
 
 # --------------------------------------------------------------------------------------------------------------- time

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS
-from varos_warp.dataset.noise import is_repeatable, noise_of
+from varos_warp.dataset.noise_pass import is_repeatable, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.cells import place, wrong_rows
 from varos_warp.dataset.validate.outcome import Validation

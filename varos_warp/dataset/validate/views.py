@@ -4,14 +4,12 @@ Points of D seen in one frame lie where D of another frame has them. What C, S a
 show there in the other frame; A changes with the vehicle's lamps.
 """
 
-import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 
 import numpy as np
 
-from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import pixel_rays, planar_depth, points_at
 from varos_warp.dataset.validate.outcome import Validation, problem_of
@@ -198,14 +196,10 @@ def _check_neighbours(data: Dataset, result: Validation, frames: list[int], quie
     """
     for camera in data.cameras:
         pairs: dict[tuple[int, int], dict[str, float]] = {}
-        starts = range(0, len(frames), CHUNK)
-        with (ThreadPoolExecutor(os.cpu_count()) as pool,
-              Progress(f"views {camera}", len(frames), quiet=quiet) as progress):
-            for start, (found, problems) in zip(starts, pool.map(partial(_compare_chunk, data, camera, frames), starts),
-                                                strict=True):
-                pairs |= found
-                result.add_all(problems, "images")
-                progress.reach(min(1.0, (start + CHUNK) / len(frames)))
+        starts, compare = range(0, len(frames), CHUNK), partial(_compare_chunk, data, camera, frames)
+        for found, problems in in_threads(f"views {camera}", compare, starts, unit=f"x {CHUNK} frames", quiet=quiet):
+            pairs |= found
+            result.add_all(problems, "images")
         limits = _limits(pairs)
         for letter, limit in limits.items():
             _measure_neighbours(result, camera, letter, _shares(pairs, letter), limit)

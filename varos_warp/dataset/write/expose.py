@@ -1,5 +1,6 @@
 """Exposure of a dataset: gains from the statistics of all frames, and the PNG that they decide."""
 
+import contextlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.reader.dataset import read_exposures
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.images import develop
 from varos_warp.errors import InputError
@@ -31,7 +33,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         time_ns: Their times [N].
         made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
     """
-    from varos_warp.render.launch import usable_cores
+    from varos_warp.scene.launch import usable_cores
 
     table = layout.camera_file(camera, f"_exposure_{letter}.csv")
     old, known = _read_gains(table), exposure.known_gain(setting, letter) is not None
@@ -61,11 +63,7 @@ def _read_half(path: Path) -> np.ndarray:
 
 
 def _read_gains(path: Path) -> dict[int, tuple[float, exposure.Statistics]]:
-    """Gain and statistics of every frame that were written before; nothing where there are none to trust."""
-    try:
-        table = files.read_csv(path)
-        rows = zip(table["frame"].tolist(), table["gain"].tolist(), table["log_average"].tolist(),
-                   table["highlight"].tolist(), strict=True)
-    except (InputError, KeyError):
-        return {}
-    return {frame: (gain, exposure.Statistics(average, highlight)) for frame, gain, average, highlight in rows}
+    """What was written before; nothing where there is nothing to trust."""
+    with contextlib.suppress(InputError):
+        return read_exposures(path)
+    return {}

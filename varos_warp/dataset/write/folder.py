@@ -210,7 +210,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
     """
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
-    different = [d for d in _differences(there, here) if not d[0].startswith(_FREE)]
+    different = [d for d in files.differences(there, here) if not d[0].startswith(_FREE)]
     if different:
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
@@ -222,17 +222,3 @@ def check_same(scene, meta: dict, file: Path) -> None:
 def _short(value) -> str:
     text = "no value" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _differences(there, here, path: str = "") -> Iterator[tuple[str, object, object]]:
-    """(key, value there, value here) of everything that differs between two trees of dicts and lists."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        pairs = [(key, there.get(key), here.get(key)) for key in {**there, **here}]
-    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        pairs = [(i, *pair) for i, pair in enumerate(zip(there, here, strict=True))]
-    else:
-        if there != here:
-            yield path, there, here
-        return
-    for key, a, b in pairs:
-        yield from _differences(a, b, f"{path}.{key}" if path else str(key))

@@ -234,25 +234,9 @@ def _digest(path: Path) -> str | None:
         return None
 
 
-CONVENTIONS = {
-    "units": "metres, radians, seconds; time stamps int64 nanoseconds from the start of the sequence",
-    "transforms": "T_a_b maps b-coordinates to a-coordinates, 4x4 row by row",
-    "world": "w: right-handed, z up",
-    "vehicle": "v: x right, y forward, z up",
-    "camera": "c: OpenCV optical axes, x right, y down, z forward",
-    "light": "l: z along the axis of the cone, outwards",
-    "quaternions": "Hamilton, order w x y z, w >= 0, of R_w_x",
-    "euler": "theta_x, theta_y, theta_z about the fixed world axes x, then y, then z: R = Rz Ry Rx",
-    "imu": "specific force R_s_w (a - g), +9.81 on the up axis at rest, then angular velocity, both in sensor axes; "
-           "instantaneous at the time stamp",
-    "depth_gauge": "metres below the surface, positive down",
-    "pixels": "K_center_half: the centre of the top left pixel is (0.5, 0.5); K_opencv: it is (0, 0)",
-    "A": "8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, denoised",
-    "B": "as A, without water, ambient light of radiance 1, no depth of field",
-    "C": "world normal n in [-1, 1] as round((n + 1) * 127.5); (0, 0, 0) where nothing is hit",
-    "D": "round((d - start) / (end - start) * 65535), clamped; 65535: at or beyond the end, or nothing hit; "
-         "d is planar (along the camera's z) or range (along the ray), as depth.kind says",
-}
+def conventions() -> dict[str, str]:
+    """Units, frames, and how images are encoded, in words."""
+    return yaml.safe_load((resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8"))
 
 
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
@@ -274,7 +258,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
         "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "versions": versions(), "device": device, "conventions": CONVENTIONS,
+        "versions": versions(), "device": device, "conventions": conventions(),
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
         "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",

@@ -6,17 +6,16 @@ do not depend on how the work is divided.
 """
 
 import contextlib
-import os
+import itertools
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import write_checksums
@@ -179,17 +178,11 @@ def _write_sensors(data: Dataset, noisy: Dataset, profile: NoiseProfile, seed: i
 
 def _write_images(noisy: Dataset, quiet: bool) -> None:
     """A with noise."""
-    def write(frame: int, camera: str) -> None:
+    def write(view: tuple[int, str]) -> None:
+        frame, camera = view
         files.write_png(noisy.layout.png(camera, "A", frame), noisy_pixels(noisy, frame, camera))
 
-    work = list(_views(noisy))
-    with ThreadPoolExecutor(os.cpu_count()) as pool, Progress("noise", len(work), quiet=quiet) as progress:
-        for _ in pool.map(lambda view: write(*view), work):
-            progress.advance()
-
-
-def _views(data: Dataset) -> Iterator[tuple[int, str]]:
-    return ((frame, camera) for frame in data.frames for camera in data.cameras)
+    list(in_threads("noise", write, list(itertools.product(noisy.frames, noisy.cameras)), quiet=quiet))
 
 
 def _write_overview(noisy: Dataset) -> None:

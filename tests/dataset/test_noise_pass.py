@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from standins import make_scene, tree
 
-from varos_warp.dataset.noise import add_noise, noise_of
+from varos_warp.dataset.noise_pass import add_noise, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
@@ -70,7 +70,7 @@ def test_dataset_json_says_profile_and_seed(written, noisy):
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(written, noisy, tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.noise.os.cpu_count", lambda: 1)
+    monkeypatch.setattr("varos_warp.dataset.progress.os.cpu_count", lambda: 1)
     again = add_noise(written, PROFILE, tmp_path / "again", seed=4, quiet=True)
     other = add_noise(written, PROFILE, tmp_path / "other", seed=5, quiet=True)
     assert tree(again.root) == tree(noisy.root)
