@@ -10,15 +10,15 @@ demo: $(VENV)/.installed
 	$(BIN)/varos-warp demo -o demo
 
 test: $(VENV)/.installed-test lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal --validation=build/validation
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-# write docs/validation.md anew
-validation: $(VENV)/.installed-test
-	$(BIN)/python -m pytest --validation=docs/validation.md
+# take over the summary of the last `make test`
+validation:
+	cp build/validation/summary.md docs/validation.md
 
 $(VENV)/.installed: pyproject.toml
 	@test -n "$(PYTHON)" || { echo "varos_warp needs Python 3.11 or newer: install it, or call make PYTHON=/path/to/python3"; exit 2; }

@@ -12,7 +12,7 @@ from standins import FlatFloorRenderer, make_scene, plan_render
 
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.run.pipeline import GIVE_UP, Pipeline, Rendered, room
-from varos_warp.dataset.run.timing import Clock
+from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
 from varos_warp.errors import InputError
 from varos_warp.render import launch

@@ -12,7 +12,7 @@ from standins import FlatFloorRenderer, make_scene, tree
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce, select
-from varos_warp.dataset.run.timing import BESIDE, MAIN
+from varos_warp.dataset.timing import BESIDE, MAIN
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError
 

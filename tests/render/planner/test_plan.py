@@ -45,8 +45,8 @@ def planned():
 
 
 @pytest.fixture(scope="module")
-def truth(planned):
-    """By the field, right to 0.2 %, whose 512 samples have at most a fifth of the noise of any tolerance asked below."""
+def known(planned):
+    """By the field, right to 0.2 %: its 512 samples have at most a fifth of the noise of any tolerance asked below."""
     image = planned[1].render(POSE, outputs="A", spp=512, seed=5, integrator="field").A
     radiance = image.radiance.astype(float)
     noise = np.sqrt(np.square(image.stderr, dtype=float).mean((0, 1))) / brightness(radiance.mean((0, 1)))
@@ -116,20 +116,20 @@ def test_a_tighter_tolerance_takes_more_samples(planned):
     assert plan_render(make_scene(tolerance=0.02), renderer, [POSE]).spp > 4 * loose.spp
 
 
-def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned, truth):
+def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned, known):
     """8 images tell their error to about a tenth."""
     scene, renderer, plan = planned
-    found = error_of([rendered(scene, renderer, plan, seed).radiance for seed in range(80, 88)], truth)
+    found = error_of([rendered(scene, renderer, plan, seed).radiance for seed in range(80, 88)], known)
     assert np.all(found <= plan.error)
     assert 0.6 * scene.render.tolerance < found.max() <= scene.render.tolerance
 
 
-def test_the_denoised_image_keeps_the_tolerance(truth):
+def test_the_denoised_image_keeps_the_tolerance(known):
     scene = make_scene(denoise="nlm", tolerance=0.06)
     renderer = make_renderer(scene)
     plan = plan_render(scene, renderer, [POSE])
     plain = plan_render(make_scene(tolerance=0.06), renderer, [POSE])
-    found = error_of([rendered(scene, renderer, plan, seed, "nlm").denoised for seed in range(80, 84)], truth)
+    found = error_of([rendered(scene, renderer, plan, seed, "nlm").denoised for seed in range(80, 84)], known)
     assert found.max() <= scene.render.tolerance
     assert plan.spp < plain.spp
     assert "after nlm" in plan.reasons[-1]

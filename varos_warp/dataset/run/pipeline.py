@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.dataset.run.timing import Clock
+from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure

@@ -18,8 +18,8 @@ from varos_warp.dataset.layout import Layout, from_runs
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered
-from varos_warp.dataset.run.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.run.workers import run_in_workers
+from varos_warp.dataset.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.write import folder
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import write_checksums

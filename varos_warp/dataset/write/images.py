@@ -10,7 +10,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
-from varos_warp.dataset.run.timing import Clock
+from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
