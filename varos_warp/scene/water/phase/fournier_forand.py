@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
 NEAR_ONE = 1e-5
@@ -38,13 +38,6 @@ class FournierForand(PhaseFunction):
             return cls(1.01 + 0.1542 * (mu - 3.0), mu)
 
         return member(brentq(lambda mu: member(mu).backscatter_fraction - fraction, 3.0 + 1e-6, 5.0, xtol=1e-14))
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "FournierForand":
-        """From n and mu, or from the backscatter fraction."""
-        if block.backscatter_fraction is not None:
-            return cls.from_backscatter_fraction(block.backscatter_fraction)
-        return cls(block.n, block.mu)
 
     @property
     def key(self) -> tuple:

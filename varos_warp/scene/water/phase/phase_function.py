@@ -4,11 +4,8 @@ Angles are taken as s = (1 - cos theta)/2 = sin^2(theta/2), which loses no digit
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
@@ -26,17 +23,6 @@ ANGLE_LOG_STEP = np.log(np.pi / SMALLEST_ANGLE) / (BEAM_NODES - 2)
 The step is of the logarithm."""
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Where the block of a phase function stands, and what else it takes to make it."""
-
-    key: str
-    resolve: Callable[[str], Path]
-    """Path of a file that the scene names."""
-    make: Callable[[Any, "Origin"], "PhaseFunction"]
-    """Makes the phase function of another block: a mixture is of several."""
-
-
 class PhaseFunction(ABC):
     """A phase function, normalised to 1 over the sphere."""
 
@@ -45,15 +31,10 @@ class PhaseFunction(ABC):
     is_henyey_greenstein = False
     """Whether kernels have its closed form; all others are tables there."""
 
-    @classmethod
-    @abstractmethod
-    def from_block(cls, block, origin: Origin) -> "PhaseFunction":
-        """Make it as a block of the scene file says (scene/description/phase.py)."""
-
     @property
-    @abstractmethod
     def key(self) -> tuple:
-        """All that its values depend on, in numbers, strings and tuples of them: for caches in memory and on disk."""
+        """Kind and all that its values depend on, as numbers, strings and tuples: for caches in memory and on disk."""
+        return (self.kind,)
 
     def __eq__(self, other) -> bool:
         return isinstance(other, PhaseFunction) and self.key == other.key
