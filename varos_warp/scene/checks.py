@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
+from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
 from varos_warp.scene.geometry.query import clearance, is_inside
-from varos_warp.scene.geometry.terrain import join
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.water import optical_properties
 
@@ -61,11 +61,11 @@ def _mesh_info(parts):
     """Name, counts and bounds of every mesh; the copies of a scatter together."""
     info = []
     for part in parts:
-        copies = len(part) if isinstance(part, Instances) else 1
-        corners = np.concatenate([box.vertices for box in part.boxes()])
-        info.append({"name": f"{part.name} ({copies} copies)" if isinstance(part, Instances) else part.name,
-                     "vertices": copies * len(part.vertices), "triangles": copies * len(part.faces),
-                     "bounds_m": np.stack([corners.min(axis=0), corners.max(axis=0)]).tolist()})
+        boxes = part.boxes()
+        corners = np.concatenate([box.vertices for box in boxes])
+        info.append({"name": part.name + (f" ({len(boxes)} copies)" if isinstance(part, Instances) else ""),
+                     "vertices": len(boxes) * len(part.vertices), "triangles": len(boxes) * len(part.faces),
+                     "bounds_m": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]})
     return info
 
 
@@ -218,22 +218,17 @@ def _check_lights(scene, poses):
 def _check_inside(scene, parts, poses):
     """Cameras within rock or objects, and above the surface."""
     warnings = []
-    solids = [part for part in parts if part.name == "terrain" or _is_closed(part)]
     for i, camera in enumerate(scene.vehicle.cameras):
-        world = [np.eye(4)] if camera.mount == "world" else poses
-        points = np.array([camera_pose(camera, T)[:3, 3] for T in world])
-        stop = "" if camera.mount == "world" else f" at {_stop(scene)}"
-        for part in solids:
-            inside = np.flatnonzero(is_inside(part.vertices, part.faces, points))
-            if len(inside):
-                where = f"{stop} {_numbers(inside)}" if stop else ""
-                what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
-                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}")
-        above = np.flatnonzero(points[:, 2] > scene.surface_depth_m)
-        if scene.water != "none" and len(above):
-            where = f"{stop} {_numbers(above)}" if stop else ""
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): is above the sea surface (z = "
-                            f"{scene.surface_depth_m:g} m){where}; surface_depth_m is the depth of world z = 0")
+        fixed = camera.mount == "world"
+        points = np.array([camera_pose(camera, T)[:3, 3] for T in ([np.eye(4)] if fixed else poses)])
+        found = [(_inside(part, points), _within(part), "") for part in parts]
+        if scene.water != "none":
+            found.append((points[:, 2] > scene.surface_depth_m, f"above the sea surface (z = {scene.surface_depth_m:g} "
+                          "m)", "; surface_depth_m is the depth of world z = 0"))
+        for wrong, what, remark in found:
+            if wrong.any():
+                where = "" if fixed else f" at {_stop(scene)} {_numbers(np.flatnonzero(wrong))}"
+                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
     return warnings
 
 
@@ -241,18 +236,13 @@ def _check_stops(scene, parts, stops):
     """Waypoints or poses under the terrain, or nearer to anything than the vehicle's radius, and where they are."""
     warnings, radius, touching = [], vehicle_radius(scene), np.zeros(len(stops), bool)
     for part in parts:
-        under = np.zeros(len(stops), bool)
-        if part.name == "terrain" or _is_closed(part):
-            under = is_inside(part.vertices, part.faces, stops)
-        distance = clearance(part.vertices, part.faces, stops, radius)
-        what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
-        if under.any():
-            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {what}")
+        under, distance = _inside(part, stops), clearance(part.vertices, part.faces, stops, radius)
         close = np.isfinite(distance) & ~under
+        if under.any():
+            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {_within(part)}")
         if close.any():
-            nearest = distance[close].min()
             warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(close))} is nearer to {part.name} "
-                            f"than the vehicle's radius of {radius:.2f} m ({nearest:.2f} m)")
+                            f"than the vehicle's radius of {radius:.2f} m ({distance[close].min():.2f} m)")
         touching |= under | close
     return warnings, stops[touching]
 
@@ -273,8 +263,7 @@ def _check_path(scene, parts, path, told):
                 continue
             order = np.argsort(distance, kind="stable")[:np.count_nonzero(np.isfinite(distance))]
             worst, nearest = order[0], order[:NEAREST]
-            solid = part.name == "terrain" or _is_closed(part)
-            through = solid and np.ptp(is_inside(part.vertices, part.faces, points[nearest]).astype(int)) > 0
+            through = len(set(_inside(part, points[nearest]))) > 1
             how = f"through {part.name}" if through else (
                 f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
             warnings.append(f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
@@ -292,8 +281,15 @@ def _runs_past(near, points, stops, reach):
     return near & np.isin(run, run[at_stop])
 
 
-def _is_closed(part):
-    return trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight
+def _inside(part, points):
+    """Which points [N, 3] are under the terrain or inside a closed object, bool [N]."""
+    if part.name != "terrain" and not trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight:
+        return np.zeros(len(points), bool)
+    return is_inside(part.vertices, part.faces, points)
+
+
+def _within(part):
+    return "under the terrain" if part.name == "terrain" else f"inside {part.name}"
 
 
 def _stop(scene):

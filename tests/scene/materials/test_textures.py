@@ -7,12 +7,11 @@ from PIL import Image
 from varos_warp.errors import InputError
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.images import LARGEST, decode_image
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.materials.textures import (
-    LARGEST,
     Textures,
     bake_ground,
-    decode_image,
     ground_resolution,
     ground_tile,
     map_pyramid,

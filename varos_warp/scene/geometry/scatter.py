@@ -60,8 +60,8 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
-    return Instances(key, vertices, prototype.faces, T, prototype.material, prototype.smooth_angle,
-                     prototype.smooth_shading, prototype.skin)
+    return Instances(key, vertices, prototype.faces, prototype.material, T, smooth_angle=prototype.smooth_angle,
+                     smooth_shading=prototype.smooth_shading, skin=prototype.skin)
 
 
 def _places(block, key, vertices, ground, rng):

@@ -5,7 +5,7 @@ import trimesh
 from trimesh.visual.material import PBRMaterial, pack
 
 from varos_warp.scene.geometry.parts import Skin
-from varos_warp.scene.materials.textures import decode_image, srgb_to_linear
+from varos_warp.scene.images import decode_image, srgb_to_linear
 
 
 def join_skins(meshes: list[tuple[trimesh.Trimesh, bool]]) -> Skin | None:

@@ -16,13 +16,11 @@ from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.files import require_file
 from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.images import decode_image
 from varos_warp.scene.launch import launch_rows
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
 """The tiles that ship, computed when first asked for."""
-
-LARGEST = 8192
-"""Longest side of an image on the device [texels]; larger files are reduced to it."""
 
 _BINS = 4096
 _NORMAL_QUANTILES = np.clip(ndtri((np.arange(65536) + 0.5) / 65536), -REACH, REACH).astype(np.float32)
@@ -211,23 +209,3 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
     except Exception as error:  # Pillow's readers raise many kinds on damaged files
         raise InputError(f"cannot be read as an image: {str(error).strip() or type(error).__name__}", file=path,
                          key=key, remedy="Export it anew, as PNG or JPEG.") from error
-
-
-def decode_image(image: PillowImage.Image) -> np.ndarray:
-    """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
-    if image.mode in ("I;16", "I", "F"):  # gray of more than 8 bits, which Pillow would cut off
-        values = np.asarray(image, np.float32)
-        image = PillowImage.fromarray(np.clip(values / max(65535.0, values.max()) * 255.0, 0, 255).astype(np.uint8))
-    image = image.convert("RGB")
-    size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
-    if size != image.size:
-        image = image.resize(size, PillowImage.Resampling.BICUBIC)
-    return _SRGB_TO_LINEAR[np.asarray(image)]
-
-
-def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB ones in 0..1 (IEC 61966-2-1)."""
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-
-
-_SRGB_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)

@@ -17,7 +17,7 @@ from varos_warp.scene.geometry.assets.lofts import (
     outward,
     rounded,
 )
-from varos_warp.scene.geometry.terrain import join
+from varos_warp.scene.geometry.joining import join
 
 WALL = 0.08
 """Thickness of a pipe's wall, as a share of its radius, where none is given."""
