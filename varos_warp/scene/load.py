@@ -181,11 +181,7 @@ def _apply_override(source: _Source, override: str) -> None:
         if isinstance(block, dict) and block.get(part) is None:
             source.overridden[path[:depth + 1]] = override
         block = _child(block, part, path[:depth], where)
-    if isinstance(block, list):
-        _child(block, path[-1], path[:-1], where)
-    elif not isinstance(block, dict):
-        raise InputError("is no block that holds keys", file=where, key=".".join(map(str, path[:-1])), value=block,
-                         remedy="Set the whole value instead.")
+    _child(block, path[-1], path[:-1], where)
     block[path[-1]] = value
     source.overridden[path] = override
     for inner in [known for known in source.lines if known[:len(path)] == path]:
@@ -227,7 +223,7 @@ def _validated(source: _Source):
 
 def _input_error(error: ValidationError, source: _Source) -> InputError:
     """The first problem of a scene, and how many more there are."""
-    problems = _most_specific([(_key_path(e["loc"], source.data, source.model), e) for e in error.errors()])
+    problems = _most_specific([(_key_path(e["loc"], source.data, e["type"] == "missing"), e) for e in error.errors()])
     # A misspelt key is most likely what makes another one missing.
     problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
     path, first = problems[0]
@@ -249,8 +245,11 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     return InputError(problem, value=value, remedy=remedy or None, **where)
 
 
-def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:
-    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between."""
+def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
+    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between.
+
+    ``missing``: the last key is not in the file.
+    """
     path: list = []
     for i, part in enumerate(loc):
         exists = (isinstance(data, dict) and part in data) or (isinstance(data, list) and isinstance(part, int)
@@ -258,8 +257,8 @@ def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:
         if exists and not _is_tag(part, loc[i + 1:], data):
             path.append(part)
             data = data[part]
-        elif isinstance(part, int) or (i == len(loc) - 1 and isinstance(data, dict) and _is_key(part, model)):
-            path.append(part)  # a missing key or item
+        elif isinstance(part, int) or (missing and i == len(loc) - 1):
+            path.append(part)
             data = None
     return tuple(path)
 
@@ -272,10 +271,6 @@ def _is_tag(part, rest, data):
     if not isinstance(data, dict) or not rest or isinstance(data[part], dict):
         return False
     return data["kind"] == part if "kind" in data else rest[0] in data
-
-
-def _is_key(part, model: type[BaseModel]) -> bool:
-    return isinstance(part, str) and part.isidentifier() and any(part in m.model_fields for m in _all_models(model))
 
 
 def _most_specific(problems):
@@ -347,13 +342,12 @@ def _known_keys(path: tuple, data: Any, model: type[BaseModel]) -> list[str]:
         if annotations:
             models = [model for annotation in annotations for model in _models_in(annotation)]
         if isinstance(data, dict) and "kind" in data:
-            chosen = [m for m in models if data["kind"] in typing.get_args(_kind(m))]
-            models = chosen or models
+            models = [m for m in models if data["kind"] in _kinds(m)] or models
     return list(dict.fromkeys(name for model in models for name in model.model_fields))
 
 
-def _kind(model):
-    return model.model_fields["kind"].annotation if "kind" in model.model_fields else None
+def _kinds(model) -> tuple:
+    return typing.get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
 
 
 def _models_in(annotation) -> list[type[BaseModel]]:
@@ -361,13 +355,3 @@ def _models_in(annotation) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in typing.get_args(annotation) for model in _models_in(inner)]
-
-
-def _all_models(model: type[BaseModel], found=None) -> set[type[BaseModel]]:
-    found = set() if found is None else found
-    if model not in found:
-        found.add(model)
-        for info in model.model_fields.values():
-            for inner in _models_in(info.annotation):
-                _all_models(inner, found)
-    return found

@@ -122,4 +122,4 @@ def test_a_tile_of_one_colour_stays_that_colour():
     pyramid = tile_pyramid(np.full((8, 8, 3), (0.1, 0.2, 0.3)))
     np.testing.assert_allclose(pyramid.colours @ pyramid.basis.T, np.broadcast_to((0.1, 0.2, 0.3), (4, 512, 3)),
                                atol=1e-6)
-    assert pyramid.nbytes == 4 * (64 + 16 + 4 + 1) + pyramid.colours.nbytes
+    assert pyramid.texels.nbytes == 4 * (64 + 16 + 4 + 1)

@@ -74,11 +74,6 @@ class Pyramid:
     basis: np.ndarray | None = None
     """Of a tile: [3, 3]."""
 
-    @property
-    def nbytes(self) -> int:
-        """Memory on the device [bytes]."""
-        return self.texels.nbytes + (0 if self.colours is None else self.colours.nbytes)
-
     def upload(self, device: str) -> Image:
         """The record of the image; it keeps its arrays alive."""
         image = Image()
