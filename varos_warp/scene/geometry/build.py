@@ -8,7 +8,7 @@ from varos_warp.scene.description.world import Diffuse, MeshObject, Object, Proc
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.mesh_files import load_skinned_mesh
+from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.scatter import Ground, scatter
 
@@ -41,7 +41,7 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
     """An object of the scene file where its block places it; ``key`` names it, also in messages."""
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
-        mesh = load_skinned_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
+        mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
     else:
         mesh = assets.make_asset(block, key)
     return _part(scene, block, key, *mesh)
@@ -54,7 +54,7 @@ def _terrain_mesh(scene):
                                            block.rockiness, block.seed)
     files = [block.file] if isinstance(block.file, str) else block.file
     alone = len(files) == 1 and block.preprocess is None and block.material is None
-    loaded = [load_skinned_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
+    loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
     vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
     if block.preprocess is not None:
         options = block.preprocess.model_dump()
