@@ -30,7 +30,7 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``.
 
     Raises:
-        InputError: The file cannot be read, is not YAML, repeats a key, or says something no scene can say.
+        InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
     """
     path = Path(path)
     source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.")
@@ -48,7 +48,7 @@ def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
 
 
 def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> BaseModel:
-    """Read a file that holds one block of another kind than a scene, such as a noise profile.
+    """Read a file that holds one block other than a scene, such as a noise profile.
 
     Args:
         path: YAML file.
@@ -286,16 +286,10 @@ def _most_specific(problems):
 
 _REMEDIES = {
     "missing": "Add it.",
-    "float_type": "Give a number.",
-    "float_parsing": "Give a number.",
-    "int_type": "Give a whole number.",
-    "int_parsing": "Give a whole number.",
-    "int_from_float": "Give a whole number.",
-    "tuple_type": "Give a list, such as [1, 2, 3].",
-    "list_type": "Give a list, such as [1, 2, 3].",
-    "model_type": "Give a block of keys, indented under it.",
-    "dict_type": "Give a block of keys, indented under it.",
-    "model_attributes_type": "Give a block of keys, indented under it.",
+    **dict.fromkeys(("float_type", "float_parsing"), "Give a number."),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "Give a whole number."),
+    **dict.fromkeys(("tuple_type", "list_type"), "Give a list, such as [1, 2, 3]."),
+    **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "Give a block of keys, indented under it."),
     "string_type": "Put quotes around it if it is text.",
     "finite_number": "Give a finite number.",
     "too_long": "Give as many items as are asked for.",

@@ -1,4 +1,4 @@
-"""What a noise profile may say: the errors of the IMU, the depth gauge and the cameras; docs/noise.md tells of them.
+"""Noise profiles: the errors of the IMU, the depth gauge and the cameras (docs/noise.md).
 
 A profile is a YAML file with the blocks ``imu``, ``depth_gauge`` and ``camera``; a block that is absent adds nothing.
 """
@@ -102,7 +102,7 @@ def load_profile(name: str | Path) -> NoiseProfile:
     """A profile that comes with the package, by its name, or one of your own, by its path.
 
     Raises:
-        InputError: There is none, or it says something that no profile can say.
+        InputError: There is none, or it is not what a profile may be.
     """
     known = named_profiles()
     path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)

@@ -286,11 +286,11 @@ class Rust(Block):
 
     kind: Literal["rust"]
     base: UnitRgb = (0.45, 0.45, 0.47)
-    """Reflectance of what is between the patches."""
+    """Reflectance between the patches."""
     amount: Unit = 0.5
     """Share of the surface that is rusty."""
     roughness: Unit | None = None
-    """Of the bare metal between the patches, which then mirrors; absent: it is matte, as paint."""
+    """Of bare metal between the patches; absent: they are on matte paint."""
 
 
 class Dirt(Block):

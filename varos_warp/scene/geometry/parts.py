@@ -40,13 +40,13 @@ class Shape:
 
 @dataclass(frozen=True)
 class Part(Shape):
-    """One connected-by-name piece of the world, in world coordinates."""
+    """A terrain or an object, in world coordinates."""
 
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The object's position [m]; seeds its procedural material."""
 
     def boxes(self) -> list["Part"]:
-        """This part: what encloses it."""
+        """The part itself, as what encloses it."""
         return [self]
 
 
@@ -81,9 +81,9 @@ def standpoints(scene: Scene) -> np.ndarray:
 
 
 def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
-    """Whole metres near the middle of where the cameras go, float64 [3], but not outside of what there is to see.
+    """Origin of the device's world, float64 [3], whole metres: the middle of the cameras' places, within the scene.
 
-    float32 then is finest where the pictures are taken, however large the terrain.
+    There float32 is most precise, however large the terrain.
     """
     positions = standpoints(scene)
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2

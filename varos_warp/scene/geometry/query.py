@@ -1,4 +1,4 @@
-"""Questions to triangle meshes: heights under points and what lies overhead, in float64, and clearances."""
+"""Queries of triangle meshes: crossings of vertical lines and insides, in float64, and clearances."""
 
 import numpy as np
 from scipy.spatial import cKDTree

@@ -1,4 +1,4 @@
-"""A triangle mesh in a BVH on a device, in float32 about a local origin, and questions to it from many threads."""
+"""A triangle mesh in a BVH on a device, in float32 about a local origin, and queries of it by many threads."""
 
 import numpy as np
 import trimesh

@@ -95,9 +95,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
     """Pyramid of a tile, float [H, W, 3] linear, sides powers of two, that can be blended with itself.
 
     Along the principal axes of its colours, each value becomes the normal quantile of its rank (Heitz and Neyret 2018,
-    section 3); equal values are spread at random over theirs. What a Gaussian mean over a texel of a coarse level
-    stands for is the mean of the colours that it may have been made of (ibid., section 4.2): the mean of the
-    whole tile at the top.
+    section 3); equal values are spread at random over theirs. A texel of a coarse level is a mean of quantiles, which
+    stands for the mean of the colours it may be made of (ibid., section 4.2): at the top, for that of the whole tile.
     """
     pixels = np.asarray(reflectance, np.float32).reshape(-1, 3)
     some = pixels[::7] if len(pixels) > 64 else pixels
@@ -137,7 +136,7 @@ def _gaussianise(values, rng):
 
 
 def _colours(quantiles, variance, level):
-    """What each of VALUES Gaussian means stands for on a level, [VALUES, 3]; ``variance`` is that of the finest."""
+    """Colours [VALUES, 3] that mean quantiles stand for on a level; ``variance`` is that of the finest level."""
     g = (np.arange(VALUES) + 0.5) / VALUES * 2 * REACH - REACH
     lost = np.sqrt(np.maximum(variance - level.var(axis=(0, 1)), 0.0))
     return np.stack([q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1) for q, s in zip(quantiles, lost, strict=True)],

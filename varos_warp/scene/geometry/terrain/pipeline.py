@@ -12,17 +12,10 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description.world import Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
+from varos_warp.scene.geometry.terrain import repair
 from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
 from varos_warp.scene.geometry.terrain.decimation import decimate
-from varos_warp.scene.geometry.terrain.repair import (
-    HOLE_EDGES,
-    drop_not_finite,
-    drop_useless,
-    fill_holes,
-    orient,
-    suspicious_size,
-)
 from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
 STEPS = ("read", "merge", "repair", "shrinkwrap", "decimate", "close", "compare")
@@ -113,7 +106,7 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
 def _repair(vertices, faces, asked, key, device, log):
     """The mesh cropped, merged, cleaned, its faces up, its holes filled."""
     with log.step("merge"):
-        vertices, faces = log.count(drop_not_finite(vertices, faces))
+        vertices, faces = log.count(repair.drop_not_finite(vertices, faces))
         if asked.region is not None and len(faces):
             vertices, faces = crop(vertices, faces, asked.region, key)
         count = len(vertices)
@@ -121,13 +114,13 @@ def _repair(vertices, faces, asked, key, device, log):
             vertices, faces = merge_near(vertices, faces, asked.merge_tolerance_m, key)
         log.counts["merged_vertices"] += count - len(vertices)
     with log.step("repair"):
-        vertices, faces = log.count(drop_useless(vertices, faces))
+        vertices, faces = log.count(repair.drop_useless(vertices, faces))
         if len(faces) == 0:
             raise InputError("no triangles are left", key=key,
                              remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.")
-        vertices, faces = log.count(orient(vertices, faces, device))
-        widest = HOLE_EDGES * median_edge(vertices, faces) if asked.fill_holes_m is None else asked.fill_holes_m
-        return log.count(fill_holes(vertices, faces, widest))
+        vertices, faces = log.count(repair.orient(vertices, faces, device))
+        widest = repair.HOLE_EDGES * median_edge(vertices, faces) if asked.fill_holes_m is None else asked.fill_holes_m
+        return log.count(repair.fill_holes(vertices, faces, widest))
 
 
 def _decimate(vertices, faces, target_vertices, sheet, share):
@@ -165,13 +158,13 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         original = join(read_mesh(file, "MESH", up_axis)[:2] for file in files)
         if len(original[1]) == 0:
             raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
-        original = log.count(drop_not_finite(original[0] * scale, original[1]))
+        original = log.count(repair.drop_not_finite(original[0] * scale, original[1]))
         count = len(original[0])
         original = merge_equal(*original)
         log.counts["merged_vertices"] += count - len(original[0])
     if len(original[1]) == 0:
         raise InputError("no triangles are left", key="MESH", remedy="All have vertices that are NaN or infinite.")
-    warning = suspicious_size(original[0])
+    warning = repair.suspicious_size(original[0])
     log.warnings += [warning] if warning else []
     result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
     with log.step("compare"):

@@ -1,6 +1,6 @@
-"""What every phase function has on the host, in float64, and how it comes to the kernels.
+"""Phase functions on the host, in float64, and their records for the kernels.
 
-Angles are taken as s = (1 - cos theta)/2 = sin^2(theta/2), which loses no digits ahead. Solid angle is 4 pi ds.
+Angles are given as s = (1 - cos theta)/2 = sin^2(theta/2), which loses no digits ahead. Solid angle is 4 pi ds.
 """
 
 from abc import ABC, abstractmethod
@@ -19,8 +19,8 @@ SMALLEST_S = 1e-18
 
 SMALLEST_ANGLE, BEAM_NODES = 1e-6, 256
 ANGLE_LOG_STEP = np.log(np.pi / SMALLEST_ANGLE) / (BEAM_NODES - 2)
-"""Of the table by which angles along a ray are drawn; it need not be right, for what it gives counts by its density.
-The step is of the logarithm."""
+"""Smallest angle [rad], nodes, and step of its logarithm, of the table by which angles along a ray are sampled. It may
+be coarse: samples are weighted by the density that it has."""
 
 
 class PhaseFunction(ABC):
@@ -44,7 +44,7 @@ class PhaseFunction(ABC):
 
     @abstractmethod
     def density(self, s: np.ndarray) -> np.ndarray:
-        """In proportion to the density per solid angle, at s in (0, 1]."""
+        """Density per solid angle, up to a factor, at s in (0, 1]."""
 
     @property
     def kinks(self) -> np.ndarray:
@@ -172,7 +172,7 @@ class PhaseFunction(ABC):
         return angle, -np.append(np.cumsum((density * step[:, 0])[::-1])[::-1], 0.0), density
 
     def device_record(self, device: str) -> Phase:
-        """What kernels know of it. The arrays live as long as this object does: who keeps the record keeps it too."""
+        """What kernels know of it. Its arrays live as long as this object does."""
         record = Phase()
         record.g = self.mean_cosine
         device = str(device)
