@@ -251,7 +251,7 @@ def _check_path(scene, parts, path, told):
     """Where the vehicle goes, or was asked to go, through anything or nearer to it than its radius.
 
     One warning per part, of the nearest place. A path that gets inside comes near the surface on its way, so only the
-    nearest places are asked whether they are inside. Places next to a stop in ``told`` [n, 3] have been told of already.
+    nearest places are asked whether they are inside. Places next to stops in ``told`` [n, 3] are known already.
     """
     time_ns, position, reference, waypoint = path
     radius, warnings = vehicle_radius(scene), []

@@ -52,7 +52,8 @@ def sea_floor(size_m: float, resolution: int, feature_m: float, rockiness: float
     ripples = fractal_field(resolution, seeds[3], 16.0 * cycles, 2.6)
     # Rock rises over a narrow transition: steep flanks, on which `slope_blend` shows rock.
     edge = np.quantile(where, 1.0 - rockiness) if rockiness > 0.0 else np.inf
-    rock = _smoothstep((where - edge) / 0.5)
+    t = np.clip((where - edge) / 0.5, 0.0, 1.0)
+    rock = t * t * (3.0 - 2.0 * t)
     height = 0.25 * swell + rock * (0.9 + 0.55 * np.abs(blocks) + 0.25 * blocks) + 0.02 * (1.0 - rock) * ripples
     height -= height.min()
     return height / max(height.max(), 1e-300)
@@ -89,8 +90,3 @@ def add_detail(vertices: np.ndarray, relief_m: float, feature_m: float, rockines
     where = (vertices[:, :2] - low) / max(span, 1e-300) * (resolution - 1)
     height = relief_m * map_coordinates(field - np.median(field), where.T[::-1], order=1, mode="nearest")
     return vertices + height[:, None] * np.array([0.0, 0.0, 1.0])
-
-
-def _smoothstep(t):
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -98,7 +98,9 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
         InputError: Nothing of a sheet is seen from above.
     """
     sheet = is_sheet(vertices, faces) if sheet is None else sheet
-    low, high = _bounds(vertices, region if sheet else None)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if sheet and region is not None:  # its top and bottom stay the model's
+        low[:2], high[:2] = np.maximum(low[:2], region[:2]), np.minimum(high[:2], region[2:])
     if sheet and not (high > low)[:2].all():
         raise InputError("nothing is seen from above", key="shrinkwrap_resolution",
                          remedy="Only surfaces that can be seen from above can be shrinkwrapped; check up_axis.")
@@ -150,14 +152,6 @@ def plan(size, side: float, resolution: int) -> tuple[int, float]:
     while cells > BASE or np.prod(size / (side / cells) + 2 * MARGIN + 2) > BASE_NODES:
         rounds, cells = rounds + 1, cells / 2
     return rounds, side / max(cells, 2)
-
-
-def _bounds(vertices, region):
-    """Corners [3] of the box to wrap; its top and bottom are the model's."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    if region is not None:
-        low[:2], high[:2] = np.maximum(low[:2], region[:2]), np.minimum(high[:2], region[2:])
-    return low, high
 
 
 # ------------------------------------------------------------------------------------------------- the first surface
@@ -222,8 +216,7 @@ def _jumps(value, distance):
     """Where a signed distance changes by more than the way between two middles: its sign changes in the open."""
     jumps = np.zeros(value.shape, bool)
     for axis in range(3):
-        a, b = np.moveaxis(value, axis, 0)[:-1], np.moveaxis(value, axis, 0)[1:]
-        far = np.abs(a - b) > 1.001 * distance
+        far = np.abs(np.diff(np.moveaxis(value, axis, 0), axis=0)) > 1.001 * distance
         moved = np.moveaxis(jumps, axis, 0)
         moved[:-1] |= far
         moved[1:] |= far

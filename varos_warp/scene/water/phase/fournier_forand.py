@@ -69,15 +69,18 @@ class FournierForand(PhaseFunction):
         series = series + nu * (nu + 1.0) * off * (2.0 * (nu - 1.0) - (2.0 * nu + 1.0) / s) / 6.0
         return np.where(near, series, closed) / (4.0 * np.pi)
 
+    def _share_below(self, s: float) -> float:
+        """Closed form of the distribution, less its second term: 1e-13 at S_CUT, and 0 at 90 degrees."""
+        delta = self._per_s * s
+        power = delta**self._nu
+        return float((1.0 - delta * power - (1.0 - power) * s) / ((1.0 - delta) * power))
+
     @cached_property
     def light_ahead(self) -> float:
-        """Share of the light below S_CUT, from the closed form of the distribution; its second term is 1e-13 there."""
-        power, delta = (self._per_s * S_CUT) ** self._nu, self._per_s * S_CUT
-        return float(((1.0 - delta * power) - (1.0 - power) * S_CUT) / ((1.0 - delta) * power))
+        """Share of the light below S_CUT."""
+        return self._share_below(S_CUT)
 
     @cached_property
     def backscatter_fraction(self) -> float:
         """B = b_b/b (Mobley et al. 2002)."""
-        nu, delta = self._nu, 0.5 * self._per_s
-        power = delta**nu
-        return 1.0 - (1.0 - delta * power - 0.5 * (1.0 - power)) / ((1.0 - delta) * power)
+        return 1.0 - self._share_below(0.5)
