@@ -110,10 +110,6 @@ class _Source:
                 return {"file": self.file, "line": self.lines[path[:end]], "key": key}
         return {"file": self.file, "key": key}
 
-    def overrides_within(self, path: tuple) -> list[str]:
-        """Overrides of keys in the block at ``path``, which may have made it wrong."""
-        return [text for inner, text in self.overridden.items() if inner[:len(path)] == path != inner]
-
 
 def _parse(path: Path, what: str, remedy: str) -> _Source:
     """Data and line numbers of a YAML file."""
@@ -239,8 +235,9 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
-    where, changes = source.where(path), source.overrides_within(path)
-    if "line" in where and changes:
+    where = source.where(path)
+    changes = [text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner]
+    if "line" in where and changes:  # which may have made the block wrong
         problem += f" (with --set {' and '.join(changes)})"
     return InputError(problem, value=value, remedy=remedy or None, **where)
 

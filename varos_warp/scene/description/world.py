@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -11,6 +11,7 @@ from varos_warp.scene.description.block import (
     NonNegativeRgb,
     Position,
     Positive,
+    Rectangle,
     Unit,
     UnitRgb,
     kind_by_default,
@@ -26,7 +27,7 @@ UpAxis = Literal["x", "y", "z"]
 class Preprocess(Block):
     """Repair of a raw terrain mesh before use (paper 3.1.1)."""
 
-    region: tuple[float, float, float, float] | None = None
+    region: Rectangle | None = None
     """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
     merge_tolerance_m: NonNegative = 0.001
     """Vertices nearer than this become one."""
@@ -38,13 +39,6 @@ class Preprocess(Block):
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
     target_vertices: Annotated[int, Field(ge=4)] | None = None
     """Decimate to about so many vertices."""
-
-    @field_validator("region")
-    @classmethod
-    def _region_has_area(cls, value):
-        if value is not None and not (value[0] < value[2] and value[1] < value[3]):
-            raise ValueError("a region is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
-        return value
 
 
 class Detail(Block):
@@ -206,7 +200,7 @@ class Scatter(Block):
     object: Object
     """What is copied, its own scale and rotation applied first; it has no position."""
     count: Annotated[int, Field(ge=1, le=20000)]
-    area: tuple[float, float, float, float] | None = None
+    area: Rectangle | None = None
     """xmin, ymin, xmax, ymax [m]; without ``area``, ``circle`` and ``polygon`` the whole terrain."""
     circle: tuple[float, float, Positive] | None = None
     """x, y and radius [m]."""
@@ -231,8 +225,6 @@ class Scatter(Block):
     def _one_area(self):
         if sum(region is not None for region in (self.area, self.circle, self.polygon)) > 1:
             raise ValueError("give at most one of area, circle, polygon")
-        if self.area is not None and not (self.area[0] < self.area[2] and self.area[1] < self.area[3]):
-            raise ValueError("an area is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
         if any(self.object.position):
             raise ValueError("the object of a scatter has no position; sink_m lowers the copies, or raises them")
         if self.scale_range[0] > self.scale_range[1]:

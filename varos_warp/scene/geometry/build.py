@@ -68,18 +68,12 @@ def _part(scene, block, key, vertices, faces, skin=None):
     """A mesh where its block places it: scaled, turned, moved."""
     with np.errstate(over="ignore", invalid="ignore"):
         turned = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T
-    _check_size(turned, block, key)
-    placed = turned + np.asarray(block.position)
-    return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
-                material=scene.materials[block.material] if block.material is not None else Diffuse(),
-                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth", skin=skin)
-
-
-def _check_size(vertices, block, key):
-    """A part, at its scale, is of a size that rays can hit."""
-    reach, size = float(np.abs(vertices).max()), float(np.ptp(vertices, axis=0).max())
+    reach, size = float(np.abs(turned).max()), float(np.ptp(turned, axis=0).max())
     if not (reach <= LARGEST_M and size >= SMALLEST_M):
         what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"
         raise InputError(f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large", key=key,
                          remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).")
+    return Part(name=key, vertices=turned + np.asarray(block.position), faces=np.asarray(faces, np.int32),
+                material=scene.materials[block.material] if block.material is not None else Diffuse(),
+                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
+                smooth_shading=block.shading == "smooth", skin=skin)
