@@ -141,8 +141,8 @@ def _check_water(scene):
         return []
     for name, values in (("sigma_a", water.sigma_a), ("sigma_s + sigma_a", water.sigma_t)):
         if looks_like_transmission(values):
-            meant = ", ".join(f"{-np.log(v):.3g}" for v in values)
-            return [f"water: {name} = {_list(values)} looks like a transmission per metre, which falls as exp(-c); "
+            given, meant = (", ".join(f"{v:.3g}" for v in row) for row in (values, -np.log(values)))
+            return [f"water: {name} = [{given}] looks like a transmission per metre, which falls as exp(-c); "
                     f"as a coefficient that would be [{meant}] 1/m"]
     best = np.log(10.0) / water.sigma_t[water.sigma_t > 0.0].min()
     if water.sigma_t.all() and best < 0.5:
@@ -298,7 +298,3 @@ def _stop(scene):
 
 def _numbers(indices):
     return ", ".join(map(str, indices[:5])) + (f" and {len(indices) - 5} more" if len(indices) > 5 else "")
-
-
-def _list(values):
-    return "[" + ", ".join(f"{v:.3g}" for v in values) + "]"

@@ -63,13 +63,7 @@ def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: floa
                      rockiness: float = 0.4, seed: int = 1):
     """A square sea floor around the origin, its median height 0; same seed, same terrain.
 
-    Args:
-        size_m: Side [m].
-        resolution: Vertices along a side.
-        relief_m: From the lowest to the highest point [m].
-        feature_m: Size of the widest forms [m].
-        rockiness: Share of the area that is rock, 0 to 1.
-        seed: Seed of everything random.
+    The arguments are those of ``scene.description.world.ProceduralTerrain``.
 
     Returns:
         Vertices float64 [resolution^2, 3] and faces int32 [F, 3], normals up.

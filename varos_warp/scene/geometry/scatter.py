@@ -35,10 +35,6 @@ class Ground:
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """float64 [N] [m]."""
 
-    def take(self, centre, radius):
-        """Take one disk more."""
-        self.centre, self.radius = np.vstack([self.centre, centre]), np.append(self.radius, radius)
-
 
 def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
     """Place the copies of one block, and take the ground that they stand on.
@@ -77,7 +73,7 @@ def _places(block, key, vertices, ground, rng):
             if len(gap) and gap.min() < block.clearance_m:
                 dropped["too near to a copy"] += 1
                 continue
-            ground.take(row[:2], radius)
+            ground.centre, ground.radius = np.vstack([ground.centre, row[:2]]), np.append(ground.radius, radius)
             kept.append(row)
             if len(kept) == block.count:
                 return np.array(kept)
