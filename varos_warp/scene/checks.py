@@ -1,4 +1,4 @@
-"""What a person should know before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
+"""Before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from varos_warp.scene.water import optical_properties
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
 """Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
-"""Places on a path that are asked whether they are inside of what they are near to."""
+"""Nearest places of a path that are tested for lying inside a part."""
 
 
 def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None = None) -> list[str]:
@@ -58,7 +58,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
 
 
 def _mesh_info(parts):
-    """Name, counts and bounds of every mesh; the copies of a scatter together."""
+    """Name, counts and bounds of every mesh, copies of a scatter together."""
     info = []
     for part in parts:
         boxes = part.boxes()
@@ -151,7 +151,7 @@ def _check_water(scene):
 
 
 def _check_sizes(parts):
-    """Sizes no sea floor and no man-made object has; a factor of 1000 says millimetres."""
+    """Sizes that no sea floor or man-made object has; a factor of 1000 suggests millimetres."""
     warnings = []
     for part in parts:
         first = next(box.vertices for box in part.boxes())  # of a scatter, one of the copies

@@ -28,7 +28,7 @@ class DepthGaugeNoise(Block):
     bias: float = 0.0
     """Constant part [m]"""
     turn_on_bias: NonNegative = 0.0
-    """Standard deviation of the part that is drawn once a sequence [m]"""
+    """Standard deviation of the part drawn once per sequence [m]"""
     resolution: NonNegative = 0.0
     """Step of the readings [m]; 0: none"""
 
@@ -111,10 +111,10 @@ def load_profile(name: str | Path) -> NoiseProfile:
 
 
 def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
-    """One profile of several that each tell of other sensors.
+    """Join profiles of different sensors into one.
 
     Raises:
-        InputError: Two of them tell of the same sensor.
+        InputError: Two of them hold the same sensor.
     """
     merged: dict = {"name": "+".join(profile.name for profile in profiles)}
     for profile in profiles:

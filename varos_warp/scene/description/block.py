@@ -9,7 +9,7 @@ Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 """[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""[degrees]; of much larger ones whole turns would leave no digit."""
+"""[degrees]; much larger ones would lose all digits to whole turns."""
 EulerAngles = tuple[Angle, Angle, Angle]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]

@@ -33,7 +33,7 @@ class SpotLight(Block):
     direction: Vec3 = (0.0, 1.0, 0.0)
     cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
         359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
-    """Full angle of the cone; single precision does not hold the cosines of narrower ones."""
+    """Full angle of the cone; single precision cannot represent the cosines of narrower ones."""
     blend: Unit = 0.0
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
 
@@ -68,7 +68,7 @@ def _check_look_at(block):
 
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
-"""[mm]; single precision holds every view that such sizes make."""
+"""[mm]; within these bounds every field of view is representable in single precision."""
 
 
 class Camera(Block):
@@ -120,7 +120,7 @@ class ImuNoise(Block):
     accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
     """Constant part, sensor axes [m/s^2]"""
     accelerometer_turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part that is drawn once a sequence [m/s^2]"""
+    """Standard deviation of the part drawn once per sequence [m/s^2]"""
     gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
     """[rad/s]"""
     gyroscope_turn_on_bias: NoiseDensity = 0.0
@@ -153,7 +153,7 @@ class Current(Block):
 
 
 class Vehicle(Block):
-    """A neutrally buoyant sphere with thrusters; what is absent follows from its mass (between presets)."""
+    """A neutrally buoyant sphere with thrusters; absent values are interpolated by mass between presets."""
 
     id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
     mass_kg: Positive = 40.0
@@ -197,7 +197,7 @@ class Vehicle(Block):
 
 
 class Waypoint(Block):
-    """A pose to pass by; ``strict`` ones are reached exactly.
+    """A pose to pass; ``strict`` ones are reached exactly.
 
     Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
     """

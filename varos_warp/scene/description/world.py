@@ -1,4 +1,4 @@
-"""The world: terrain, objects and what is scattered, what surfaces are made of, and the water."""
+"""The world: terrain, objects, scattered copies, materials and water."""
 
 from typing import Annotated, Literal
 
@@ -38,14 +38,14 @@ class Preprocess(Block):
     close: Literal["skirt", "solid", "none"] = "skirt"
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
     target_vertices: Annotated[int, Field(ge=4)] | None = None
-    """Decimate to about so many vertices."""
+    """Decimate to about this many vertices."""
 
 
 class Detail(Block):
-    """Seeded fractal relief added to a terrain that was surveyed too coarsely for close views."""
+    """Seeded fractal relief for a terrain that was surveyed too coarsely for close views."""
 
     relief_m: Positive = 0.5
-    """From the lowest to the highest point of what is added [m]."""
+    """From the lowest to the highest point of the added relief [m]."""
     feature_m: Positive = 25.0
     """Size of the widest forms [m]."""
     rockiness: Unit = 0.4
@@ -65,7 +65,7 @@ class Placed(Block):
 
 
 class Terrain(Placed):
-    """The sea floor: one mesh file or several that are joined."""
+    """The sea floor: one mesh file, or several to join."""
 
     kind: Literal["file"] = "file"
     file: str | Annotated[list[str], Field(min_length=1)]
@@ -113,7 +113,7 @@ Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
 
 
 class Parametric(Placed):
-    """An object that is made from its measures."""
+    """An object made from its measures."""
 
     chord_error_m: Annotated[float, Field(ge=1e-6)] | None = None
     """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
@@ -198,7 +198,7 @@ class Scatter(Block):
     """Copies of one object strewn over the terrain, where chance and ``clearance_m`` put them."""
 
     object: Object
-    """What is copied, its own scale and rotation applied first; it has no position."""
+    """The object to copy, its own scale and rotation applied first; it has no position."""
     count: Annotated[int, Field(ge=1, le=20000)]
     area: Rectangle | None = None
     """xmin, ymin, xmax, ymax [m]; without ``area``, ``circle`` and ``polygon`` the whole terrain."""
@@ -207,7 +207,7 @@ class Scatter(Block):
     polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = None
     """Corners x, y [m], in order."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Of the places, together with the scene's; more copies keep the places of the first ones."""
+    """Of the places, together with the scene's; raising ``count`` keeps the places of the first copies."""
     clearance_m: float = 0.0
     """Least gap between the circles around two copies, seen from above, and to any object; below zero they overlap."""
     sink_m: float = 0.0
@@ -215,7 +215,7 @@ class Scatter(Block):
     random_yaw: bool = True
     """Each copy turned about the vertical at random."""
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
-    """Copies lean with the terrain, at most so far: 0 stands upright, 90 follows every slope."""
+    """Copies lean with the terrain by at most this angle: 0 stands upright, 90 follows every slope."""
     max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
     """Only where the terrain is no steeper than this."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Mesh files: read into float64 vertices, z up, in metres, and the colours that they bring along; and written."""
+"""Mesh files: reading vertices in float64, z up, in metres, and colours; and writing."""
 
 import json
 import os
@@ -105,7 +105,7 @@ def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None
 
 
 def _check_file(path, key):
-    """A file of a known format that is there and not empty."""
+    """The file exists, has a known format and is not empty."""
     require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,

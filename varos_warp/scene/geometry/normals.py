@@ -5,7 +5,7 @@ import numpy as np
 from varos_warp.scene.geometry.topology import area_normals, groups, paired_edges
 
 UP = np.array([0.0, 0.0, 1.0])
-"""Normal of what has none: a degenerate face, which no ray can hit."""
+"""Normal of a degenerate face, which no ray can hit."""
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

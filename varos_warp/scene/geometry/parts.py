@@ -61,7 +61,7 @@ class Instances(Shape):
         return len(self.T_w_o)
 
     def parts(self) -> list[Part]:
-        """Every copy as a part of its own, ``scatter.0.17``, its position as the seed of its material."""
+        """Every copy as a part, ``scatter.0.17``, with its position as the seed of its material."""
         return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
                      tuple(T[:3, 3].tolist()), smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading,
                      skin=self.skin) for i, T in enumerate(self.T_w_o)]

@@ -19,15 +19,15 @@ from varos_warp.scene.geometry.query import clearance, crossings, is_inside
 BATCH = 256
 """Places drawn at a time; the copies do not depend on it."""
 PATIENCE = 4000
-"""Places in a row without a copy, after which the area counts as full: less than a thousandth of it is left."""
+"""Places in a row without a copy after which the area counts as full: less than a thousandth of it is left."""
 
 
 @dataclass
 class Ground:
-    """What is scattered on, and what is in the way there."""
+    """Where copies may stand, and what is in their way."""
 
     terrain: Part
-    """Of several surfaces one above the other the highest counts."""
+    """Where surfaces overlap, the highest counts."""
     objects: list[Part] = field(default_factory=list)
     """Copies keep clear of them."""
     centre: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -37,7 +37,7 @@ class Ground:
 
 
 def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
-    """Place the copies of one block, and take the ground that they stand on.
+    """Place the copies of one block, and mark their ground as taken.
 
     Args:
         block: The block ``scatter`` of the scene file.

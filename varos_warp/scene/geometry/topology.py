@@ -1,4 +1,4 @@
-"""Which edges, pieces and outlines a list of triangles has; by sorting keys, in bounded memory for tens of millions."""
+"""Edges, pieces and outlines of a triangle list, by sorting keys: in bounded memory for tens of millions."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 CHUNK = 1 << 20
-"""Triangles looked at in one go, where what is computed of each takes more room than the triangle."""
+"""Triangles processed at once, where temporary arrays are larger than the triangles."""
 FARTHEST = 1e15
 """A coordinate beyond is no place but a fault: a million kilometres in micrometres."""
 

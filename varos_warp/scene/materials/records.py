@@ -57,7 +57,7 @@ def _set_skin(record, part, textures):
 
 
 def _set_ground(record, part, offset, textures, scene):
-    """Tiles on what is flat and what is steep, or one on both."""
+    """Tiles for flat and steep ground, or one for both."""
     material = part.material
     record.kind = int(texture.GROUND)
     key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")

@@ -39,9 +39,9 @@ def make_asset(block: world.ParametricObject, key: str = "object") -> tuple[np.n
 
 
 def default_chord_error(block: world.ParametricObject, key: str = "object") -> float:
-    """Chord error in the world [m] of an object that asks for none: by its radius, from 0.05 to 0.38 mm.
+    """Chord error in the world [m] where the object gives none: by its radius, from 0.05 to 0.38 mm.
 
-    A boulder has no true surface that its triangles stand for: an 80th of its radius is fine enough.
+    A boulder has no true surface to come near to: an 80th of its radius is fine enough.
     """
     if isinstance(block, world.Boulder):
         return float(block.diameter / 160.0 * np.max(block.scale))

@@ -35,7 +35,7 @@ class Log:
 
     @contextlib.contextmanager
     def step(self, name: str):
-        """Time a step; yields what its share is reported to."""
+        """Time a step; yields a function that takes the share that is done."""
         def share(done):
             if self.progress is not None:
                 self.progress(name, done)
@@ -177,7 +177,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
 
 
 def _peak_gb() -> float | None:
-    """Most memory that the process has held so far [GB]; none where the system does not say."""
+    """Peak memory of the process [GB]; None where the system does not tell."""
     try:
         import resource
     except ImportError:  # Windows

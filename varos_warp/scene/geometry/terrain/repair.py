@@ -9,7 +9,7 @@ from varos_warp.scene.geometry import topology
 from varos_warp.scene.geometry.surface import Surface
 
 HOLE_EDGES = 10.0
-"""Holes up to so many median edges across are filled where nothing else is asked for."""
+"""Holes up to this many median edges across are filled by default."""
 
 VOTERS = 20_000
 """Rays cast down on a model to tell its front from its back."""
@@ -19,7 +19,7 @@ SMALLEST_M, LARGEST_M = 0.05, 20_000.0
 
 
 def drop_not_finite(vertices, faces):
-    """Without the vertices that are NaN, infinite or farther than any unit of length explains, and their faces."""
+    """Without vertices that are NaN, infinite or farther out than any unit of length explains, and their faces."""
     with np.errstate(invalid="ignore"):
         bad = ~(np.abs(vertices) < topology.FARTHEST).all(axis=1)
     if not bad.any():
@@ -137,7 +137,7 @@ def _seen_from_behind(vertices, faces, device):
 
 
 def suspicious_size(vertices) -> str | None:
-    """A warning where the model is so large or small that its unit is hardly the metre."""
+    """A warning if the model is so large or small that its unit is probably not the metre."""
     longer = float(np.ptp(vertices, axis=0).max())
     if longer > LARGEST_M:
         return f"the model is {longer:.4g} m long: if it is in millimetres, give scale 0.001"

@@ -30,7 +30,7 @@ BASE_NODES = 40_000_000
 """Most nodes of its grid: 160 MB."""
 
 BLOCK = 8
-"""Nodes along a side of the blocks that are looked at first; a power of 2."""
+"""Nodes along a side of the largest blocks; a power of 2."""
 
 EIGHT = np.indices((2, 2, 2)).reshape(3, -1).T
 """The halves of a block."""

@@ -15,7 +15,7 @@ from varos_warp.kernels.world.phase import Phase
 from varos_warp.scene.water.phase.power_table import LOG_S, LOG_STEP, S_CUT, PowerTable
 
 SMALLEST_S = 1e-18
-"""Where a density that is infinite ahead ends: a cosine in float64 does not tell such angles from 0."""
+"""Lower end of densities that are infinite ahead: a cosine in float64 cannot tell smaller angles from 0."""
 
 SMALLEST_ANGLE, BEAM_NODES = 1e-6, 256
 ANGLE_LOG_STEP = np.log(np.pi / SMALLEST_ANGLE) / (BEAM_NODES - 2)

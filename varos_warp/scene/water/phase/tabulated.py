@@ -17,7 +17,7 @@ SMALLEST_DEG = 1e-4
 STEEPEST = -1.9
 """Least slope over the angle ahead of the first row; at -2 there would be light without end."""
 ZERO = 1e-6
-"""What a value of 0 counts as, in units of the smallest that is not: a power law never gets there."""
+"""Stands for a value of 0, in units of the smallest positive one: a power law never reaches 0."""
 
 
 class Tabulated(PhaseFunction):
