@@ -82,8 +82,7 @@ def water_info(scene: Scene) -> dict:
         return [float(x / value) if value > 0.0 else None for value in c]
 
     return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
-            "phase": water.phase.describe(),
-            "albedo": [float(s / t) if t > 0.0 else 0.0 for s, t in zip(water.sigma_s, c, strict=True)],
+            "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
             "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
 
 

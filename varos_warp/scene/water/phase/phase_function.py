@@ -182,8 +182,7 @@ class PhaseFunction(ABC):
                                         for values in (*self._beam, *density)]
         record.angle, record.beam, record.beam_density, *density = self._on_devices[device]
         record.angle_log_step = float(ANGLE_LOG_STEP)
-        if not density:
-            return record
-        record.log_p, record.cdf = density
-        record.log_first, record.log_step = float(LOG_S[0]), float(LOG_STEP)
+        if density:
+            record.log_p, record.cdf = density
+            record.log_first, record.log_step = float(LOG_S[0]), float(LOG_STEP)
         return record
