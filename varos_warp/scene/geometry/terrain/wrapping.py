@@ -120,9 +120,9 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
     if sheet:
         wrap = trim(model, wrap, step)
     result = wrap.points + model.origin
-    for axis, side in ((axis, side) for axis in (0, 1) for side in (-1, 1)):
+    for axis, end in ((axis, end) for axis in (0, 1) for end in (-1, 1)):
         if sheet:  # exactly, not to float32
-            result[wrap.lock[:, axis] == side, axis] = (low, high)[side > 0][axis]
+            result[wrap.lock[:, axis] == end, axis] = (low, high)[end > 0][axis]
     return _sound(result, wrap.faces)
 
 
