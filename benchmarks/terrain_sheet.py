@@ -28,7 +28,7 @@ SUN = np.array([-0.6, 0.3, 0.45]) / np.linalg.norm([-0.6, 0.3, 0.45])
 def stages(scene):
     """(label, vertices, faces) of each step."""
     block = scene.terrain
-    surveyed = load_mesh(scene.resolve(block.file))
+    surveyed = load_mesh(scene.resolve(block.file))[:2]
     wrapped = terrain.preprocess(*surveyed, shrinkwrap_resolution=513)
     decimated = terrain.preprocess(*surveyed, shrinkwrap_resolution=513, target_vertices=5000)
     off = [terrain.compare(surveyed, mesh)["distance_to_result_m"]["rms"] for mesh in (wrapped, decimated)]

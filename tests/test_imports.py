@@ -30,7 +30,6 @@ held only to there being no circle."""
 
 LEFT = {
     ("kernels.field.lookup", "kernels.transport.subpath"),
-    ("scene.geometry.skins", "scene.materials.textures"),
 }
 """Imports against the order that are still there."""
 

@@ -200,7 +200,8 @@ def test_copies_and_smooth_normals_are_exported(peer):
     places[:, :3, 3] = [[-0.6, 3.0, 0.0], [0.7, 3.5, 0.2]]
 
     def ours(smooth):
-        copies = Instances("scatter.0", part.vertices, part.faces, places, part.material, part.smooth_angle, smooth)
+        copies = Instances("scatter.0", part.vertices, part.faces, part.material, places,
+                           smooth_angle=part.smooth_angle, smooth_shading=smooth)
         how = {"spp": 1024, "integrator": "path", "max_bounces": 1}
         return copies, FrameRenderer(scene, "cpu", [copies]).render(np.eye(4), outputs="A", **how).A.radiance[..., 1]
 

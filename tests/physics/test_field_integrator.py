@@ -130,7 +130,7 @@ def riches():
     small = part(ball.copy().apply_scale(0.3), Diffuse(reflectance=(0.2, 0.6, 0.4)))
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, :3, 3] = [(-0.6, 2.0, -0.4), (-0.2, 2.4, -0.7), (0.9, 3.0, 0.2)]
-    copies = Instances("copies", small.vertices, small.faces, poses, small.material)
+    copies = Instances("copies", small.vertices, small.faces, small.material, poses)
     return [boxed((20, 20, 0.2), (0, 6, -1.1), 0.4), copies,
             part(ball.copy().apply_translation((0.4, 2.0, -0.2)), Metal(kind="metal", roughness=0.4), "ball")]
 

@@ -261,7 +261,7 @@ def rich_parts(sand):
     T[:, :3, :3] = Rotation.random(30, random_state=4).as_matrix() * rng.uniform(2, 6, (30, 1, 1))
     T[:, :3, 3] = np.column_stack([rng.uniform(-1, 1, (30, 2)), rng.uniform(0.0, 0.3, 30)])
     rusty = Rust(kind="rust", amount=0.4, roughness=0.4)
-    nuts = Instances("scatter.0", *make_asset(Nut(kind="nut", size="M24")), T, rusty, smooth_shading=True)
+    nuts = Instances("scatter.0", *make_asset(Nut(kind="nut", size="M24")), rusty, T, smooth_shading=True)
     return [ground, ball, nuts]
 
 

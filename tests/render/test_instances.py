@@ -35,7 +35,7 @@ def nuts(count=60):
     T[:, :3, :3] = Rotation.random(count, random_state=4).as_matrix() * rng.uniform(2, 6, (count, 1, 1))
     T[:, :3, 3] = np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(0.0, 0.3, count)])
     mesh = make_asset(Nut(kind="nut", size="M24"))
-    return Instances("scatter.0", *mesh, T, Diffuse(reflectance=(0.7, 0.4, 0.2)), smooth_shading=True)
+    return Instances("scatter.0", *mesh, Diffuse(reflectance=(0.7, 0.4, 0.2)), T, smooth_shading=True)
 
 
 def ground():
@@ -105,7 +105,7 @@ def test_a_copy_throws_a_shadow():
     corners = half * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
     T = np.eye(4)
     T[:3, 3] = 0.1, -0.5, height
-    plate = Instances("scatter.0", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), T[None], Diffuse())
+    plate = Instances("scatter.0", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(), T[None])
     frame = render([ground(), plate], spp=4, layers=("direct",))
     camera = scene_from_dict(SCENE).vehicle.cameras[0]
     T_w_c, (u, v) = camera_pose(camera, POSE), np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)

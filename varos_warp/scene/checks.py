@@ -1,4 +1,4 @@
-"""What a person should know before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
+"""Before rendering: a scene in numbers, and warnings of what looks wrong but may be meant."""
 
 from dataclasses import replace
 
@@ -9,16 +9,16 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
+from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
 from varos_warp.scene.geometry.query import clearance, is_inside
-from varos_warp.scene.geometry.terrain import join
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
 """Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
-"""Places on a path that are asked whether they are inside of what they are near to."""
+"""Nearest places of a path that are tested for lying inside a part."""
 
 
 def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None = None) -> list[str]:
@@ -58,14 +58,14 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
 
 
 def _mesh_info(parts):
-    """Name, counts and bounds of every mesh; the copies of a scatter together."""
+    """Name, counts and bounds of every mesh, copies of a scatter together."""
     info = []
     for part in parts:
-        copies = len(part) if isinstance(part, Instances) else 1
-        corners = np.concatenate([box.vertices for box in part.boxes()])
-        info.append({"name": f"{part.name} ({copies} copies)" if isinstance(part, Instances) else part.name,
-                     "vertices": copies * len(part.vertices), "triangles": copies * len(part.faces),
-                     "bounds_m": np.stack([corners.min(axis=0), corners.max(axis=0)]).tolist()})
+        boxes = part.boxes()
+        corners = np.concatenate([box.vertices for box in boxes])
+        info.append({"name": part.name + (f" ({len(boxes)} copies)" if isinstance(part, Instances) else ""),
+                     "vertices": len(boxes) * len(part.vertices), "triangles": len(boxes) * len(part.faces),
+                     "bounds_m": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]})
     return info
 
 
@@ -82,8 +82,7 @@ def water_info(scene: Scene) -> dict:
         return [float(x / value) if value > 0.0 else None for value in c]
 
     return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
-            "phase": water.phase.describe(),
-            "albedo": [float(s / t) if t > 0.0 else 0.0 for s, t in zip(water.sigma_s, c, strict=True)],
+            "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
             "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
 
 
@@ -141,8 +140,8 @@ def _check_water(scene):
         return []
     for name, values in (("sigma_a", water.sigma_a), ("sigma_s + sigma_a", water.sigma_t)):
         if looks_like_transmission(values):
-            meant = ", ".join(f"{-np.log(v):.3g}" for v in values)
-            return [f"water: {name} = {_list(values)} looks like a transmission per metre, which falls as exp(-c); "
+            given, meant = (", ".join(f"{v:.3g}" for v in row) for row in (values, -np.log(values)))
+            return [f"water: {name} = [{given}] looks like a transmission per metre, which falls as exp(-c); "
                     f"as a coefficient that would be [{meant}] 1/m"]
     best = np.log(10.0) / water.sigma_t[water.sigma_t > 0.0].min()
     if water.sigma_t.all() and best < 0.5:
@@ -151,7 +150,7 @@ def _check_water(scene):
 
 
 def _check_sizes(parts):
-    """Sizes no sea floor and no man-made object has; a factor of 1000 says millimetres."""
+    """Sizes that no sea floor or man-made object has; a factor of 1000 suggests millimetres."""
     warnings = []
     for part in parts:
         first = next(box.vertices for box in part.boxes())  # of a scatter, one of the copies
@@ -218,22 +217,17 @@ def _check_lights(scene, poses):
 def _check_inside(scene, parts, poses):
     """Cameras within rock or objects, and above the surface."""
     warnings = []
-    solids = [part for part in parts if part.name == "terrain" or _is_closed(part)]
     for i, camera in enumerate(scene.vehicle.cameras):
-        world = [np.eye(4)] if camera.mount == "world" else poses
-        points = np.array([camera_pose(camera, T)[:3, 3] for T in world])
-        stop = "" if camera.mount == "world" else f" at {_stop(scene)}"
-        for part in solids:
-            inside = np.flatnonzero(is_inside(part.vertices, part.faces, points))
-            if len(inside):
-                where = f"{stop} {_numbers(inside)}" if stop else ""
-                what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
-                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}")
-        above = np.flatnonzero(points[:, 2] > scene.surface_depth_m)
-        if scene.water != "none" and len(above):
-            where = f"{stop} {_numbers(above)}" if stop else ""
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): is above the sea surface (z = "
-                            f"{scene.surface_depth_m:g} m){where}; surface_depth_m is the depth of world z = 0")
+        fixed = camera.mount == "world"
+        points = np.array([camera_pose(camera, T)[:3, 3] for T in ([np.eye(4)] if fixed else poses)])
+        found = [(_inside(part, points), _within(part), "") for part in parts]
+        if scene.water != "none":
+            found.append((points[:, 2] > scene.surface_depth_m, f"above the sea surface (z = {scene.surface_depth_m:g} "
+                          "m)", "; surface_depth_m is the depth of world z = 0"))
+        for wrong, what, remark in found:
+            if wrong.any():
+                where = "" if fixed else f" at {_stop(scene)} {_numbers(np.flatnonzero(wrong))}"
+                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
     return warnings
 
 
@@ -241,18 +235,13 @@ def _check_stops(scene, parts, stops):
     """Waypoints or poses under the terrain, or nearer to anything than the vehicle's radius, and where they are."""
     warnings, radius, touching = [], vehicle_radius(scene), np.zeros(len(stops), bool)
     for part in parts:
-        under = np.zeros(len(stops), bool)
-        if part.name == "terrain" or _is_closed(part):
-            under = is_inside(part.vertices, part.faces, stops)
-        distance = clearance(part.vertices, part.faces, stops, radius)
-        what = "under the terrain" if part.name == "terrain" else f"inside {part.name}"
-        if under.any():
-            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {what}")
+        under, distance = _inside(part, stops), clearance(part.vertices, part.faces, stops, radius)
         close = np.isfinite(distance) & ~under
+        if under.any():
+            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {_within(part)}")
         if close.any():
-            nearest = distance[close].min()
             warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(close))} is nearer to {part.name} "
-                            f"than the vehicle's radius of {radius:.2f} m ({nearest:.2f} m)")
+                            f"than the vehicle's radius of {radius:.2f} m ({distance[close].min():.2f} m)")
         touching |= under | close
     return warnings, stops[touching]
 
@@ -261,7 +250,7 @@ def _check_path(scene, parts, path, told):
     """Where the vehicle goes, or was asked to go, through anything or nearer to it than its radius.
 
     One warning per part, of the nearest place. A path that gets inside comes near the surface on its way, so only the
-    nearest places are asked whether they are inside. What goes on next to a stop in ``told`` [n, 3] is known already.
+    nearest places are asked whether they are inside. Places next to stops in ``told`` [n, 3] are known already.
     """
     time_ns, position, reference, waypoint = path
     radius, warnings = vehicle_radius(scene), []
@@ -273,8 +262,7 @@ def _check_path(scene, parts, path, told):
                 continue
             order = np.argsort(distance, kind="stable")[:np.count_nonzero(np.isfinite(distance))]
             worst, nearest = order[0], order[:NEAREST]
-            solid = part.name == "terrain" or _is_closed(part)
-            through = solid and np.ptp(is_inside(part.vertices, part.faces, points[nearest]).astype(int)) > 0
+            through = len(set(_inside(part, points[nearest]))) > 1
             how = f"through {part.name}" if through else (
                 f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
             warnings.append(f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
@@ -292,8 +280,15 @@ def _runs_past(near, points, stops, reach):
     return near & np.isin(run, run[at_stop])
 
 
-def _is_closed(part):
-    return trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight
+def _inside(part, points):
+    """Which points [N, 3] are under the terrain or inside a closed object, bool [N]."""
+    if part.name != "terrain" and not trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight:
+        return np.zeros(len(points), bool)
+    return is_inside(part.vertices, part.faces, points)
+
+
+def _within(part):
+    return "under the terrain" if part.name == "terrain" else f"inside {part.name}"
 
 
 def _stop(scene):
@@ -302,7 +297,3 @@ def _stop(scene):
 
 def _numbers(indices):
     return ", ".join(map(str, indices[:5])) + (f" and {len(indices) - 5} more" if len(indices) > 5 else "")
-
-
-def _list(values):
-    return "[" + ", ".join(f"{v:.3g}" for v in values) + "]"

@@ -30,9 +30,8 @@ def resolve_device(name: str = "auto") -> str:
         return next((device for device in known if device.startswith("cuda")), "cpu")
     name = "cuda:0" if name == "cuda" else name
     if name not in known:
-        raise InputError(
-            "no such device here", key="--device", value=name, remedy=f"Use auto or one of: {', '.join(known)}."
-        )
+        raise InputError("no such device here", key="--device", value=name,
+                         remedy=f"Use auto or one of: {', '.join(known)}.")
     return name
 
 
@@ -50,7 +49,7 @@ faster."""
 
 
 class DeviceScene:
-    """Owns everything that kernels read of a scene; ``data`` holds the handles, of all but the lights (`lit`).
+    """Owns everything that kernels read of a scene; ``data`` holds all but the lights (`lit`), and keeps it alive.
 
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
     """
@@ -82,8 +81,8 @@ class DeviceScene:
             self.mesh = self._mesh(vertices, faces)
             self.data.mesh = self.mesh.id
         counts = [len(part.faces) for part in in_mesh]
-        self.face_part = self._array(np.repeat(np.arange(len(in_mesh), dtype=np.int32), counts), wp.int32)
-        self.data.face_part, self.data.parts = self.face_part, len(in_mesh)
+        self.data.face_part = self._array(np.repeat(np.arange(len(in_mesh), dtype=np.int32), counts), wp.int32)
+        self.data.parts = len(in_mesh)
         if self.has_instances:
             self._upload_instances(copied, sum(counts))
         self.part_names = [part.name for part in single]
@@ -93,30 +92,26 @@ class DeviceScene:
         self.textures = Textures(self.scene, self.device)
         materials = [device_material(part, self.scene, self.origin, self.textures) for part in placed]
         self.has_textures = any(material.kind != DIFFUSE for material in materials)
-        self.materials = self._array(materials, Material)
-        self.data.materials = self.materials
+        self.data.materials = self._array(materials, Material)
         if any(has_lobe(part.material) for part in parts):
-            self.lobe_albedo = self._array(lobe_albedo_table(), float)
-            self.data.lobe_albedo = self.lobe_albedo
+            self.data.lobe_albedo = self._array(lobe_albedo_table(), float)
         self._upload_normals([*single, *copied])
-        self.corner_values = self._array(corner_values([*single, *copied] if self.has_instances else in_mesh), wp.vec3)
-        self.data.corner_values = self.corner_values
+        values = corner_values([*single, *copied] if self.has_instances else in_mesh)
+        self.data.corner_values = self._array(values, wp.vec3)
 
     def _array(self, values, dtype) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
 
     def _mesh(self, vertices: np.ndarray, faces: np.ndarray) -> wp.Mesh:
-        return wp.Mesh(
-            points=self._array(vertices.astype(np.float32), wp.vec3),
-            indices=self._array(faces.ravel().astype(np.int32), wp.int32),
-            bvh_constructor="sah",  # the GPU's own builder is faster, but its trees trace 15 to 40 % slower
-            bvh_leaf_size=LEAF_SIZE[self.kind],
-        )
+        # "sah": the GPU's own builder is faster, but its trees trace 15 to 40 % slower
+        return wp.Mesh(points=self._array(vertices.astype(np.float32), wp.vec3), bvh_constructor="sah",
+                       indices=self._array(faces.ravel().astype(np.int32), wp.int32),
+                       bvh_leaf_size=LEAF_SIZE[self.kind])
 
     def _upload_instances(self, groups: list[Instances], first_face: int):
         """The meshes of what stands there many times, a record for each copy, and a BVH over the copies' boxes."""
         self.instanced_meshes = [self._mesh(group.vertices, group.faces) for group in groups]
-        records, low, high = [], [], []
+        records, boxes = [], []
         for group, mesh in zip(groups, self.instanced_meshes, strict=True):
             for T, box in zip(group.T_w_o, group.boxes(), strict=True):
                 record = InstanceData()
@@ -125,31 +120,22 @@ class DeviceScene:
                 record.R = wp.mat33(*(T[:3, :3] / record.scale).ravel())
                 record.p = wp.vec3(*(T[:3, 3] - self.origin))
                 records.append(record)
-                low.append(box.vertices.min(axis=0) - self.origin)
-                high.append(box.vertices.max(axis=0) - self.origin)
+                boxes.append((box.vertices.min(axis=0) - self.origin, box.vertices.max(axis=0) - self.origin))
             first_face += len(group.faces)
-        # the rounding of float32, on the safe side
-        margin = 1e-6 * (1.0 + np.abs(np.array(low + high)).max())
-        self.instances = self._array(records, InstanceData)
-        self.instance_bvh = wp.Bvh(
-            self._array((np.array(low) - margin).astype(np.float32), wp.vec3),
-            self._array((np.array(high) + margin).astype(np.float32), wp.vec3),
-            constructor="sah",
-            leaf_size=1,
-        )
-        self.data.instances, self.data.instance_bvh = self.instances, self.instance_bvh.id
+        margin = 1e-6 * (1.0 + np.abs(boxes).max())  # the rounding of float32, on the safe side
+        low, high = np.moveaxis(boxes, 1, 0)
+        self.instance_bvh = wp.Bvh(self._array((low - margin).astype(np.float32), wp.vec3),
+                                   self._array((high + margin).astype(np.float32), wp.vec3),
+                                   constructor="sah", leaf_size=1)
+        self.data.instances, self.data.instance_bvh = self._array(records, InstanceData), self.instance_bvh.id
 
     def _upload_normals(self, parts: list[Part | Instances]):
         smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
-        self.smooth_normals = self._per_corner(parts, smooth)
-        self.data.smooth_normals = self.smooth_normals
+        self.data.smooth_normals = self._per_corner(parts, smooth)
         if any(part.smooth_shading for part in parts):
-            lit = [
-                normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
-                for part, normals in zip(parts, smooth, strict=True)
-            ]
-            self.shading_normals = self._per_corner(parts, lit)
-            self.data.shading_normals, self.data.has_shading_normals = self.shading_normals, 1
+            lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
+                   for part, normals in zip(parts, smooth, strict=True)]
+            self.data.shading_normals, self.data.has_shading_normals = self._per_corner(parts, lit), 1
 
     def _per_corner(self, parts: list[Part | Instances], normals: list[np.ndarray]) -> wp.array:
         """Normals [F, 3, 3] of each part as one array; of copies that join the mesh, turned with each of them."""
@@ -164,8 +150,7 @@ class DeviceScene:
     def lit(self, T_w_v: np.ndarray) -> SceneData:
         """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
         scene = SceneData()
-        for name in SceneData.vars:
-            setattr(scene, name, getattr(self.data, name))
+        scene.assign(self.data)
         records = [light_record(light, T_w_v, self.origin) for light in self.scene.vehicle.lights]
         scene.lights = self._array(records, LightData)
         return scene

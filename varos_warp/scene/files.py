@@ -1,4 +1,4 @@
-"""Files that a scene names, or is: that they are there, and their text."""
+"""Scene files and the files that they name: whether they exist, and their text."""
 
 from pathlib import Path
 

@@ -66,7 +66,7 @@ def attitude(pose) -> np.ndarray:
 
 
 def attitudes(stops) -> list[Rotation]:
-    """Attitude of each waypoint or pose; one that names none keeps that of the one before it, the first identity.
+    """Attitude of each waypoint or pose; where none is given, that of the one before, at first identity.
 
     Angles do not go through a matrix: a half turn must keep the sign that the user gave it.
     """

@@ -16,7 +16,7 @@ wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 CHUNK = 1 << 15
-"""Threads of a CPU launch over one dimension, likewise; a launch costs little beside so many."""
+"""Threads of a CPU launch over one dimension, likewise; the cost of a launch is negligible beside them."""
 
 
 def usable_cores() -> int:

@@ -30,7 +30,7 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``.
 
     Raises:
-        InputError: The file cannot be read, is not YAML, repeats a key, or says something no scene can say.
+        InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
     """
     path = Path(path)
     source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.")
@@ -48,7 +48,7 @@ def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
 
 
 def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> BaseModel:
-    """Read a file that holds one block of another kind than a scene, such as a noise profile.
+    """Read a file that holds one block other than a scene, such as a noise profile.
 
     Args:
         path: YAML file.
@@ -109,10 +109,6 @@ class _Source:
             if path[:end] in self.lines:
                 return {"file": self.file, "line": self.lines[path[:end]], "key": key}
         return {"file": self.file, "key": key}
-
-    def overrides_within(self, path: tuple) -> list[str]:
-        """Overrides of keys in the block at ``path``, which may have made it wrong."""
-        return [text for inner, text in self.overridden.items() if inner[:len(path)] == path != inner]
 
 
 def _parse(path: Path, what: str, remedy: str) -> _Source:
@@ -181,11 +177,7 @@ def _apply_override(source: _Source, override: str) -> None:
         if isinstance(block, dict) and block.get(part) is None:
             source.overridden[path[:depth + 1]] = override
         block = _child(block, part, path[:depth], where)
-    if isinstance(block, list):
-        _child(block, path[-1], path[:-1], where)
-    elif not isinstance(block, dict):
-        raise InputError("is no block that holds keys", file=where, key=".".join(map(str, path[:-1])), value=block,
-                         remedy="Set the whole value instead.")
+    _child(block, path[-1], path[:-1], where)
     block[path[-1]] = value
     source.overridden[path] = override
     for inner in [known for known in source.lines if known[:len(path)] == path]:
@@ -227,7 +219,7 @@ def _validated(source: _Source):
 
 def _input_error(error: ValidationError, source: _Source) -> InputError:
     """The first problem of a scene, and how many more there are."""
-    problems = _most_specific([(_key_path(e["loc"], source.data, source.model), e) for e in error.errors()])
+    problems = _most_specific([(_key_path(e["loc"], source.data, e["type"] == "missing"), e) for e in error.errors()])
     # A misspelt key is most likely what makes another one missing.
     problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
     path, first = problems[0]
@@ -243,14 +235,18 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
-    where, changes = source.where(path), source.overrides_within(path)
-    if "line" in where and changes:
+    where = source.where(path)
+    changes = [text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner]
+    if "line" in where and changes:  # which may have made the block wrong
         problem += f" (with --set {' and '.join(changes)})"
     return InputError(problem, value=value, remedy=remedy or None, **where)
 
 
-def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:
-    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between."""
+def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
+    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between.
+
+    ``missing``: the last key is not in the file.
+    """
     path: list = []
     for i, part in enumerate(loc):
         exists = (isinstance(data, dict) and part in data) or (isinstance(data, list) and isinstance(part, int)
@@ -258,8 +254,8 @@ def _key_path(loc: tuple, data: Any, model: type[BaseModel]) -> tuple:
         if exists and not _is_tag(part, loc[i + 1:], data):
             path.append(part)
             data = data[part]
-        elif isinstance(part, int) or (i == len(loc) - 1 and isinstance(data, dict) and _is_key(part, model)):
-            path.append(part)  # a missing key or item
+        elif isinstance(part, int) or (missing and i == len(loc) - 1):
+            path.append(part)
             data = None
     return tuple(path)
 
@@ -272,10 +268,6 @@ def _is_tag(part, rest, data):
     if not isinstance(data, dict) or not rest or isinstance(data[part], dict):
         return False
     return data["kind"] == part if "kind" in data else rest[0] in data
-
-
-def _is_key(part, model: type[BaseModel]) -> bool:
-    return isinstance(part, str) and part.isidentifier() and any(part in m.model_fields for m in _all_models(model))
 
 
 def _most_specific(problems):
@@ -291,16 +283,10 @@ def _most_specific(problems):
 
 _REMEDIES = {
     "missing": "Add it.",
-    "float_type": "Give a number.",
-    "float_parsing": "Give a number.",
-    "int_type": "Give a whole number.",
-    "int_parsing": "Give a whole number.",
-    "int_from_float": "Give a whole number.",
-    "tuple_type": "Give a list, such as [1, 2, 3].",
-    "list_type": "Give a list, such as [1, 2, 3].",
-    "model_type": "Give a block of keys, indented under it.",
-    "dict_type": "Give a block of keys, indented under it.",
-    "model_attributes_type": "Give a block of keys, indented under it.",
+    **dict.fromkeys(("float_type", "float_parsing"), "Give a number."),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "Give a whole number."),
+    **dict.fromkeys(("tuple_type", "list_type"), "Give a list, such as [1, 2, 3]."),
+    **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "Give a block of keys, indented under it."),
     "string_type": "Put quotes around it if it is text.",
     "finite_number": "Give a finite number.",
     "too_long": "Give as many items as are asked for.",
@@ -347,13 +333,12 @@ def _known_keys(path: tuple, data: Any, model: type[BaseModel]) -> list[str]:
         if annotations:
             models = [model for annotation in annotations for model in _models_in(annotation)]
         if isinstance(data, dict) and "kind" in data:
-            chosen = [m for m in models if data["kind"] in typing.get_args(_kind(m))]
-            models = chosen or models
+            models = [m for m in models if data["kind"] in _kinds(m)] or models
     return list(dict.fromkeys(name for model in models for name in model.model_fields))
 
 
-def _kind(model):
-    return model.model_fields["kind"].annotation if "kind" in model.model_fields else None
+def _kinds(model) -> tuple:
+    return typing.get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
 
 
 def _models_in(annotation) -> list[type[BaseModel]]:
@@ -361,13 +346,3 @@ def _models_in(annotation) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in typing.get_args(annotation) for model in _models_in(inner)]
-
-
-def _all_models(model: type[BaseModel], found=None) -> set[type[BaseModel]]:
-    found = set() if found is None else found
-    if model not in found:
-        found.add(model)
-        for info in model.model_fields.values():
-            for inner in _models_in(info.annotation):
-                _all_models(inner, found)
-    return found

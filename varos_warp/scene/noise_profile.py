@@ -1,4 +1,4 @@
-"""What a noise profile may say: the errors of the IMU, the depth gauge and the cameras; docs/noise.md tells of them.
+"""Noise profiles: the errors of the IMU, the depth gauge and the cameras (docs/noise.md).
 
 A profile is a YAML file with the blocks ``imu``, ``depth_gauge`` and ``camera``; a block that is absent adds nothing.
 """
@@ -28,7 +28,7 @@ class DepthGaugeNoise(Block):
     bias: float = 0.0
     """Constant part [m]"""
     turn_on_bias: NonNegative = 0.0
-    """Standard deviation of the part that is drawn once a sequence [m]"""
+    """Standard deviation of the part drawn once per sequence [m]"""
     resolution: NonNegative = 0.0
     """Step of the readings [m]; 0: none"""
 
@@ -102,7 +102,7 @@ def load_profile(name: str | Path) -> NoiseProfile:
     """A profile that comes with the package, by its name, or one of your own, by its path.
 
     Raises:
-        InputError: There is none, or it says something that no profile can say.
+        InputError: There is none, or it is not what a profile may be.
     """
     known = named_profiles()
     path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)
@@ -111,10 +111,10 @@ def load_profile(name: str | Path) -> NoiseProfile:
 
 
 def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
-    """One profile of several that each tell of other sensors.
+    """Join profiles of different sensors into one.
 
     Raises:
-        InputError: Two of them tell of the same sensor.
+        InputError: Two of them hold the same sensor.
     """
     merged: dict = {"name": "+".join(profile.name for profile in profiles)}
     for profile in profiles:

@@ -1,4 +1,4 @@
-"""What the numbers of the segmentation image S stand for."""
+"""The table of ids in the segmentation image S."""
 
 from varos_warp.scene.description import Scene
 
@@ -26,7 +26,7 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
 
 
 def _block(scene: Scene, key: str):
-    """The block that a key names; None for parts that are not of the scene file."""
+    """The block that a key names; None for parts from elsewhere than the scene file."""
     group, *numbers = key.split(".")
     if group == "terrain":
         return scene.terrain

@@ -51,7 +51,7 @@ def volume(mesh):
 def test_every_format_gives_the_same_mesh(tmp_path, suffix):
     path = tmp_path / f"wedge.{suffix}"
     dae(path) if suffix == "dae" else trimesh.Trimesh(WEDGE, FACES, process=False).export(path)
-    mesh = load_mesh(path)
+    mesh = load_mesh(path)[:2]
     np.testing.assert_allclose(by_position(mesh[0]), by_position(WEDGE), atol=1e-7)
     assert mesh[0].dtype == np.float64
     assert mesh[1].dtype == np.int32
@@ -73,7 +73,7 @@ def test_utm_coordinates_survive_in_every_format_that_has_double_precision(tmp_p
 @pytest.mark.parametrize(("axis", "expected"), [("Z_UP", [1, 2, 3]), ("Y_UP", [1, -3, 2]), ("X_UP", [-2, -3, 1])])
 def test_dae_up_axis_turns_the_mesh_without_mirroring_it(tmp_path, axis, expected):
     path = dae(tmp_path / "a.dae", WEDGE, f"<up_axis>{axis}</up_axis>")
-    vertices, faces = load_mesh(path)
+    vertices, faces = load_mesh(path)[:2]
     assert volume((vertices, faces)) == pytest.approx(1.0)
     np.testing.assert_allclose(vertices.sum(axis=0), expected)
     np.testing.assert_allclose(load_mesh(path, up_axis="z")[0].sum(axis=0), [1, 2, 3])
@@ -87,7 +87,7 @@ def test_dae_unit_scales_to_metres(tmp_path):
 def test_dae_node_transforms_apply_in_order_and_mirrors_keep_outside_outside(tmp_path):
     steps = "<translate>10 0 0</translate><rotate>0 0 1 90</rotate><scale>1 1 -2</scale>"
     path = dae(tmp_path / "a.dae", transforms=steps)
-    mesh = load_mesh(path)
+    mesh = load_mesh(path)[:2]
     expected = np.column_stack([10 - WEDGE[:, 1], WEDGE[:, 0], -2 * WEDGE[:, 2]])
     np.testing.assert_allclose(by_position(mesh[0].round(12)), by_position(expected), atol=1e-12)
     assert volume(mesh) == pytest.approx(2.0)
@@ -106,7 +106,7 @@ def test_a_scene_graph_is_flattened_with_its_transforms(tmp_path):
     graph.add_geometry(wedge, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     graph.add_geometry(wedge, transform=trimesh.transformations.translation_matrix([0, 7, 0]))
     graph.export(tmp_path / "a.glb")
-    vertices, faces = load_mesh(tmp_path / "a.glb")
+    vertices, faces = load_mesh(tmp_path / "a.glb")[:2]
     assert len(faces) == 8
     np.testing.assert_allclose(vertices.max(axis=0), [6, 9, 3])
 
@@ -114,7 +114,7 @@ def test_a_scene_graph_is_flattened_with_its_transforms(tmp_path):
 def test_dae_agrees_with_trimesh_on_the_meshes_of_the_example():
     for name in ("munkholmen_seabed", "valve", "bop_panel"):
         path = EXAMPLE / "meshes" / f"{name}.dae"
-        vertices, faces = load_mesh(path)
+        vertices, faces = load_mesh(path)[:2]
         other = trimesh.load_scene(path).to_mesh()
         # trimesh has float32 positions, and takes the seabed's scale of 0.999998 for one.
         np.testing.assert_allclose([vertices.min(axis=0), vertices.max(axis=0)], other.bounds, rtol=3e-6, atol=1e-6)

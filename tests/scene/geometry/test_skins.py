@@ -13,9 +13,9 @@ from trimesh.visual.material import PBRMaterial
 
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.geometry.mesh_files import load_mesh, load_skinned_mesh
+from varos_warp.scene.geometry.mesh_files import load_mesh
+from varos_warp.scene.images import srgb_to_linear
 from varos_warp.scene.load import scene_from_dict
-from varos_warp.scene.materials.textures import srgb_to_linear
 
 QUADRANTS = np.array([[[200, 40, 10], [20, 180, 60]], [[30, 60, 220], [240, 240, 120]]], np.uint8)
 """Colours of an image's quarters, rows from the top."""
@@ -107,7 +107,7 @@ def test_every_texel_of_a_map_is_seen_in_its_place_upright_and_decoded(tmp_path,
 
 def test_a_map_can_be_on_the_terrain_and_on_copies(tmp_path):
     path = glb(tmp_path / "square.glb")
-    _, _, skin = load_skinned_mesh(path)
+    _, _, skin = load_mesh(path)
     block = {"terrain": {"kind": "file", "file": "square.glb", "up_axis": "z", "scale": 2.0}, "trajectory":
              {"poses": [{"position": [0, 0, 2]}]}, "scatter": [{"object": {"file": "square.glb"}, "count": 1}]}
     parts = build_parts(scene_from_dict(block, tmp_path))
@@ -169,14 +169,14 @@ def test_a_mirrored_model_keeps_its_texels_on_their_corners(tmp_path):
 
 def test_triangles_without_area_take_their_coordinates_with_them(tmp_path):
     path = glb(tmp_path / "square.glb", faces=np.array([[0, 0, 1], [0, 1, 2], [1, 1, 3], [0, 2, 3]]))
-    _, faces, skin = load_skinned_mesh(path)
+    _, faces, skin = load_mesh(path)
     assert len(faces) == len(skin.corners) == 2
     np.testing.assert_allclose(skin.corners, UV[FACES])
-    np.testing.assert_array_equal(load_mesh(path)[1], faces)
+    np.testing.assert_array_equal(load_mesh(path, with_skin=False)[1], faces)
 
 
 def test_meshes_without_colours_have_no_skin(tmp_path):
     for suffix in ("ply", "obj", "glb", "stl"):
         path = tmp_path / f"plain.{suffix}"
         trimesh.Trimesh(SQUARE, FACES, process=False).export(path)
-        assert load_skinned_mesh(path)[2] is None
+        assert load_mesh(path)[2] is None

@@ -7,12 +7,11 @@ from PIL import Image
 from varos_warp.errors import InputError
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.images import LARGEST, decode_image
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.materials.textures import (
-    LARGEST,
     Textures,
     bake_ground,
-    decode_image,
     ground_resolution,
     ground_tile,
     map_pyramid,
@@ -123,4 +122,4 @@ def test_a_tile_of_one_colour_stays_that_colour():
     pyramid = tile_pyramid(np.full((8, 8, 3), (0.1, 0.2, 0.3)))
     np.testing.assert_allclose(pyramid.colours @ pyramid.basis.T, np.broadcast_to((0.1, 0.2, 0.3), (4, 512, 3)),
                                atol=1e-6)
-    assert pyramid.nbytes == 4 * (64 + 16 + 4 + 1) + pyramid.colours.nbytes
+    assert pyramid.texels.nbytes == 4 * (64 + 16 + 4 + 1)

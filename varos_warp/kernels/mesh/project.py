@@ -15,6 +15,9 @@ FACING = wp.constant(0.5)
 ON_SURFACE = wp.constant(0.02)
 """Share of the grid step within which a point is on the model, whatever the direction."""
 
+RELAX = wp.constant(0.5)
+"""Share of the way to the middle of its neighbours that a vertex goes in a step, within the surface."""
+
 FOLDED = wp.constant(0.2)
 """Least cosine between a face's normals before and after a step."""
 
@@ -146,23 +149,24 @@ def move_vertices(
     start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
     first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),  # faces at every vertex, in CSR
     lock: wp.array(dtype=wp.vec3b),  # -1 or 1: on that side of the region, shape [V]
-    step: float, reach: float, relax: float,
+    step: float,  # of the grid [m]; the model is looked for within two of them
     # out
     moved: wp.array(dtype=wp.vec3), held: wp.array(dtype=wp.int8),  # 1: on the model
 ):
     """Spread the vertices evenly over their surface, then onto the model; over a hole, draw a membrane."""
     i = start + wp.tid()
     p = points[i]
+    reach = 2.0 * step
     n, mean = ring(i, points, faces, first, incident)
     side = wp.vec3(float(lock[i][0]), float(lock[i][1]), 0.0)
     pull = wp.cw_mul(mean - p, wp.vec3(1.0 - wp.abs(side[0]), 1.0 - wp.abs(side[1]), 1.0))
-    spread = p + relax * (pull - wp.dot(pull, n) * n)
+    spread = p + RELAX * (pull - wp.dot(pull, n) * n)
     if wp.dot(side, side) > 0.0:
         spread = p  # its neighbours lie on one side only
         target, found = border_target(mesh, spread, n, side, step, reach)
     else:
         target, found = inner_target(mesh, spread, n, step, reach)
-    moved[i] = wp.where(found, target, p + relax * pull)
+    moved[i] = wp.where(found, target, p + RELAX * pull)
     held[i] = wp.where(found, wp.int8(1), wp.int8(0))
 
 

@@ -34,7 +34,7 @@ class Render(Block):
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = None
-    """Samples of A stop at about so many seconds an image, whatever the tolerance; absent: 60 on a CPU, 5 on a GPU."""
+    """Sampling of A stops after about this long, whatever the tolerance; absent: 60 on a CPU, 5 on a GPU."""
     spp: Annotated[int, Field(ge=1)] | None = None
     """Samples per pixel of A; absent: the planner's choice."""
     spp_b: Annotated[int, Field(ge=1)] = 20

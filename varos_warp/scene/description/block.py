@@ -2,20 +2,40 @@
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 Vec3 = tuple[float, float, float]
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 """[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""[degrees]; of much larger ones whole turns would leave no digit."""
+"""[degrees]; much larger ones would lose all digits to whole turns."""
 EulerAngles = tuple[Angle, Angle, Angle]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
 UnitRgb = tuple[Unit, Unit, Unit]
 NonNegativeRgb = tuple[NonNegative, NonNegative, NonNegative]
+
+
+def _has_area(value):
+    if not (value[0] < value[2] and value[1] < value[3]):
+        raise ValueError("a rectangle is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
+    return value
+
+
+Rectangle = Annotated[tuple[float, float, float, float], AfterValidator(_has_area)]
+"""xmin, ymin, xmax, ymax [m]."""
+
+
+def outside(low: float, high: float, problem: str) -> AfterValidator:
+    """For a number that must not lie between two values, such as one that single precision takes for 0 but is not."""
+    def check(value: float) -> float:
+        if low < value < high:
+            raise ValueError(problem)
+        return value
+
+    return AfterValidator(check)
 
 
 class Block(BaseModel):

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -14,18 +14,13 @@ from varos_warp.scene.description.block import (
     Unit,
     Vec3,
     kind_by_default,
+    outside,
 )
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
 
-def _is_representable(value: float) -> float:
-    if 0.0 < value < 1e-20:
-        raise ValueError("an intensity is 0 or at least 1e-20 W/sr")
-    return value
-
-
-Intensity = Annotated[float, Field(ge=0.0, le=1e20), AfterValidator(_is_representable)]
+Intensity = Annotated[float, Field(ge=0.0, le=1e20), outside(0.0, 1e-20, "an intensity is 0 or at least 1e-20 W/sr")]
 """[W/sr]; beyond, single precision over- or underflows on the way of the light."""
 IntensityRgb = tuple[Intensity, Intensity, Intensity]
 
@@ -36,17 +31,11 @@ class SpotLight(Block):
     kind: Literal["spot"] = "spot"
     position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
-    cone_deg: Annotated[float, Field(ge=1.0, le=360.0)] = 65.0
-    """Full angle of the cone; single precision does not hold the cosines of narrower ones."""
+    cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
+        359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
+    """Full angle of the cone; single precision cannot represent the cosines of narrower ones."""
     blend: Unit = 0.0
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
-
-    @field_validator("cone_deg")
-    @classmethod
-    def _not_all_but_a_point(cls, value):
-        if 359.9 < value < 360.0:
-            raise ValueError("a cone is at most 359.9 degrees wide, or 360 for a light without one")
-        return value
 
     @field_validator("direction")
     @classmethod
@@ -79,7 +68,7 @@ def _check_look_at(block):
 
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
-"""[mm]; single precision holds every view that such sizes make."""
+"""[mm]; within these bounds every field of view is representable in single precision."""
 
 
 class Camera(Block):
@@ -95,16 +84,10 @@ class Camera(Block):
     resolution: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (1280, 720)
     sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
     focal_mm: LensSize = 3.4
-    f_stop: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    f_stop: Annotated[float, Field(ge=0.0, le=1e6), outside(
+        0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")] = 0.0
     """Focal length over aperture diameter, at least 0.001; 0 is a pinhole."""
     focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
-
-    @field_validator("f_stop")
-    @classmethod
-    def _open_no_wider_than_a_thousandth(cls, value):
-        if 0.0 < value < 1e-3:
-            raise ValueError("an f_stop is at least 0.001, or 0 for a pinhole")
-        return value
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
@@ -137,7 +120,7 @@ class ImuNoise(Block):
     accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
     """Constant part, sensor axes [m/s^2]"""
     accelerometer_turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part that is drawn once a sequence [m/s^2]"""
+    """Standard deviation of the part drawn once per sequence [m/s^2]"""
     gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
     """[rad/s]"""
     gyroscope_turn_on_bias: NoiseDensity = 0.0
@@ -170,7 +153,7 @@ class Current(Block):
 
 
 class Vehicle(Block):
-    """A neutrally buoyant sphere with thrusters; what is absent follows from its mass (between presets)."""
+    """A neutrally buoyant sphere with thrusters; absent values are interpolated by mass between presets."""
 
     id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
     mass_kg: Positive = 40.0
@@ -214,7 +197,7 @@ class Vehicle(Block):
 
 
 class Waypoint(Block):
-    """A pose to pass by; ``strict`` ones are reached exactly.
+    """A pose to pass; ``strict`` ones are reached exactly.
 
     Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
     """

@@ -1,8 +1,8 @@
-"""The world: terrain, objects and what is scattered, what surfaces are made of, and the water."""
+"""The world: terrain, objects, scattered copies, materials and water."""
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -11,6 +11,7 @@ from varos_warp.scene.description.block import (
     NonNegativeRgb,
     Position,
     Positive,
+    Rectangle,
     Unit,
     UnitRgb,
     kind_by_default,
@@ -26,7 +27,7 @@ UpAxis = Literal["x", "y", "z"]
 class Preprocess(Block):
     """Repair of a raw terrain mesh before use (paper 3.1.1)."""
 
-    region: tuple[float, float, float, float] | None = None
+    region: Rectangle | None = None
     """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
     merge_tolerance_m: NonNegative = 0.001
     """Vertices nearer than this become one."""
@@ -37,21 +38,14 @@ class Preprocess(Block):
     close: Literal["skirt", "solid", "none"] = "skirt"
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
     target_vertices: Annotated[int, Field(ge=4)] | None = None
-    """Decimate to about so many vertices."""
-
-    @field_validator("region")
-    @classmethod
-    def _region_has_area(cls, value):
-        if value is not None and not (value[0] < value[2] and value[1] < value[3]):
-            raise ValueError("a region is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
-        return value
+    """Decimate to about this many vertices."""
 
 
 class Detail(Block):
-    """Seeded fractal relief added to a terrain that was surveyed too coarsely for close views."""
+    """Seeded fractal relief for a terrain that was surveyed too coarsely for close views."""
 
     relief_m: Positive = 0.5
-    """From the lowest to the highest point of what is added [m]."""
+    """From the lowest to the highest point of the added relief [m]."""
     feature_m: Positive = 25.0
     """Size of the widest forms [m]."""
     rockiness: Unit = 0.4
@@ -71,7 +65,7 @@ class Placed(Block):
 
 
 class Terrain(Placed):
-    """The sea floor: one mesh file or several that are joined."""
+    """The sea floor: one mesh file, or several to join."""
 
     kind: Literal["file"] = "file"
     file: str | Annotated[list[str], Field(min_length=1)]
@@ -119,7 +113,7 @@ Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
 
 
 class Parametric(Placed):
-    """An object that is made from its measures."""
+    """An object made from its measures."""
 
     chord_error_m: Annotated[float, Field(ge=1e-6)] | None = None
     """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
@@ -204,16 +198,16 @@ class Scatter(Block):
     """Copies of one object strewn over the terrain, where chance and ``clearance_m`` put them."""
 
     object: Object
-    """What is copied, its own scale and rotation applied first; it has no position."""
+    """The object to copy, its own scale and rotation applied first; it has no position."""
     count: Annotated[int, Field(ge=1, le=20000)]
-    area: tuple[float, float, float, float] | None = None
+    area: Rectangle | None = None
     """xmin, ymin, xmax, ymax [m]; without ``area``, ``circle`` and ``polygon`` the whole terrain."""
     circle: tuple[float, float, Positive] | None = None
     """x, y and radius [m]."""
     polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = None
     """Corners x, y [m], in order."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Of the places, together with the scene's; more copies keep the places of the first ones."""
+    """Of the places, together with the scene's; raising ``count`` keeps the places of the first copies."""
     clearance_m: float = 0.0
     """Least gap between the circles around two copies, seen from above, and to any object; below zero they overlap."""
     sink_m: float = 0.0
@@ -221,7 +215,7 @@ class Scatter(Block):
     random_yaw: bool = True
     """Each copy turned about the vertical at random."""
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
-    """Copies lean with the terrain, at most so far: 0 stands upright, 90 follows every slope."""
+    """Copies lean with the terrain by at most this angle: 0 stands upright, 90 follows every slope."""
     max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
     """Only where the terrain is no steeper than this."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
@@ -231,8 +225,6 @@ class Scatter(Block):
     def _one_area(self):
         if sum(region is not None for region in (self.area, self.circle, self.polygon)) > 1:
             raise ValueError("give at most one of area, circle, polygon")
-        if self.area is not None and not (self.area[0] < self.area[2] and self.area[1] < self.area[3]):
-            raise ValueError("an area is [xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax")
         if any(self.object.position):
             raise ValueError("the object of a scatter has no position; sink_m lowers the copies, or raises them")
         if self.scale_range[0] > self.scale_range[1]:
@@ -286,11 +278,11 @@ class Rust(Block):
 
     kind: Literal["rust"]
     base: UnitRgb = (0.45, 0.45, 0.47)
-    """Reflectance of what is between the patches."""
+    """Reflectance between the patches."""
     amount: Unit = 0.5
     """Share of the surface that is rusty."""
     roughness: Unit | None = None
-    """Of the bare metal between the patches, which then mirrors; absent: it is matte, as paint."""
+    """Of bare metal between the patches; absent: they are on matte paint."""
 
 
 class Dirt(Block):

@@ -8,7 +8,7 @@ from varos_warp.scene.description.world import Diffuse, MeshObject, Object, Proc
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.mesh_files import load_skinned_mesh
+from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.scatter import Ground, scatter
 
@@ -41,7 +41,7 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
     """An object of the scene file where its block places it; ``key`` names it, also in messages."""
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
-        mesh = load_skinned_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
+        mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
     else:
         mesh = assets.make_asset(block, key)
     return _part(scene, block, key, *mesh)
@@ -54,7 +54,7 @@ def _terrain_mesh(scene):
                                            block.rockiness, block.seed)
     files = [block.file] if isinstance(block.file, str) else block.file
     alone = len(files) == 1 and block.preprocess is None and block.material is None
-    loaded = [load_skinned_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
+    loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
     vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
     if block.preprocess is not None:
         options = block.preprocess.model_dump()
@@ -68,18 +68,12 @@ def _part(scene, block, key, vertices, faces, skin=None):
     """A mesh where its block places it: scaled, turned, moved."""
     with np.errstate(over="ignore", invalid="ignore"):
         turned = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T
-    _check_size(turned, block, key)
-    placed = turned + np.asarray(block.position)
-    return Part(name=key, vertices=placed, faces=np.asarray(faces, np.int32),
-                material=scene.materials[block.material] if block.material is not None else Diffuse(),
-                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth", skin=skin)
-
-
-def _check_size(vertices, block, key):
-    """A part, at its scale, is of a size that rays can hit."""
-    reach, size = float(np.abs(vertices).max()), float(np.ptp(vertices, axis=0).max())
+    reach, size = float(np.abs(turned).max()), float(np.ptp(turned, axis=0).max())
     if not (reach <= LARGEST_M and size >= SMALLEST_M):
         what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"
         raise InputError(f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large", key=key,
                          remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).")
+    return Part(name=key, vertices=turned + np.asarray(block.position), faces=np.asarray(faces, np.int32),
+                material=scene.materials[block.material] if block.material is not None else Diffuse(),
+                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
+                smooth_shading=block.shading == "smooth", skin=skin)

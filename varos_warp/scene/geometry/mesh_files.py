@@ -1,4 +1,4 @@
-"""Mesh files: read into float64 vertices, z up, in metres, and the colours that they bring along; and written."""
+"""Mesh files: reading vertices in float64, z up, in metres, and colours; and writing."""
 
 import json
 import os
@@ -26,31 +26,29 @@ TO_Z_UP = {
 """Rotations from COLLADA's X_UP, Y_UP and Z_UP (right, up, in: -y x z; x y z; x z -y) to z up."""
 
 
-def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices float64 [V, 3] [m, z up] and faces int32 [F, 3] of a mesh file, its scene graph flattened.
+def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *, with_skin: bool = True):
+    """Vertices float64 [V, 3] [m, z up], faces int32 [F, 3] and Skin or None of a mesh file, its scene graph flattened.
 
     DAE's ``<up_axis>`` and ``<unit>`` are obeyed, glTF is y up (but for files that trimesh wrote, which does not
-    rotate); OBJ, PLY, STL and OFF do not say and are taken as they are, in metres. Equal vertices are merged.
+    rotate); OBJ, PLY, STL and OFF do not say and are taken as they are, in metres. Equal vertices are merged. Base
+    colour maps are read from GLB, glTF and OBJ files, colours of vertices or faces from PLY, GLB and OFF files.
 
     Args:
         path: The file.
         key: The scene file's key that names it, for messages.
         up_axis: Overrides which axis of the file points up: x, y or z.
+        with_skin: Whether to read the colours that the file brings along.
 
     Raises:
         InputError: The file is missing, empty, unreadable, without triangles, or holds vertices that are not finite.
     """
-    return load_skinned_mesh(path, key, up_axis, with_skin=False)[:2]
-
-
-def load_skinned_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *, with_skin: bool = True):
-    """``load_mesh`` and the colours that the file brings along: vertices, faces and a Skin or None.
-
-    Base colour maps are read from GLB, glTF and OBJ files, colours of vertices or faces from PLY, GLB and OFF files.
-    """
     path = Path(path)
-    vertices, faces, skin = _read(path, key, up_axis, with_skin)
-    _check_finite(vertices, path, key)
+    vertices, faces, skin = read_mesh(path, key, up_axis, with_skin=with_skin)
+    bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
+    if bad.any():
+        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
+                         f"number {np.argmax(bad)})", file=path, key=key,
+                         remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     kept = mesh.area_faces > 0.0
@@ -62,26 +60,27 @@ def load_skinned_mesh(path: str | Path, key: str = "file", up_axis: str | None =
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin
 
 
-def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *, with_skin: bool = False):
     """The same as it stands in the file: nothing merged or dropped, and vertices may be NaN or infinite.
 
     Raises:
         InputError: The file is missing, empty, unreadable or without triangles.
     """
-    return _read(Path(path), key, up_axis, False)[:2]
-
-
-def _read(path, key, up_axis, with_skin):
-    """Vertices, faces and, if asked for, the Skin of a mesh file, as it stands there."""
+    path = Path(path)
     _check_file(path, key)
     try:
         with np.errstate(invalid="ignore"):  # vertices that are not finite are the caller's
             read = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path, with_skin)
-            vertices, faces, axis, skin = read
     except Exception as error:  # every format's reader raises its own kinds
         problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
         raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
-    _check_faces(vertices, faces, path, key)
+    vertices, faces, axis, skin = read
+    if len(faces) == 0:
+        raise InputError("the mesh has no triangles", file=path, key=key,
+                         remedy="Point clouds and lines cannot be rendered; export a surface.")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"a face names vertex {faces.max()} of {len(vertices)}", file=path, key=key,
+                         remedy="The file is damaged; export it again.")
     up = TO_Z_UP[up_axis or axis]
     with np.errstate(invalid="ignore"):
         return vertices if (up == np.eye(3)).all() else vertices @ up.T, np.asarray(faces, np.int32), skin
@@ -105,11 +104,8 @@ def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None
                          remedy="Choose a folder that exists, is writable and has space.") from error
 
 
-# -------------------------------------------------------------------------------------------------------------- checks
-
-
 def _check_file(path, key):
-    """A file of a known format that is there and not empty."""
+    """The file exists, has a known format and is not empty."""
     require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
@@ -117,26 +113,6 @@ def _check_file(path, key):
     if path.stat().st_size == 0:
         raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
                          remedy="Copy or export it again; the transfer may have broken off.")
-
-
-def _check_faces(vertices, faces, path, key):
-    """Triangles, all between vertices that exist."""
-    if len(faces) == 0:
-        raise InputError("the mesh has no triangles", file=path, key=key,
-                         remedy="Point clouds and lines cannot be rendered; export a surface.")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"a face names vertex {faces.max()} of {len(vertices)}", file=path, key=key,
-                         remedy="The file is damaged; export it again.")
-
-
-def _check_finite(vertices, path, key):
-    """No vertex is NaN, infinite or so far that it must be a fault."""
-    bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
-    if bad.any():
-        number = int(np.flatnonzero(bad)[0])
-        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
-                         f"number {number})",
-                         file=path, key=key, remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
 
 
 # ------------------------------------------------------------------------------------------------------------- readers

@@ -5,12 +5,14 @@ import numpy as np
 from varos_warp.scene.geometry.topology import area_normals, groups, paired_edges
 
 UP = np.array([0.0, 0.0, 1.0])
-"""Normal of what has none: a degenerate face, which no ray can hit."""
+"""Normal of a degenerate face, which no ray can hit."""
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals float64 [F, 3], counter-clockwise faces seen from outside; degenerate faces get +z."""
-    return _unit(area_normals(vertices, faces))
+    normals = area_normals(vertices, faces)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0.0, normals / np.where(length > 0.0, length, 1.0), UP)
 
 
 def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.ndarray:
@@ -42,12 +44,6 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.
     length = np.linalg.norm(smooth, axis=2, keepdims=True)
     # Opposite faces of a fin cancel, and degenerate faces weigh nothing: those corners stay flat.
     return np.where(length > 1e-12, smooth / np.maximum(length, 1e-12), flat[:, None, :])
-
-
-def _unit(vectors):
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    safe = np.where(length > 0.0, length, 1.0)
-    return np.where(length > 0.0, vectors / safe, UP)
 
 
 def _corner_angles(vertices, faces):

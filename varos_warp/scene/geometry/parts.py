@@ -1,6 +1,6 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
@@ -19,18 +19,17 @@ class Skin:
 
 
 @dataclass(frozen=True)
-class Part:
-    """One connected-by-name piece of the world, in world coordinates."""
+class Shape:
+    """What parts and instances have."""
 
     name: str
-    """Key in the scene file: ``terrain``, ``objects.3``, or ``scatter.0.17`` for a copy."""
+    """Key in the scene file: ``terrain``, ``objects.3``, ``scatter.0``, or ``scatter.0.17`` for a copy."""
     vertices: np.ndarray
     """float64 [V, 3] [m]."""
     faces: np.ndarray
     """int32 [F, 3], counter-clockwise seen from outside."""
     material: Material
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """The object's position [m]; seeds its procedural material."""
+    _: KW_ONLY
     smooth_angle: float = np.pi / 6
     """[rad]"""
     smooth_shading: bool = False
@@ -38,37 +37,34 @@ class Part:
     skin: Skin | None = None
     """What the file says of the surface; None where the scene names a material."""
 
+
+@dataclass(frozen=True)
+class Part(Shape):
+    """A terrain or an object, in world coordinates."""
+
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The object's position [m]; seeds its procedural material."""
+
     def boxes(self) -> list["Part"]:
-        """This part: what encloses it."""
+        """The part itself, as what encloses it."""
         return [self]
 
 
 @dataclass(frozen=True)
-class Instances:
-    """One mesh that stands in many places: what a block of ``scatter`` makes."""
+class Instances(Shape):
+    """One mesh, in the axes of a prototype o, that stands in many places: what a block of ``scatter`` makes."""
 
-    name: str
-    """Key in the scene file: ``scatter.0``."""
-    vertices: np.ndarray
-    """float64 [V, 3] [m] of the prototype o, in its own axes."""
-    faces: np.ndarray
-    """int32 [F, 3], counter-clockwise seen from outside."""
     T_w_o: np.ndarray
     """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
-    material: Material
-    smooth_angle: float = np.pi / 6
-    """[rad]"""
-    smooth_shading: bool = False
-    skin: Skin | None = None
 
     def __len__(self):
         return len(self.T_w_o)
 
     def parts(self) -> list[Part]:
-        """Every copy as a part of its own, ``scatter.0.17``, its position as the seed of its material."""
+        """Every copy as a part, ``scatter.0.17``, with its position as the seed of its material."""
         return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
-                     tuple(T[:3, 3].tolist()), self.smooth_angle, self.smooth_shading, self.skin)
-                for i, T in enumerate(self.T_w_o)]
+                     tuple(T[:3, 3].tolist()), smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading,
+                     skin=self.skin) for i, T in enumerate(self.T_w_o)]
 
     def boxes(self) -> list[Part]:
         """Every copy as the corners of its bounding box, turned with it, without faces."""
@@ -85,9 +81,9 @@ def standpoints(scene: Scene) -> np.ndarray:
 
 
 def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
-    """Whole metres near the middle of where the cameras go, float64 [3], but not outside of what there is to see.
+    """Origin of the device's world, float64 [3], whole metres: the middle of the cameras' places, within the scene.
 
-    float32 then is finest where the pictures are taken, however large the terrain.
+    There float32 is most precise, however large the terrain.
     """
     positions = standpoints(scene)
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2

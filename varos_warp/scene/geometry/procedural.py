@@ -52,7 +52,8 @@ def sea_floor(size_m: float, resolution: int, feature_m: float, rockiness: float
     ripples = fractal_field(resolution, seeds[3], 16.0 * cycles, 2.6)
     # Rock rises over a narrow transition: steep flanks, on which `slope_blend` shows rock.
     edge = np.quantile(where, 1.0 - rockiness) if rockiness > 0.0 else np.inf
-    rock = _smoothstep((where - edge) / 0.5)
+    t = np.clip((where - edge) / 0.5, 0.0, 1.0)
+    rock = t * t * (3.0 - 2.0 * t)
     height = 0.25 * swell + rock * (0.9 + 0.55 * np.abs(blocks) + 0.25 * blocks) + 0.02 * (1.0 - rock) * ripples
     height -= height.min()
     return height / max(height.max(), 1e-300)
@@ -62,13 +63,7 @@ def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: floa
                      rockiness: float = 0.4, seed: int = 1):
     """A square sea floor around the origin, its median height 0; same seed, same terrain.
 
-    Args:
-        size_m: Side [m].
-        resolution: Vertices along a side.
-        relief_m: From the lowest to the highest point [m].
-        feature_m: Size of the widest forms [m].
-        rockiness: Share of the area that is rock, 0 to 1.
-        seed: Seed of everything random.
+    The arguments are those of ``scene.description.world.ProceduralTerrain``.
 
     Returns:
         Vertices float64 [resolution^2, 3] and faces int32 [F, 3], normals up.
@@ -89,8 +84,3 @@ def add_detail(vertices: np.ndarray, relief_m: float, feature_m: float, rockines
     where = (vertices[:, :2] - low) / max(span, 1e-300) * (resolution - 1)
     height = relief_m * map_coordinates(field - np.median(field), where.T[::-1], order=1, mode="nearest")
     return vertices + height[:, None] * np.array([0.0, 0.0, 1.0])
-
-
-def _smoothstep(t):
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -1,4 +1,4 @@
-"""Questions to triangle meshes: heights under points and what lies overhead, in float64, and clearances."""
+"""Queries of triangle meshes: crossings of vertical lines and insides, in float64, and clearances."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -29,7 +29,9 @@ def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[
     line, face = np.concatenate(line), np.concatenate(face)
     covers = _covers(triangles[face], *xy[line].T)
     line, face = line[covers], face[covers]
-    z = _plane_heights(triangles[face], *xy[line].T)
+    a, b, c = np.moveaxis(triangles[face], 1, 0)
+    n, (x, y) = np.cross(b - a, c - a), xy[line].T
+    z = a[:, 2] - (n[:, 0] * (x - a[:, 0]) + n[:, 1] * (y - a[:, 1])) / n[:, 2]
     order = np.lexsort((z, line))
     return line[order], face[order], z[order]
 
@@ -83,10 +85,3 @@ def _covers(triangles, x, y):
         rise = np.where(spans, b[:, 1] - a[:, 1], 1.0)
         inside ^= spans & (x < a[:, 0] + (y - a[:, 1]) / rise * (b[:, 0] - a[:, 0]))
     return inside
-
-
-def _plane_heights(triangles, x, y):
-    """Height of each triangle's plane at its point of the horizontal plane [n]."""
-    a = triangles[:, 0]
-    n = np.cross(triangles[:, 1] - a, triangles[:, 2] - a)
-    return a[:, 2] - (n[:, 0] * (x - a[:, 0]) + n[:, 1] * (y - a[:, 1])) / n[:, 2]

@@ -19,15 +19,15 @@ from varos_warp.scene.geometry.query import clearance, crossings, is_inside
 BATCH = 256
 """Places drawn at a time; the copies do not depend on it."""
 PATIENCE = 4000
-"""Places in a row without a copy, after which the area counts as full: less than a thousandth of it is left."""
+"""Places in a row without a copy after which the area counts as full: less than a thousandth of it is left."""
 
 
 @dataclass
 class Ground:
-    """What is scattered on, and what is in the way there."""
+    """Where copies may stand, and what is in their way."""
 
     terrain: Part
-    """Of several surfaces one above the other the highest counts."""
+    """Where surfaces overlap, the highest counts."""
     objects: list[Part] = field(default_factory=list)
     """Copies keep clear of them."""
     centre: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -35,13 +35,9 @@ class Ground:
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """float64 [N] [m]."""
 
-    def take(self, centre, radius):
-        """Take one disk more."""
-        self.centre, self.radius = np.vstack([self.centre, centre]), np.append(self.radius, radius)
-
 
 def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
-    """Place the copies of one block, and take the ground that they stand on.
+    """Place the copies of one block, and mark their ground as taken.
 
     Args:
         block: The block ``scatter`` of the scene file.
@@ -60,8 +56,8 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
-    return Instances(key, vertices, prototype.faces, T, prototype.material, prototype.smooth_angle,
-                     prototype.smooth_shading, prototype.skin)
+    return Instances(key, vertices, prototype.faces, prototype.material, T, smooth_angle=prototype.smooth_angle,
+                     smooth_shading=prototype.smooth_shading, skin=prototype.skin)
 
 
 def _places(block, key, vertices, ground, rng):
@@ -77,7 +73,7 @@ def _places(block, key, vertices, ground, rng):
             if len(gap) and gap.min() < block.clearance_m:
                 dropped["too near to a copy"] += 1
                 continue
-            ground.take(row[:2], radius)
+            ground.centre, ground.radius = np.vstack([ground.centre, row[:2]]), np.append(ground.radius, radius)
             kept.append(row)
             if len(kept) == block.count:
                 return np.array(kept)

@@ -5,13 +5,13 @@ import trimesh
 from trimesh.visual.material import PBRMaterial, pack
 
 from varos_warp.scene.geometry.parts import Skin
-from varos_warp.scene.materials.textures import decode_image, srgb_to_linear
+from varos_warp.scene.images import decode_image, srgb_to_linear
 
 
 def join_skins(meshes: list[tuple[trimesh.Trimesh, bool]]) -> Skin | None:
-    """Skin of many meshes in a row; None where none of them has colours.
+    """Skin of several meshes joined; None if none of them has colours.
 
-    A mesh without a map of its own, beside one that has, is of its plain colour. Several maps are packed into one.
+    Beside meshes with maps, one without has its plain colour. Several maps are packed into one.
 
     Args:
         meshes: Each mesh, and whether its triangles were turned over.

@@ -1,4 +1,4 @@
-"""A triangle mesh in a BVH on a device, in float32 about a local origin, and questions to it from many threads."""
+"""A triangle mesh in a BVH on a device, in float32 about a local origin, and queries of it by many threads."""
 
 import numpy as np
 import trimesh
@@ -20,14 +20,12 @@ class Surface:
         winding: Also prepare for ``signed_distance``.
     """
 
-    leaf_size = 8
-
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, device: str = "cpu", winding: bool = False):
         self.vertices, self.faces, self.device = vertices, faces, device
         self.origin = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         self.mesh = wp.Mesh(points=upload(self.local(vertices), wp.vec3, device),
                             indices=upload(faces.astype(np.int32, copy=False).ravel(), wp.int32, device),
-                            support_winding_number=winding, bvh_constructor="sah", bvh_leaf_size=self.leaf_size)
+                            support_winding_number=winding, bvh_constructor="sah", bvh_leaf_size=8)
 
     def local(self, points: np.ndarray) -> np.ndarray:
         """Points [N, 3] about the origin of the device, float32."""

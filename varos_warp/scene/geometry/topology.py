@@ -1,4 +1,4 @@
-"""Which edges, pieces and outlines a list of triangles has; by sorting keys, in bounded memory for tens of millions."""
+"""Edges, pieces and outlines of a triangle list, by sorting keys: in bounded memory for tens of millions."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 CHUNK = 1 << 20
-"""Triangles looked at in one go, where what is computed of each takes more room than the triangle."""
+"""Triangles processed at once, where temporary arrays are larger than the triangles."""
 FARTHEST = 1e15
 """A coordinate beyond is no place but a fault: a million kilometres in micrometres."""
 
@@ -57,10 +57,8 @@ def edge_keys(faces: np.ndarray, directed: bool = False) -> np.ndarray:
 
 def edge_uses(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Keys of the edges that are not shared by two faces: of those used once, and of those used three times or more."""
-    keys = np.sort(edge_keys(faces).ravel())
-    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]])) if len(keys) else np.zeros(0, int)
-    uses = np.diff(starts, append=len(keys))
-    return keys[starts[uses == 1]], keys[starts[uses > 2]]
+    keys, uses = np.unique(edge_keys(faces), return_counts=True)
+    return keys[uses == 1], keys[uses > 2]
 
 
 def paired_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,13 +73,10 @@ def paired_edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def boundary_edges(faces: np.ndarray) -> np.ndarray:
     """Edges [E, 2] with one face only, in the direction in which that face runs through them."""
-    once, _ = edge_uses(faces)
-    if len(once) == 0:
-        return np.zeros((0, 2), np.int32)
-    keys = edge_keys(faces)
+    (once, _), keys = edge_uses(faces), edge_keys(faces)
     found = np.zeros(keys.shape, bool)
     for part in chunks(len(keys)):
-        found[part] = once[np.searchsorted(once, keys[part]).clip(max=len(once) - 1)] == keys[part]
+        found[part] = np.isin(keys[part], once)
     face, corner = np.nonzero(found)
     return np.column_stack([faces[face, corner], faces[face, (corner + 1) % 3]])
 
@@ -130,17 +125,8 @@ def subdivide(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         The edges [E, 2] at whose middles the new vertices lie, and the faces int32 [4 F, 3].
     """
-    keys = edge_keys(faces).ravel()
-    order = np.argsort(keys)
-    ordered = keys[order]
-    new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
-    edges = np.column_stack([ordered[new] >> 32, ordered[new] & 0xFFFFFFFF]).astype(np.int32)
-    middle = np.empty(len(keys), np.int32)
-    middle[order] = np.cumsum(new, dtype=np.int32) + np.int32(count - 1)
-    del keys, order, ordered, new
-    (a, b, c), (ab, bc, ca) = faces.T, middle.reshape(-1, 3).T
-    result = np.empty((4, len(faces), 3), np.int32)
-    for quarter, corners in zip(result, ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)), strict=True):
-        for i, corner in enumerate(corners):
-            quarter[:, i] = corner
-    return edges, result.reshape(-1, 3)
+    keys, middle = np.unique(edge_keys(faces), return_inverse=True)
+    edges = np.column_stack([keys >> 32, keys & 0xFFFFFFFF]).astype(np.int32)
+    (a, b, c), (ab, bc, ca) = faces.T, (middle.reshape(-1, 3) + count).astype(np.int32).T
+    quarters = (a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)
+    return edges, np.concatenate([np.column_stack(corners) for corners in quarters])

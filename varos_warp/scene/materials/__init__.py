@@ -1,1 +1,1 @@
-"""What surfaces are made of: records for the device, images, the lobe of metals."""
+"""Materials: records for the device, images, the lobe of metals."""

@@ -9,14 +9,9 @@ from scipy.special import ndtri
 from varos_warp.kernels.world import texture
 from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend, Texture
+from varos_warp.scene.description.world import Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.materials.textures import Textures
-
-
-def position_seed(seed: int, position) -> int:
-    """Seed of a procedural pattern: no two places look alike (paper 3.1.2)."""
-    return zlib.crc32(np.asarray(position, np.float64).tobytes(), seed)
 
 
 def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures: Textures) -> texture.Material:
@@ -34,7 +29,8 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
     record = texture.Material()
     low = part.vertices.min(axis=0)
     record.offset = wp.vec3(*(local_origin - low))
-    record.seed = wp.uint32(position_seed(scene.seed, part.origin))
+    # by the place, so that no two look alike (paper 3.1.2)
+    record.seed = wp.uint32(zlib.crc32(np.asarray(part.origin, np.float64).tobytes(), scene.seed))
     material = part.material
     if part.skin is not None:
         _set_skin(record, part, textures)
@@ -45,11 +41,9 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
     elif isinstance(material, Metal):
         record.kind = int(texture.METAL)
         record.base, record.roughness = wp.vec3(*material.base), material.roughness
-    elif isinstance(material, Diffuse):
+    else:
         record.kind = int(texture.DIFFUSE)
         record.base = wp.vec3(*material.reflectance)
-    else:
-        raise TypeError(f"no device material for {type(material).__name__}")
     return record
 
 
@@ -63,27 +57,21 @@ def _set_skin(record, part, textures):
 
 
 def _set_ground(record, part, offset, textures, scene):
-    """Tiles on what is flat and what is steep, or one on both."""
+    """Tiles for flat and steep ground, or one for both."""
     material = part.material
     record.kind = int(texture.GROUND)
     key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")
-    layers = []
+    extent, layers = float(np.ptp(part.vertices[:, :2], axis=0).max()), []
     for name in ("flat",) if material.flat == material.steep else ("flat", "steep"):
         block = getattr(material, name)
         layer = texture.Layer()
-        layer.size = tile_size(block, part)
+        layer.size = block.size_m or max(extent / block.tiles, 1e-6)
         layer.image = textures.tile(block.texture, f"{key}.{name}.texture", layer.size)
         layer.offset = wp.vec3(*np.remainder(offset, float(PERIOD) * layer.size))
         if name == "flat" and block.texture == "sand":
             layer.ripple = float(np.clip(0.11 * layer.size, 0.06, 0.3))
         layers.append(layer)
     record.layers = textures.layers(layers)
-
-
-def tile_size(block: Texture, part: Part) -> float:
-    """Width of a tile on a part [m]."""
-    extent = float(np.ptp(part.vertices[:, :2], axis=0).max())
-    return block.size_m or max(extent / block.tiles, 1e-6)
 
 
 def _set_layer(record, part):

@@ -16,13 +16,11 @@ from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.files import require_file
 from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.images import decode_image
 from varos_warp.scene.launch import launch_rows
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
 """The tiles that ship, computed when first asked for."""
-
-LARGEST = 8192
-"""Longest side of an image on the device [texels]; larger files are reduced to it."""
 
 _BINS = 4096
 _NORMAL_QUANTILES = np.clip(ndtri((np.arange(65536) + 0.5) / 65536), -REACH, REACH).astype(np.float32)
@@ -76,11 +74,6 @@ class Pyramid:
     basis: np.ndarray | None = None
     """Of a tile: [3, 3]."""
 
-    @property
-    def nbytes(self) -> int:
-        """Memory on the device [bytes]."""
-        return self.texels.nbytes + (0 if self.colours is None else self.colours.nbytes)
-
     def upload(self, device: str) -> Image:
         """The record of the image; it keeps its arrays alive."""
         image = Image()
@@ -102,9 +95,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
     """Pyramid of a tile, float [H, W, 3] linear, sides powers of two, that can be blended with itself.
 
     Along the principal axes of its colours, each value becomes the normal quantile of its rank (Heitz and Neyret 2018,
-    section 3); equal values are spread at random over theirs. What a Gaussian mean over a texel of a coarse level
-    stands for is the mean of the colours that it may have been made of (ibid., section 4.2): the mean of the
-    whole tile at the top.
+    section 3); equal values are spread at random over theirs. A texel of a coarse level is a mean of quantiles, which
+    stands for the mean of the colours it may be made of (ibid., section 4.2): at the top, for that of the whole tile.
     """
     pixels = np.asarray(reflectance, np.float32).reshape(-1, 3)
     some = pixels[::7] if len(pixels) > 64 else pixels
@@ -144,7 +136,7 @@ def _gaussianise(values, rng):
 
 
 def _colours(quantiles, variance, level):
-    """What each of VALUES Gaussian means stands for on a level, [VALUES, 3]; ``variance`` is that of the finest."""
+    """Colours [VALUES, 3] that mean quantiles stand for on a level; ``variance`` is that of the finest level."""
     g = (np.arange(VALUES) + 0.5) / VALUES * 2 * REACH - REACH
     lost = np.sqrt(np.maximum(variance - level.var(axis=(0, 1)), 0.0))
     return np.stack([q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1) for q, s in zip(quantiles, lost, strict=True)],
@@ -211,23 +203,3 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
     except Exception as error:  # Pillow's readers raise many kinds on damaged files
         raise InputError(f"cannot be read as an image: {str(error).strip() or type(error).__name__}", file=path,
                          key=key, remedy="Export it anew, as PNG or JPEG.") from error
-
-
-def decode_image(image: PillowImage.Image) -> np.ndarray:
-    """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
-    if image.mode in ("I;16", "I", "F"):  # gray of more than 8 bits, which Pillow would cut off
-        values = np.asarray(image, np.float32)
-        image = PillowImage.fromarray(np.clip(values / max(65535.0, values.max()) * 255.0, 0, 255).astype(np.uint8))
-    image = image.convert("RGB")
-    size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
-    if size != image.size:
-        image = image.resize(size, PillowImage.Resampling.BICUBIC)
-    return _SRGB_TO_LINEAR[np.asarray(image)]
-
-
-def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB ones in 0..1 (IEC 61966-2-1)."""
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
-
-
-_SRGB_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)

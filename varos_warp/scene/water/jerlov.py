@@ -19,8 +19,3 @@ Government Licence v3.0). I, IA, 7C and 9C, which they did not measure, are from
 54, 5392, who inverted Jerlov's attenuation. So scattering jumps where the two meet: from IA to IB it grows 42-fold in
 red, 34-fold in green and 21-fold in blue, far more than from one type to the next within a source.
 """
-
-
-def jerlov_coefficients(kind: str) -> tuple[tuple, tuple]:
-    """Absorption and scattering [1/m] of a Jerlov water type; ``IC`` is read as ``1C``."""
-    return JERLOV["1C" if kind == "IC" else kind]

@@ -3,17 +3,15 @@
 Oceanography's a, b and c are sigma_a, sigma_s and sigma_t. All coefficients are [1/m] per channel R, G, B.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import warp as wp
 
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Coefficients, Jerlov, Principled
-from varos_warp.scene.water.jerlov import jerlov_coefficients
+from varos_warp.scene.description.world import Principled
+from varos_warp.scene.water.jerlov import JERLOV
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.registry import make_phase
@@ -48,27 +46,6 @@ class OpticalProperties:
         return np.divide(self.sigma_s, self.sigma_t, out=np.zeros(3), where=self.sigma_t > 0.0)
 
 
-def from_principled(water: Principled) -> OpticalProperties:
-    """Blender's Principled Volume, as Cycles computes it (paper, table 1)."""
-    color, absorption = np.array(water.color), np.array(water.absorption_color)
-    sigma_s = water.density * color
-    sigma_a = water.density * np.maximum(1.0 - color, 0.0) * np.maximum(1.0 - np.sqrt(absorption), 0.0)
-    return OpticalProperties(sigma_s, sigma_a, HenyeyGreenstein(water.anisotropy), "principled")
-
-
-def from_coefficients(water: Coefficients, resolve: Callable[[str], Path] = Path) -> OpticalProperties:
-    """Coefficients as they are; ``resolve`` finds the files that the phase function names."""
-    phase = make_phase(water.phase, resolve, "water.coefficients.phase")
-    return OpticalProperties(np.array(water.sigma_s), np.array(water.sigma_a), phase, "coefficients")
-
-
-def from_jerlov(water: Jerlov, resolve: Callable[[str], Path] = Path) -> OpticalProperties:
-    """A Jerlov water type; ``resolve`` finds the files that the phase function names."""
-    sigma_a, sigma_s = jerlov_coefficients(water.type)
-    phase = make_phase(water.phase, resolve, "water.jerlov.phase")
-    return OpticalProperties(np.array(sigma_s), np.array(sigma_a), phase, "jerlov")
-
-
 def optical_properties(scene: Scene) -> OpticalProperties:
     """Water of a scene; ``water: none`` has neither scattering nor absorption.
 
@@ -79,10 +56,23 @@ def optical_properties(scene: Scene) -> OpticalProperties:
     if water == "none":
         return OpticalProperties(np.zeros(3), np.zeros(3), HenyeyGreenstein(0.0), "none")
     if water.principled is not None:
-        return from_principled(water.principled)
+        return _from_principled(water.principled)
     if water.coefficients is not None:
-        return from_coefficients(water.coefficients, scene.resolve)
-    return from_jerlov(water.jerlov, scene.resolve)
+        block, source = water.coefficients, "coefficients"
+        sigma_s, sigma_a = block.sigma_s, block.sigma_a
+    else:
+        block, source = water.jerlov, "jerlov"
+        sigma_a, sigma_s = JERLOV["1C" if block.type == "IC" else block.type]
+    phase = make_phase(block.phase, scene.resolve, f"water.{source}.phase")
+    return OpticalProperties(np.array(sigma_s), np.array(sigma_a), phase, source)
+
+
+def _from_principled(water: Principled) -> OpticalProperties:
+    """Blender's Principled Volume, as Cycles computes it (paper, table 1)."""
+    color, absorption = np.array(water.color), np.array(water.absorption_color)
+    sigma_s = water.density * color
+    sigma_a = water.density * np.maximum(1.0 - color, 0.0) * np.maximum(1.0 - np.sqrt(absorption), 0.0)
+    return OpticalProperties(sigma_s, sigma_a, HenyeyGreenstein(water.anisotropy), "principled")
 
 
 def phase_function(scene: Scene) -> PhaseFunction:

@@ -2,17 +2,7 @@
 
 import numpy as np
 
-from varos_warp.scene.description.world import (
-    Bolt,
-    Boulder,
-    Elbow,
-    Flange,
-    Nut,
-    ParametricObject,
-    Pipe,
-    PipeSupport,
-    Valve,
-)
+from varos_warp.scene.description import world
 from varos_warp.scene.geometry.assets.fasteners import HEX_SIZES_MM, bolt, hex_measures, nut
 from varos_warp.scene.geometry.assets.pipes import FLANGES_MM, elbow, flange, flange_measures, pipe, pipe_support, valve
 from varos_warp.scene.geometry.assets.rocks import boulder
@@ -27,11 +17,11 @@ FINEST_DEFAULT = 5e-5
 COARSEST_DEFAULT = 25.0 / 65535
 """No default is coarser [m]: one step of image D at its default range."""
 
-_MAKERS = {Pipe: pipe, Elbow: elbow, Flange: flange, PipeSupport: pipe_support, Bolt: bolt, Nut: nut, Valve: valve,
-           Boulder: boulder}
+_MAKERS = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
+           world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
 
 
-def make_asset(block: ParametricObject, key: str = "object") -> tuple[np.ndarray, np.ndarray]:
+def make_asset(block: world.ParametricObject, key: str = "object") -> tuple[np.ndarray, np.ndarray]:
     """Vertices float64 [V, 3] [m] and faces int32 [F, 3] of a parametric object, in its own axes, before its scale.
 
     Its triangles lie within ``chord_error_m`` of the true surface in the world, that is after its scale; absent:
@@ -48,14 +38,14 @@ def make_asset(block: ParametricObject, key: str = "object") -> tuple[np.ndarray
     return _MAKERS[type(block)](block, key, wanted / np.max(block.scale))
 
 
-def default_chord_error(block: ParametricObject, key: str = "object") -> float:
-    """Chord error in the world [m] of an object that asks for none: by its radius, from 0.05 to 0.38 mm.
+def default_chord_error(block: world.ParametricObject, key: str = "object") -> float:
+    """Chord error in the world [m] where the object gives none: by its radius, from 0.05 to 0.38 mm.
 
-    A boulder has no true surface that its triangles stand for: an 80th of its radius is fine enough.
+    A boulder has no true surface to come near to: an 80th of its radius is fine enough.
     """
-    if isinstance(block, Boulder):
+    if isinstance(block, world.Boulder):
         return float(block.diameter / 160.0 * np.max(block.scale))
-    if isinstance(block, Bolt | Nut):
+    if isinstance(block, world.Bolt | world.Nut):
         radius = 0.5 * hex_measures(block.size, f"{key}.size")[0]
     else:
         radius = block.radius

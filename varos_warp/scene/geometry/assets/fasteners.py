@@ -29,7 +29,8 @@ WASHER_FACE = 0.47
 
 def hex_measures(size: str, key: str = "size") -> tuple[float, float, float, float]:
     """Thread diameter d, width across flats s, head height k, nut height m [m] of a metric size such as ``M24``."""
-    _check_size(size, key)
+    if size not in HEX_SIZES_MM:
+        raise InputError("unknown bolt size", key=key, value=size, remedy=f"Known sizes: {', '.join(HEX_SIZES_MM)}.")
     s, k, m, _ = HEX_SIZES_MM[size]
     return float(size[1:]) / 1e3, s / 1e3, k / 1e3, m / 1e3
 
@@ -111,8 +112,3 @@ def _thread_length(d, length):
 def _washer_face(d):
     """Height c of the bearing face under a bolt's head [m] (ISO 4014, maximum)."""
     return 1e-3 * (0.4 if d < 0.0045 else 0.5 if d < 0.007 else 0.6 if d < 0.015 else 0.8 if d < 0.04 else 1.0)
-
-
-def _check_size(size, key):
-    if size not in HEX_SIZES_MM:
-        raise InputError("unknown bolt size", key=key, value=size, remedy=f"Known sizes: {', '.join(HEX_SIZES_MM)}.")

@@ -17,7 +17,7 @@ from varos_warp.scene.geometry.assets.lofts import (
     outward,
     rounded,
 )
-from varos_warp.scene.geometry.terrain import join
+from varos_warp.scene.geometry.joining import join
 
 WALL = 0.08
 """Thickness of a pipe's wall, as a share of its radius, where none is given."""
@@ -42,13 +42,7 @@ def pipe(block: Pipe, key: str = "pipe", chord_error: float = 1e-4):
     """A tube along z, centred, with rounded rims; a rod where the wall is as thick as the radius."""
     r, half = block.radius, 0.5 * block.length
     wall = WALL * r if block.wall is None else block.wall
-    b = RIM * min(wall, r, block.length)
-    outside = [(r, -half), (r, half)]
-    if wall >= r:
-        profile = rounded([(0.0, -half), *outside, (0.0, half)], b, chord_error)
-    else:
-        profile = rounded([*outside, (r - wall, half), (r - wall, -half)], b, chord_error, closed=True)
-    return lathe(profile, circle_points(r, chord_error), closed=wall < r)
+    return lathe(_tube(r, wall, -half, half, chord_error), circle_points(r, chord_error), closed=wall < r)
 
 
 def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
@@ -64,13 +58,7 @@ def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
     if block.angle_deg == 360.0:
         steps = max(steps, circle_points(R + r, 0.5 * chord_error))
         return loft([_bend_ring(R, r, a, around) for a in np.linspace(0.0, angle, steps, endpoint=False)], closed=True)
-    length, b = R * angle, RIM * min(wall, r, R * angle)
-    outside = [(r, 0.0), (r, length)]
-    if wall >= r:
-        profile = rounded([(0.0, 0.0), *outside, (0.0, length)], b, chord_error)[1:-1]
-    else:
-        profile = rounded([*outside, (r - wall, length), (r - wall, 0.0)], b, chord_error, closed=True)
-    profile = divided(profile, length / steps, closed=wall < r)
+    profile = divided(_tube(r, wall, 0.0, R * angle, chord_error), R * angle / steps, closed=wall < r)
     return loft([_bend_ring(R, radius, along / R, around) for radius, along in profile], closed=wall < r)
 
 
@@ -139,7 +127,15 @@ def valve(block: Valve, key: str = "valve", chord_error: float = 1e-4):
     return join(pieces + [(spoke[0] @ axis.T + lift, spoke[1]) for axis in (along, across)])
 
 
-# ---------------------------------------------------------------------------------------------------------------- bends
+# ---------------------------------------------------------------------------------------------------------------- tubes
+
+
+def _tube(r, wall, low, high, chord_error):
+    """Rounded profile [P, 2] of (radius, place along the pipe); that of a rod ends at the rims, not on the axis."""
+    bevel = RIM * min(wall, r, high - low)
+    if wall >= r:
+        return rounded([(0.0, low), (r, low), (r, high), (0.0, high)], bevel, chord_error)[1:-1]
+    return rounded([(r, low), (r, high), (r - wall, high), (r - wall, low)], bevel, chord_error, closed=True)
 
 
 def _bend_ring(bend_radius, radius, angle, count):

@@ -6,7 +6,7 @@ import trimesh
 from varos_warp.scene.description.world import Boulder
 
 LEVELS = {2: 0.06, 3: 0.024, 4: 0.0115, 5: 0.0047, 6: 0.0019, 7: 0.0009}
-"""How far a boulder of so many subdivisions lies from the finest one, as a share of its radius: the largest distance
+"""Distance of a boulder of this many subdivisions from the finest one, as a share of its radius: the largest distance
 measured on 24 of them, and a seventh more."""
 
 

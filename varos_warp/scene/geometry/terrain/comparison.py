@@ -1,4 +1,4 @@
-"""What a change of a mesh has cost: distances and normals between two surfaces, sampled, and their facts."""
+"""The error of a processed mesh: sampled distances and angles between two surfaces; and facts of a mesh."""
 
 import numpy as np
 

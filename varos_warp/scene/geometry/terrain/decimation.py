@@ -8,10 +8,10 @@ from varos_warp.scene.geometry.terrain.repair import clean, fill_holes
 from varos_warp.scene.geometry.topology import boundary_edges, compact, edge_uses
 
 TILE = 4_000_000
-"""Most triangles decimated in one go: the library takes about 350 bytes for each."""
+"""Most triangles decimated at once: the library takes about 350 bytes for each."""
 
 SPARE = 4
-"""A tile keeps so many times its share of the target, for the last pass over the whole to choose from."""
+"""A tile keeps this many times its share of the target, for the last pass over the whole to choose from."""
 
 
 AGGRESSIVENESS = (5.0, 7.0, 10.0)
@@ -57,9 +57,9 @@ def _simplify(vertices, faces, target, **options):
 
 
 def _mend(vertices, faces):
-    """Edges that the library gave more than two faces are cut out with all that is around them, and the holes filled.
+    """Cut out edges to which the library gave more than two faces, with the faces around them, and fill the holes.
 
-    It collapses edges without a look at what they join; among millions it happens a few times.
+    It collapses edges without checking what they join; this happens a few times in a million.
     """
     for _ in range(MENDINGS):
         many = edge_uses(faces)[1]

@@ -3,22 +3,19 @@
 import contextlib
 import sys
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 
+from pydantic import ValidationError
+
 from varos_warp.errors import InputError
+from varos_warp.scene.description.world import Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
+from varos_warp.scene.geometry.terrain import repair
 from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
 from varos_warp.scene.geometry.terrain.decimation import decimate
-from varos_warp.scene.geometry.terrain.repair import (
-    HOLE_EDGES,
-    drop_not_finite,
-    drop_useless,
-    fill_holes,
-    orient,
-    suspicious_size,
-)
 from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
 STEPS = ("read", "merge", "repair", "shrinkwrap", "decimate", "close", "compare")
@@ -30,15 +27,15 @@ class Log:
 
     progress: object = None
     """Called with the name of a step and the share of it that is done, 0 to 1."""
-    seconds: dict = field(default_factory=dict)
-    counts: dict = field(default_factory=dict)
+    seconds: Counter = field(default_factory=Counter)
+    counts: Counter = field(default_factory=Counter)
     warnings: list = field(default_factory=list)
     closed: bool = False
     """Whether the mesh has got a skirt."""
 
     @contextlib.contextmanager
     def step(self, name: str):
-        """Time a step; yields what its share is reported to."""
+        """Time a step; yields a function that takes the share that is done."""
         def share(done):
             if self.progress is not None:
                 self.progress(name, done)
@@ -46,89 +43,84 @@ class Log:
         start = time.perf_counter()
         share(0.0)
         yield share
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        self.seconds[name] += time.perf_counter() - start
         share(1.0)
 
     def count(self, mesh_and_counts):
         """Take the counts of a repair; returns its mesh."""
         mesh, counts = mesh_and_counts
-        for key, value in counts.items():
-            self.counts[key] = self.counts.get(key, 0) + value
+        self.counts.update(counts)
         return mesh
 
 
-def preprocess(vertices, faces, *, region=None, merge_tolerance_m=0.001, fill_holes_m=None, shrinkwrap_resolution=None,
-               target_vertices=None, close="skirt", key="preprocess", device="cpu", log=None):
-    """A terrain made fit for use; the arguments are the scene file's block ``terrain.preprocess``.
+def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **options):
+    """A terrain made fit for use.
 
     Args:
         vertices: float64 [V, 3] [m].
         faces: int32 [F, 3].
-        region: Keep the faces that reach into xmin, ymin, xmax, ymax [m]; with a shrinkwrap, exactly the rectangle.
-        merge_tolerance_m: Vertices nearer than this become one (chains of such vertices, too) [m].
-        fill_holes_m: Holes at most so wide are filled [m], see ``fill_holes``; none: ten median edges.
-        shrinkwrap_resolution: Vertices along the longer side of a new surface; none: keep the mesh.
-        target_vertices: Decimate to about this many vertices; none: do not.
-        close: What closes a shrinkwrapped sheet along its outline: ``skirt``, ``solid`` (skirt and bottom) or ``none``.
         key: Where the options stand, for messages.
         device: Where the projections run.
         log: Takes times, counts and warnings.
+        options: Those of ``scene.description.world.Preprocess``.
 
     Returns:
         Vertices float64 [V, 3] and faces int32 [F, 3].
 
     Raises:
-        InputError: Nothing is left, or the tolerance is larger than the mesh's edges.
+        InputError: Nothing is left, the tolerance is larger than the mesh's edges, or an option is none.
     """
+    try:
+        asked = Preprocess(**options)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"], key=".".join(map(str, (key, *first["loc"]))), value=first["input"],
+                         remedy="docs/terrain.md tells of the options.") from None
     log = Log() if log is None else log
-    vertices, faces = _repair(vertices, faces, region, merge_tolerance_m, fill_holes_m, key, device, log)
+    vertices, faces = _repair(vertices, faces, asked, key, device, log)
     wrapped_sheet = False
-    if shrinkwrap_resolution is not None:
+    if asked.shrinkwrap_resolution is not None:
         with log.step("shrinkwrap") as share:
             wrapped_sheet = is_sheet(vertices, faces)
-            vertices, faces = _wrap(vertices, faces, shrinkwrap_resolution, region, wrapped_sheet, key, device, share)
+            try:
+                vertices, faces = shrinkwrap(vertices, faces, asked.shrinkwrap_resolution, asked.region,
+                                             sheet=wrapped_sheet, device=device, progress=share)
+            except InputError as error:
+                raise InputError(error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution,
+                                 remedy=error.remedy) from None
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
-    if target_vertices is not None and target_vertices < len(vertices):
+    if asked.target_vertices is not None and asked.target_vertices < len(vertices):
         with log.step("decimate") as share:
-            vertices, faces = _decimate(vertices, faces, target_vertices, wrapped_sheet, share)
+            vertices, faces = _decimate(vertices, faces, asked.target_vertices, wrapped_sheet, share)
         if len(faces) == 0:
             raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
-                             value=target_vertices, remedy="Raise it.")
+                             value=asked.target_vertices, remedy="Raise it.")
     with log.step("close"):
-        log.closed = wrapped_sheet and close != "none"
+        log.closed = wrapped_sheet and asked.close != "none"
         vertices, faces = add_skirt(vertices, faces) if log.closed else (vertices, faces)
-        if log.closed and close == "solid":
+        if log.closed and asked.close == "solid":
             vertices, faces = add_bottom(vertices, faces)
     return vertices, faces
 
 
-def _repair(vertices, faces, region, merge_tolerance_m, fill_holes_m, key, device, log):
+def _repair(vertices, faces, asked, key, device, log):
     """The mesh cropped, merged, cleaned, its faces up, its holes filled."""
     with log.step("merge"):
-        vertices, faces = log.count(drop_not_finite(vertices, faces))
-        if region is not None and len(faces):
-            vertices, faces = crop(vertices, faces, region, key)
+        vertices, faces = log.count(repair.drop_not_finite(vertices, faces))
+        if asked.region is not None and len(faces):
+            vertices, faces = crop(vertices, faces, asked.region, key)
         count = len(vertices)
         if len(faces):
-            vertices, faces = merge_near(vertices, faces, merge_tolerance_m, key)
-        log.counts["merged_vertices"] = log.counts.get("merged_vertices", 0) + count - len(vertices)
+            vertices, faces = merge_near(vertices, faces, asked.merge_tolerance_m, key)
+        log.counts["merged_vertices"] += count - len(vertices)
     with log.step("repair"):
-        vertices, faces = log.count(drop_useless(vertices, faces))
+        vertices, faces = log.count(repair.drop_useless(vertices, faces))
         if len(faces) == 0:
             raise InputError("no triangles are left", key=key,
                              remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.")
-        vertices, faces = log.count(orient(vertices, faces, device))
-        widest = HOLE_EDGES * median_edge(vertices, faces) if fill_holes_m is None else fill_holes_m
-        return log.count(fill_holes(vertices, faces, widest))
-
-
-def _wrap(vertices, faces, resolution, region, sheet, key, device, share):
-    """The shrinkwrap, its messages with the key of the scene file."""
-    try:
-        return shrinkwrap(vertices, faces, resolution, region, sheet=sheet, device=device, progress=share)
-    except InputError as error:
-        raise InputError(error.problem, key=f"{key}.shrinkwrap_resolution", value=resolution,
-                         remedy=error.remedy) from None
+        vertices, faces = log.count(repair.orient(vertices, faces, device))
+        widest = repair.HOLE_EDGES * median_edge(vertices, faces) if asked.fill_holes_m is None else asked.fill_holes_m
+        return log.count(repair.fill_holes(vertices, faces, widest))
 
 
 def _decimate(vertices, faces, target_vertices, sheet, share):
@@ -150,7 +142,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         vertices: Target number of vertices; none: do not decimate.
         scale: What the coordinates are multiplied by, to be metres.
         up_axis: Which axis of the files points up: x, y or z; none: as they say.
-        region: See ``preprocess``; so too the other options.
+        region: See ``Preprocess``; so too the other options.
         samples: Points on either surface from which the error is measured.
         device: Where the projections run.
         progress: Called with the name of a step and the share of it that is done.
@@ -163,16 +155,16 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
     """
     log = Log(progress)
     with log.step("read"):
-        original = join(read_mesh(file, "MESH", up_axis) for file in files)
+        original = join(read_mesh(file, "MESH", up_axis)[:2] for file in files)
         if len(original[1]) == 0:
             raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
-        original = log.count(drop_not_finite(original[0] * scale, original[1]))
+        original = log.count(repair.drop_not_finite(original[0] * scale, original[1]))
         count = len(original[0])
         original = merge_equal(*original)
-        log.counts["merged_vertices"] = count - len(original[0])
+        log.counts["merged_vertices"] += count - len(original[0])
     if len(original[1]) == 0:
         raise InputError("no triangles are left", key="MESH", remedy="All have vertices that are NaN or infinite.")
-    warning = suspicious_size(original[0])
+    warning = repair.suspicious_size(original[0])
     log.warnings += [warning] if warning else []
     result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
     with log.step("compare"):
@@ -180,12 +172,12 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         compared = original if region is None else crop(*original, region, "preprocess")
         report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
                   "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
-    return result, {**report, "counts": log.counts, "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
+    return result, {**report, "counts": dict(log.counts), "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
                     "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
 
 
 def _peak_gb() -> float | None:
-    """Most memory that the process has held so far [GB]; none where the system does not say."""
+    """Peak memory of the process [GB]; None where the system does not tell."""
     try:
         import resource
     except ImportError:  # Windows

@@ -5,51 +5,40 @@ Every function returns the mesh and counts of what it removed or added.
 
 import numpy as np
 
+from varos_warp.scene.geometry import topology
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import (
-    FARTHEST,
-    area_normals,
-    boundary_edges,
-    chunks,
-    compact,
-    first_equal,
-    groups,
-    is_consistent,
-    outlines,
-    paired_edges,
-    pieces,
-)
 
 HOLE_EDGES = 10.0
-"""Holes up to so many median edges across are filled where nothing else is asked for."""
+"""Holes up to this many median edges across are filled by default."""
 
 VOTERS = 20_000
-"""Points from which is looked at a model from above, to tell its front from its back."""
+"""Rays cast down on a model to tell its front from its back."""
 
 SMALLEST_M, LARGEST_M = 0.05, 20_000.0
 """Longer side of a model [m] beyond which its unit is probably not the metre."""
 
 
 def drop_not_finite(vertices, faces):
-    """Without the vertices that are NaN, infinite or farther than any unit of length explains, and their faces."""
+    """Without vertices that are NaN, infinite or farther out than any unit of length explains, and their faces."""
     with np.errstate(invalid="ignore"):
-        bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
+        bad = ~(np.abs(vertices) < topology.FARTHEST).all(axis=1)
     if not bad.any():
         return (vertices, faces), {"not_finite_vertices": 0, "faces_at_them": 0}
     kept = faces[~bad[faces].any(axis=1)]
-    return compact(vertices, kept), {"not_finite_vertices": int(bad.sum()), "faces_at_them": len(faces) - len(kept)}
+    counts = {"not_finite_vertices": int(bad.sum()), "faces_at_them": len(faces) - len(kept)}
+    return topology.compact(vertices, kept), counts
 
 
 def drop_useless(vertices, faces):
     """Without degenerate faces (no area), faces with the same corners as another, and vertices that no face uses."""
     area = np.empty(len(faces), bool)
-    for part in chunks(len(faces)):
-        area[part] = (area_normals(vertices, faces[part]) != 0.0).any(axis=1)
+    for part in topology.chunks(len(faces)):
+        area[part] = (topology.area_normals(vertices, faces[part]) != 0.0).any(axis=1)
     kept = faces[area]
     corners = np.sort(kept, axis=1).astype(np.int64)
     rows = np.column_stack([corners[:, 0] << 32 | corners[:, 1], corners[:, 2]])
-    single = kept[first_equal(rows) == np.arange(len(kept))]
-    result = compact(vertices, single)
+    single = kept[topology.first_equal(rows) == np.arange(len(kept))]
+    result = topology.compact(vertices, single)
     return result, {"degenerate_faces": len(faces) - len(kept), "repeated_faces": len(kept) - len(single),
                     "unused_vertices": len(vertices) - len(result[0])}
 
@@ -66,21 +55,20 @@ def fill_holes(vertices, faces, widest: float):
     bounding box) and less than half as wide as the piece that it is in: the outline of a sheet is no hole. Loops that
     touch themselves or each other stay open.
     """
-    edges = boundary_edges(faces)
-    if len(edges) == 0 or widest <= 0.0:
-        return (vertices, faces), {"holes_filled": 0, "holes_left": int(len(edges) > 0), "faces_added": 0}
-    used, corners, loop, middle = outlines(vertices, edges)
+    edges = topology.boundary_edges(faces)
+    if len(edges) == 0:
+        return (vertices, faces), {"holes_filled": 0, "holes_left": 0, "faces_added": 0}
+    used, corners, loop, middle = topology.outlines(vertices, edges)
     degree = np.bincount(corners.ravel(), minlength=len(used))
     outgoing = np.bincount(corners[:, 0], minlength=len(used))
     simple = np.bincount(loop, (degree != 2) | (outgoing != 1)) == 0
     size = _extent(vertices[used], loop)
-    small = simple & (size <= widest)
-    if not small.any():
-        return (vertices, faces), {"holes_filled": 0, "holes_left": len(size), "faces_added": 0}
-    piece = groups(np.concatenate([faces[:, :2], faces[:, 1:]]), len(vertices))
-    whole = np.zeros(len(size))
-    whole[loop] = _extent(vertices, piece)[piece[used]]
-    fill = small & (size < 0.5 * whole)
+    fill = simple & (size <= widest)
+    if fill.any():
+        piece = topology.groups(np.concatenate([faces[:, :2], faces[:, 1:]]), len(vertices))
+        whole = np.zeros(len(size))
+        whole[loop] = _extent(vertices, piece)[piece[used]]
+        fill &= size < 0.5 * whole
     apex = np.cumsum(fill) - 1 + len(vertices)
     wanted = fill[loop[corners[:, 0]]]
     fans = np.column_stack([edges[wanted][:, ::-1], apex[loop[corners[wanted, 0]]]]).astype(np.int32)
@@ -104,7 +92,7 @@ def orient(vertices, faces, device="cpu"):
     """
     faces = faces.copy()
     turned = np.zeros(len(faces), bool)
-    if not is_consistent(faces):
+    if not topology.is_consistent(faces):
         turned = _disagreeing(faces)
         faces[turned] = faces[turned, ::-1]
     backward = _seen_from_behind(vertices, faces, device)
@@ -120,10 +108,11 @@ def _disagreeing(faces):
     """
     count = len(faces)
     forward = (faces < np.roll(faces, -1, axis=1)).ravel()
-    one, other = paired_edges(faces)
+    one, other = topology.paired_edges(faces)
     f, g, agree = one // 3, other // 3, forward[one] != forward[other]
-    g_as_f, g_turned = np.where(agree, g, g + count), np.where(agree, g + count, g)
-    label = groups(np.column_stack([np.concatenate([f, f + count]), np.concatenate([g_as_f, g_turned])]), 2 * count)
+    as_is, turned = np.where(agree, g, g + count), np.where(agree, g + count, g)
+    label = topology.groups(np.concatenate([np.column_stack([f, as_is]), np.column_stack([f + count, turned])]),
+                            2 * count)
     as_is, mirrored = label[:count], label[count:]
     votes = np.bincount(as_is, minlength=label.max() + 1)
     fewer = (votes[as_is] < votes[mirrored]) | ((votes[as_is] == votes[mirrored]) & (as_is > mirrored))
@@ -142,13 +131,13 @@ def _seen_from_behind(vertices, faces, device):
     hit = face >= 0
     if not (side[hit] < 0.0).any():
         return np.zeros(len(faces), bool)
-    label = pieces(faces, len(vertices))
+    label = topology.pieces(faces, len(vertices))
     votes = np.bincount(label[face[hit]], side[hit], minlength=label.max() + 1)
     return votes[label] < 0.0
 
 
 def suspicious_size(vertices) -> str | None:
-    """A warning where the model is so large or small that its unit is hardly the metre."""
+    """A warning if the model is so large or small that its unit is probably not the metre."""
     longer = float(np.ptp(vertices, axis=0).max())
     if longer > LARGEST_M:
         return f"the model is {longer:.4g} m long: if it is in millimetres, give scale 0.001"

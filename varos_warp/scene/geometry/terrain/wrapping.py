@@ -30,7 +30,7 @@ BASE_NODES = 40_000_000
 """Most nodes of its grid: 160 MB."""
 
 BLOCK = 8
-"""Nodes along a side of the blocks that are looked at first; a power of 2."""
+"""Nodes along a side of the largest blocks; a power of 2."""
 
 EIGHT = np.indices((2, 2, 2)).reshape(3, -1).T
 """The halves of a block."""
@@ -51,9 +51,6 @@ MARGIN = 3
 
 FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 10, 3, 2
 """Projections of the first surface, of those between, and of the last."""
-
-RELAX = 0.5
-"""Share of the way to the middle of its neighbours that a vertex goes in a round, within the surface."""
 
 
 @dataclass
@@ -101,16 +98,19 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
         InputError: Nothing of a sheet is seen from above.
     """
     sheet = is_sheet(vertices, faces) if sheet is None else sheet
-    low, high = _bounds(vertices, region if sheet else None)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    if sheet and region is not None:  # its top and bottom stay the model's
+        low[:2], high[:2] = np.maximum(low[:2], region[:2]), np.minimum(high[:2], region[2:])
     if sheet and not (high > low)[:2].all():
         raise InputError("nothing is seen from above", key="shrinkwrap_resolution",
                          remedy="Only surfaces that can be seen from above can be shrinkwrapped; check up_axis.")
+    side = float((high - low)[:2 if sheet else 3].max())
     if resolution == "auto":
-        resolution = natural_resolution(vertices, faces, region, sheet)
+        resolution = natural_resolution(vertices, faces, side)
     if sheet and is_height_field(vertices, faces):
-        return _not_empty(*drape(vertices, faces, resolution, region))
+        return _sound(*drape(vertices, faces, resolution, region))
     model = Surface(vertices, faces, device, winding=True)
-    rounds, step = plan(low, high, resolution, sheet)
+    rounds, step = plan(high - low, side, resolution)
     wrap = first_surface(model, low, high, step, sheet)
     project_rounds(model, wrap, step, FIRST_ROUNDS)
     for level in range(1, rounds + 1):
@@ -119,52 +119,39 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
         project_rounds(model, wrap, step, LAST_ROUNDS if level == rounds else ROUNDS)
     if sheet:
         wrap = trim(model, wrap, step)
-    result, chosen = wrap.points.astype(float), wrap.faces
-    result += model.origin
-    for axis, side in ((axis, side) for axis in (0, 1) for side in (-1, 1)):
+    result = wrap.points + model.origin
+    for axis, end in ((axis, end) for axis in (0, 1) for end in (-1, 1)):
         if sheet:  # exactly, not to float32
-            result[wrap.lock[:, axis] == side, axis] = (low, high)[side > 0][axis]
-    return _not_empty(*_without_slivers(result, chosen))
+            result[wrap.lock[:, axis] == end, axis] = (low, high)[end > 0][axis]
+    return _sound(result, wrap.faces)
 
 
-def _not_empty(vertices, faces):
+def _sound(vertices, faces):
+    """Without the few faces that lost their area where the rim was drawn to a corner of the outline."""
+    if not all((area_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
+        vertices, faces = clean(*merge_equal(vertices, faces))
     if len(faces) == 0:
         raise InputError("nothing of the model is left within its outline", key="shrinkwrap_resolution",
                          remedy="Raise it: the model, or what is whole of it, is narrower than a cell.")
     return vertices, faces
 
 
-def _without_slivers(vertices, faces):
-    """Without the few faces that lost their area where the rim was drawn to a corner of the outline."""
-    if all((area_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
-        return vertices, faces
-    return clean(*merge_equal(vertices, faces))
-
-
-def natural_resolution(vertices, faces, region, sheet: bool) -> int:
-    """Vertices along the longer side for a surface twice as fine as the model, within ``MOST_VERTICES``."""
-    low, high = _bounds(vertices, region if sheet else None)
-    side = float((high - low)[:2].max() if sheet else (high - low).max())
+def natural_resolution(vertices, faces, side: float) -> int:
+    """Vertices along the longer side [m] for a surface twice as fine as the model, within ``MOST_VERTICES``."""
     area = 0.5 * np.linalg.norm(area_normals(vertices, faces), axis=1).sum()
     step = max(0.5 * median_edge(vertices, faces), np.sqrt(PER_CELL * area / MOST_VERTICES))
     return int(np.clip(np.ceil(side / step), 2, MOST_ROWS)) + 1
 
 
-def plan(low, high, resolution: int, sheet: bool) -> tuple[int, float]:
-    """How often to refine, and the grid step [m] of the first surface, which every refinement halves."""
-    side = float((high - low)[:2].max() if sheet else (high - low).max())
+def plan(size, side: float, resolution: int) -> tuple[int, float]:
+    """How often to refine, and the grid step [m] of the first surface, which every refinement halves.
+
+    ``size`` [3] [m] is that of the box to wrap, ``side`` its longer one.
+    """
     rounds, cells = 0, resolution - 1
-    while cells > BASE or np.prod((high - low) / (side / cells) + 2 * MARGIN + 2) > BASE_NODES:
+    while cells > BASE or np.prod(size / (side / cells) + 2 * MARGIN + 2) > BASE_NODES:
         rounds, cells = rounds + 1, cells / 2
     return rounds, side / max(cells, 2)
-
-
-def _bounds(vertices, region):
-    """Corners [3] of the box to wrap; its top and bottom are the model's."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    if region is not None:
-        low[:2], high[:2] = np.maximum(low[:2], region[:2]), np.minimum(high[:2], region[2:])
-    return low, high
 
 
 # ------------------------------------------------------------------------------------------------- the first surface
@@ -190,8 +177,8 @@ def first_surface(model: Surface, low, high, step: float, sheet: bool) -> Wrap:
     lock *= np.array([sheet, sheet, False], np.int8)
     spacing = np.array([(a[-1] - a[0]) / (len(a) - 1) for a in axes])
     points = (nodes * spacing + [a[0] for a in axes]).astype(np.float32)
-    points, faces, lock = _reachable(points, faces, lock, step)
-    return Wrap(points, faces.astype(np.int32), lock, np.zeros(len(points), bool))
+    wrap = Wrap(points, faces, lock, np.zeros(len(points), bool))
+    return _part_of(wrap, faces[_reachable(wrap, step)])
 
 
 def _grid_values(model, axes, step, threshold):
@@ -229,8 +216,7 @@ def _jumps(value, distance):
     """Where a signed distance changes by more than the way between two middles: its sign changes in the open."""
     jumps = np.zeros(value.shape, bool)
     for axis in range(3):
-        a, b = np.moveaxis(value, axis, 0)[:-1], np.moveaxis(value, axis, 0)[1:]
-        far = np.abs(a - b) > 1.001 * distance
+        far = np.abs(np.diff(np.moveaxis(value, axis, 0), axis=0)) > 1.001 * distance
         moved = np.moveaxis(jumps, axis, 0)
         moved[:-1] |= far
         moved[1:] |= far
@@ -243,21 +229,26 @@ def _block_middles(axes, block, size):
                             for i, axis in enumerate(axes)]).astype(np.float32)
 
 
-def _reachable(points, faces, lock, step):
-    """Without closed pieces that enclose water (caves that nothing can enter) and pieces of a few cells."""
+def _part_of(wrap, faces):
+    """Some faces of a surface."""
+    used = np.unique(faces)
+    points, faces = compact(wrap.points, faces)
+    return Wrap(points, faces, wrap.lock[used], wrap.held[used])
+
+
+def _reachable(wrap, step):
+    """Faces [F] but of closed pieces that enclose water (caves that nothing can enter) and of pieces of a few cells."""
+    points, faces = wrap.points, wrap.faces
     label = pieces(faces, len(points))
     a, b, c = (points[faces[:, i]].astype(float) for i in range(3))
     count = label.max() + 1
     volume = np.bincount(label, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=count)
     area = np.bincount(label, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), minlength=count)
-    closed = np.bincount(label, (lock[faces] != 0).any(axis=(1, 2)), minlength=count) == 0
+    closed = np.bincount(label, (wrap.lock[faces] != 0).any(axis=(1, 2)), minlength=count) == 0
     keep = np.where(closed, volume > (2.0 * step) ** 3, area > (4.0 * step) ** 2)
     if not keep.any():
         keep = area >= area.max()
-    faces = faces[keep[label]]
-    used = np.unique(faces)
-    points, faces = compact(points, faces)
-    return points, faces, lock[used]
+    return keep[label]
 
 
 # ------------------------------------------------------------------------------------------------- refine and project
@@ -282,8 +273,8 @@ def project_rounds(model: Surface, wrap: Wrap, step: float, rounds: int) -> None
     points = upload(wrap.points, wp.vec3, device)
     moved, held = wp.empty_like(points), wp.empty(count, dtype=wp.int8, device=device)
     for _ in range(rounds):
-        launch(project.move_vertices, count, [model.mesh.id, points, faces, first, incident, lock, step, 2.0 * step,
-                                              RELAX], [moved, held], device)
+        launch(project.move_vertices, count, [model.mesh.id, points, faces, first, incident, lock, step],
+               [moved, held], device)
         after = wp.empty_like(points)
         launch(project.undo_folds, count, [points, moved, faces, first, incident], [after], device)
         points = after
@@ -315,17 +306,9 @@ def trim(model: Surface, wrap: Wrap, step: float) -> Wrap:
     beyond = core & outside[label]
     touched = beyond[wrap.faces].any(axis=1)
     rim[wrap.faces[touched].ravel()] = True
-    kept = wrap.faces[~touched]
     points, lock = wrap.points.copy(), wrap.lock.copy()
     loose = np.flatnonzero(rim & free)
     lock[loose] = 0  # they follow the outline, not the side of the region
-    _draw_to_outline(model, points, loose, step)
-    used = np.unique(kept)
-    points, kept = compact(points, kept)
-    return Wrap(points, kept, lock[used], wrap.held[used])
-
-
-def _draw_to_outline(model, points, which, step):
-    """Move points just beyond the outline to the nearest point of the model, which is on it."""
-    place, face = model.project(points[which], 3.0 * step)
-    points[which[face >= 0]] = place[face >= 0]
+    place, face = model.project(points[loose], 3.0 * step)  # just beyond the outline, the nearest point is on it
+    points[loose[face >= 0]] = place[face >= 0]
+    return _part_of(Wrap(points, wrap.faces, lock, wrap.held), wrap.faces[~touched])

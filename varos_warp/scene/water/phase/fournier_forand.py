@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
 NEAR_ONE = 1e-5
@@ -38,13 +38,6 @@ class FournierForand(PhaseFunction):
             return cls(1.01 + 0.1542 * (mu - 3.0), mu)
 
         return member(brentq(lambda mu: member(mu).backscatter_fraction - fraction, 3.0 + 1e-6, 5.0, xtol=1e-14))
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "FournierForand":
-        """From n and mu, or from the backscatter fraction."""
-        if block.backscatter_fraction is not None:
-            return cls.from_backscatter_fraction(block.backscatter_fraction)
-        return cls(block.n, block.mu)
 
     @property
     def key(self) -> tuple:
@@ -76,15 +69,18 @@ class FournierForand(PhaseFunction):
         series = series + nu * (nu + 1.0) * off * (2.0 * (nu - 1.0) - (2.0 * nu + 1.0) / s) / 6.0
         return np.where(near, series, closed) / (4.0 * np.pi)
 
+    def _share_below(self, s: float) -> float:
+        """Closed form of the distribution, less its second term: 1e-13 at S_CUT, and 0 at 90 degrees."""
+        delta = self._per_s * s
+        power = delta**self._nu
+        return float((1.0 - delta * power - (1.0 - power) * s) / ((1.0 - delta) * power))
+
     @cached_property
     def light_ahead(self) -> float:
-        """Share of the light below S_CUT, from the closed form of the distribution; its second term is 1e-13 there."""
-        power, delta = (self._per_s * S_CUT) ** self._nu, self._per_s * S_CUT
-        return float(((1.0 - delta * power) - (1.0 - power) * S_CUT) / ((1.0 - delta) * power))
+        """Share of the light below S_CUT."""
+        return self._share_below(S_CUT)
 
     @cached_property
     def backscatter_fraction(self) -> float:
         """B = b_b/b (Mobley et al. 2002)."""
-        nu, delta = self._nu, 0.5 * self._per_s
-        power = delta**nu
-        return 1.0 - (1.0 - delta * power - 0.5 * (1.0 - power)) / ((1.0 - delta) * power)
+        return 1.0 - self._share_below(0.5)

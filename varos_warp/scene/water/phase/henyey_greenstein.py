@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 
 class HenyeyGreenstein(PhaseFunction):
@@ -15,11 +15,6 @@ class HenyeyGreenstein(PhaseFunction):
 
     def __init__(self, g: float):
         self.g = float(g)
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "HenyeyGreenstein":
-        """From its mean cosine."""
-        return cls(block.g)
 
     @property
     def key(self) -> tuple:

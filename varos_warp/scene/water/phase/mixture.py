@@ -4,7 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 
 class Mixture(PhaseFunction):
@@ -19,13 +19,6 @@ class Mixture(PhaseFunction):
     def __init__(self, parts: list[tuple[float, PhaseFunction]]):
         total = sum(weight for weight, _ in parts)
         self.parts = tuple((weight / total, phase) for weight, phase in parts)
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "Mixture":
-        """From the blocks of its parts."""
-        made = [origin.make(part, Origin(f"{origin.key}.of.{i}", origin.resolve, origin.make))
-                for i, part in enumerate(block.of)]
-        return cls([(part.weight, phase) for part, phase in zip(block.of, made, strict=True)])
 
     @property
     def key(self) -> tuple:

@@ -4,7 +4,6 @@ Petzold (1972), SIO Ref. 72-78; averaged over three of his stations, less pure w
 Appl. Opt. 32, 7484, table 2.
 """
 
-from varos_warp.scene.water.phase.phase_function import Origin
 from varos_warp.scene.water.phase.tabulated import Tabulated
 
 SLOPE = -1.3467
@@ -18,11 +17,6 @@ class Petzold(Tabulated):
 
     def __init__(self):
         super().__init__(ANGLE_DEG, P, slope=SLOPE)
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "Petzold":
-        """It has no parameters."""
-        return cls()
 
     @property
     def key(self) -> tuple:

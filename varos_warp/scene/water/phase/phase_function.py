@@ -1,14 +1,11 @@
-"""What every phase function has on the host, in float64, and how it comes to the kernels.
+"""Phase functions on the host, in float64, and their records for the kernels.
 
-Angles are taken as s = (1 - cos theta)/2 = sin^2(theta/2), which loses no digits ahead. Solid angle is 4 pi ds.
+Angles are given as s = (1 - cos theta)/2 = sin^2(theta/2), which loses no digits ahead. Solid angle is 4 pi ds.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
@@ -18,23 +15,12 @@ from varos_warp.kernels.world.phase import Phase
 from varos_warp.scene.water.phase.power_table import LOG_S, LOG_STEP, S_CUT, PowerTable
 
 SMALLEST_S = 1e-18
-"""Where a density that is infinite ahead ends: a cosine in float64 does not tell such angles from 0."""
+"""Lower end of densities that are infinite ahead: a cosine in float64 cannot tell smaller angles from 0."""
 
 SMALLEST_ANGLE, BEAM_NODES = 1e-6, 256
 ANGLE_LOG_STEP = np.log(np.pi / SMALLEST_ANGLE) / (BEAM_NODES - 2)
-"""Of the table by which angles along a ray are drawn; it need not be right, for what it gives counts by its density.
-The step is of the logarithm."""
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Where the block of a phase function stands, and what else it takes to make it."""
-
-    key: str
-    resolve: Callable[[str], Path]
-    """Path of a file that the scene names."""
-    make: Callable[[Any, "Origin"], "PhaseFunction"]
-    """Makes the phase function of another block: a mixture is of several."""
+"""Smallest angle [rad], nodes, and step of its logarithm, of the table by which angles along a ray are sampled. It may
+be coarse: samples are weighted by the density that it has."""
 
 
 class PhaseFunction(ABC):
@@ -45,15 +31,10 @@ class PhaseFunction(ABC):
     is_henyey_greenstein = False
     """Whether kernels have its closed form; all others are tables there."""
 
-    @classmethod
-    @abstractmethod
-    def from_block(cls, block, origin: Origin) -> "PhaseFunction":
-        """Make it as a block of the scene file says (scene/description/phase.py)."""
-
     @property
-    @abstractmethod
     def key(self) -> tuple:
-        """All that its values depend on, in numbers, strings and tuples of them: for caches in memory and on disk."""
+        """Kind and all that its values depend on, as numbers, strings and tuples: for caches in memory and on disk."""
+        return (self.kind,)
 
     def __eq__(self, other) -> bool:
         return isinstance(other, PhaseFunction) and self.key == other.key
@@ -63,7 +44,7 @@ class PhaseFunction(ABC):
 
     @abstractmethod
     def density(self, s: np.ndarray) -> np.ndarray:
-        """In proportion to the density per solid angle, at s in (0, 1]."""
+        """Density per solid angle, up to a factor, at s in (0, 1]."""
 
     @property
     def kinks(self) -> np.ndarray:
@@ -191,7 +172,7 @@ class PhaseFunction(ABC):
         return angle, -np.append(np.cumsum((density * step[:, 0])[::-1])[::-1], 0.0), density
 
     def device_record(self, device: str) -> Phase:
-        """What kernels know of it. The arrays live as long as this object does: who keeps the record keeps it too."""
+        """What kernels know of it. Its arrays live as long as this object does."""
         record = Phase()
         record.g = self.mean_cosine
         device = str(device)
@@ -201,8 +182,7 @@ class PhaseFunction(ABC):
                                         for values in (*self._beam, *density)]
         record.angle, record.beam, record.beam_density, *density = self._on_devices[device]
         record.angle_log_step = float(ANGLE_LOG_STEP)
-        if not density:
-            return record
-        record.log_p, record.cdf = density
-        record.log_first, record.log_step = float(LOG_S[0]), float(LOG_STEP)
+        if density:
+            record.log_p, record.cdf = density
+            record.log_first, record.log_step = float(LOG_S[0]), float(LOG_STEP)
         return record

@@ -2,23 +2,13 @@
 
 import numpy as np
 
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
 
 class Rayleigh(PhaseFunction):
     """p = 0.06225 (1 + 0.835 cos^2 theta) (Morel 1974; Mobley 1994), normalised."""
 
     kind = "rayleigh"
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "Rayleigh":
-        """It has no parameters."""
-        return cls()
-
-    @property
-    def key(self) -> tuple:
-        """Kind."""
-        return (self.kind,)
 
     def density(self, s) -> np.ndarray:
         """Density [1/sr], to the digits of its constants."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.files import read_text
-from varos_warp.scene.water.phase.phase_function import Origin, PhaseFunction
+from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
 COLUMNS = ("angle_deg", "p")
@@ -17,7 +17,7 @@ SMALLEST_DEG = 1e-4
 STEEPEST = -1.9
 """Least slope over the angle ahead of the first row; at -2 there would be light without end."""
 ZERO = 1e-6
-"""What a value of 0 counts as, in units of the smallest that is not: a power law never gets there."""
+"""Stands for a value of 0, in units of the smallest positive one: a power law never reaches 0."""
 
 
 class Tabulated(PhaseFunction):
@@ -49,12 +49,6 @@ class Tabulated(PhaseFunction):
             return 0.0
         slope = (self._log_p[1] - self._log_p[0]) / (self._log_angle[1] - self._log_angle[0])
         return float(np.clip(slope, STEEPEST, 0.0))
-
-    @classmethod
-    def from_block(cls, block, origin: Origin) -> "Tabulated":
-        """From a file."""
-        path = origin.resolve(block.file)
-        return cls(*read_table(path, f"{origin.key}.file"), name=path.name)
 
     @property
     def key(self) -> tuple:

@@ -1,0 +1,27 @@
+"""sRGB images as linear reflectances."""
+
+import numpy as np
+from PIL import Image
+
+LARGEST = 8192
+"""Longest side of an image [texels]; larger ones are reduced to it."""
+
+
+def decode_image(image: Image.Image) -> np.ndarray:
+    """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
+    if image.mode in ("I;16", "I", "F"):  # gray of more than 8 bits, which Pillow would cut off
+        values = np.asarray(image, np.float32)
+        image = Image.fromarray(np.clip(values / max(65535.0, values.max()) * 255.0, 0, 255).astype(np.uint8))
+    image = image.convert("RGB")
+    size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
+    if size != image.size:
+        image = image.resize(size, Image.Resampling.BICUBIC)
+    return _SRGB_TO_LINEAR[np.asarray(image)]
+
+
+def srgb_to_linear(values: np.ndarray) -> np.ndarray:
+    """Linear values of sRGB ones in 0..1 (IEC 61966-2-1)."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+_SRGB_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0).astype(np.float32)
