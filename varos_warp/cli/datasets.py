@@ -16,7 +16,7 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
     from varos_warp.dataset.validate import validate as check
 
     result = check(dataset, quiet)
-    result.keep(dataset)
+    result.keep()
     if json_:
         print_json({"dataset": str(dataset), **result.plain()})
     else:

@@ -15,10 +15,11 @@ import socket
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from varos_warp.errors import InputError
 
@@ -29,6 +30,11 @@ _counter = itertools.count()
 # ------------------------------------------------------------------------------------------------------------ writing
 
 
+def _hidden(path: Path) -> Path:
+    """A name beside another that no other process, nor thread, has."""
+    return path.with_name(f".{path.name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+
+
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """A hidden name beside ``path`` to write to; it becomes ``path`` on success and is removed on anything else.
@@ -36,7 +42,7 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises:
         InputError: If the disk is full, or the folder cannot be made or written to.
     """
-    temp = path.with_name(f".{path.name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    temp = _hidden(path)
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,11 +66,10 @@ def new_folder(out: Path) -> Iterator[Path]:
     if inside:
         raise InputError(f"lies within the dataset {inside[0]}, which holds its own files alone", file=out,
                          remedy="Name a folder elsewhere with -o.")
-    temp = out.absolute().with_name(f".{out.absolute().name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    temp = _hidden(out.absolute())
     try:
         with writing(out):
-            for left in temp.parent.glob(f".{glob.escape(out.absolute().name)}.{HOST}-*.tmp"):
-                _remove_left(left)  # by an attempt that was killed
+            _remove_left(temp.parent.glob(f".{glob.escape(out.absolute().name)}.*.tmp"))  # by a killed attempt
             temp.mkdir(parents=True)
             yield temp
             temp.rename(out)
@@ -75,10 +80,10 @@ def new_folder(out: Path) -> Iterator[Path]:
 def link(source: Path, target: Path) -> None:
     """Hard-link a file, or copy it where the file system has no links or is another one."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(OSError):
+    try:
         os.link(source.resolve(), target)
-        return
-    shutil.copyfile(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 @contextlib.contextmanager
@@ -156,29 +161,28 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 
 def sweep(folder: Path, every: bool = False) -> None:
     """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
-    for temp in list(folder.rglob(".*.tmp")):
-        _remove_left(temp, every)
+    _remove_left(folder.rglob(".*.tmp"), every)
 
 
-def _remove_left(temp: Path, every: bool = False) -> None:
-    match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", temp.name)
-    if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
-        if temp.is_dir():
-            shutil.rmtree(temp)  # of `new_folder`
-        else:
-            temp.unlink(missing_ok=True)
+def _remove_left(paths: Iterable[Path], every: bool = False) -> None:
+    for path in list(paths):
+        match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", path.name)
+        if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
+            if path.is_dir():
+                shutil.rmtree(path)  # of `new_folder`
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _alive(pid: int) -> bool:
     """Whether a process may still be running; on Windows, where os.kill would end it, every one may."""
     if sys.platform == "win32":
         return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
+    with contextlib.suppress(PermissionError):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
     return True
 
 
@@ -189,20 +193,21 @@ _REMEDY = "The file is damaged; delete it and `run` again to make it anew."
 
 
 @contextlib.contextmanager
-def _reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
+def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
+    """What cannot be read becomes one message for the user."""
     try:
         yield
     except InputError:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, IndexError, KeyError, struct.error) as error:
+    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
-def read_json(path: Path, **reading) -> dict:
+def read_json(path: Path, remedy: str = _REMEDY) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
-    with _reading(path, **reading):
+    with reading(path, remedy):
         return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -231,7 +236,7 @@ def differences(first, second, same: Callable = operator.eq, every: bool = True,
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns by name: int64 where every entry is an integer, else float64, else text."""
-    with _reading(path):
+    with reading(path):
         rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         header, body = rows[0], rows[1:]
         if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
@@ -256,15 +261,16 @@ def read_numbers(path: Path, count: int | None = None) -> list[np.ndarray]:
     """
     table = dict(list(read_csv(path).items())[:count])
     columns = list(table.values())
-    if len(columns) < (count or 1) or not len(columns[0]):
-        problem = f"has {len(columns)} columns, not {count}" if len(columns) < (count or 1) else "has no rows"
-        raise InputError(problem, file=path, remedy=_REMEDY)
+    if len(columns) < (count or 1):
+        raise InputError(f"has {len(columns)} columns, not {count}", file=path, remedy=_REMEDY)
+    if not len(columns[0]):
+        raise InputError("has no rows", file=path, remedy=_REMEDY)
     for i, (name, column) in enumerate(table.items()):
-        if column.dtype.kind not in ("i" if i == 0 else "if"):
+        kinds, problem = ("i", "is not a whole number") if i == 0 else ("if", "is not a number")
+        if column.dtype.kind not in kinds:
             entries = column.tolist()
             row = next((row for row, entry in enumerate(entries) if not _is_number(entry, i == 0)), 0)
-            raise InputError("is not a whole number" if i == 0 else "is not a number", file=path, line=row + 2,
-                             key=plain_name(name), value=entries[row], remedy=_REMEDY)
+            raise InputError(problem, file=path, line=row + 2, key=plain_name(name), value=entries[row], remedy=_REMEDY)
     return columns
 
 
@@ -284,7 +290,7 @@ def read_png(path: Path) -> np.ndarray:
     """Pixels of a PNG: uint8 [H, W, 3] or uint16 [H, W]."""
     from PIL import Image
 
-    with _reading(path):
+    with reading(path):
         _refuse_incomplete(path)
         with Image.open(path) as image:
             return np.array(image)
@@ -294,7 +300,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
     """Channels [H, W] of an EXR by name."""
     import OpenEXR
 
-    with _reading(path):
+    with reading(path):
         _refuse_incomplete(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}

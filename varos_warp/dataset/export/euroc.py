@@ -13,6 +13,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
 from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
+from varos_warp.dataset.reader.dataset import rows_at
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import inverse
 
@@ -84,7 +85,7 @@ def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
     time_ns, T_w_s = job.data.poses("imu0")
     states = job.data.states()
-    rows = np.searchsorted(states["time_ns"], time_ns).clip(max=len(states["time_ns"]) - 1)
+    rows = rows_at(states["time_ns"], time_ns)
     if not np.array_equal(states["time_ns"][rows], time_ns):
         raise InputError("the IMU's samples are not on the ticks of the vehicle", file=job.data.layout.states,
                          remedy="Check it with `varos-warp validate`, then `run` again.")

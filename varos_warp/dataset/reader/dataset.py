@@ -37,6 +37,11 @@ def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
     return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
 
 
+def rows_at(time_ns: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Rows [M] of a table with ascending times [N] at other times [M] that are among them; near those that are not."""
+    return np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+
+
 class Dataset:
     """A dataset on disk, opened for reading; images are decoded one at a time, when asked for.
 
@@ -280,7 +285,7 @@ class Dataset:
     def _vehicle_at_frames(self) -> np.ndarray:
         if "vehicle" in self.recorded:
             (time_ns, T_w_v), at = self.poses("vehicle"), self.views()[0]
-            index = np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+            index = rows_at(time_ns, at)
             if np.array_equal(time_ns[index], at):
                 return T_w_v[index]
             raise InputError("has no pose at the time of some frame",

@@ -20,22 +20,34 @@ from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.water import optical_properties
 
 TIME = "# timestamp [ns]"
+_PLACE = ("s_x_vw", "s_y_vw", "s_z_vw")
 
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
 
 
+POSE_HEADERS = {
+    "euler": (*_PLACE, "theta_x_vw", "theta_y_vw", "theta_z_vw"),
+    "transformation_matrix": tuple(h for row, s in zip("123", _PLACE, strict=True)
+                                   for h in (f"r{row}1", f"r{row}2", f"r{row}3", s)),
+    "quaternion": (*_PLACE, "q_w", "q_x", "q_y", "q_z"),
+}
+"""Columns after the time, by the form of a file of poses; the matrices are authoritative."""
+
+
+def pose_columns(form: str, T: np.ndarray) -> np.ndarray:
+    """The numbers [N, 6, 12 or 7] of a file of poses T_w_x [N, 3 or 4, 4]; Euler angles as in the paper, 4.1."""
+    if form == "transformation_matrix":
+        return T[:, :3].reshape(-1, 12)
+    turn = Rotation.from_matrix(T[:, :3, :3])
+    angles = euler_angles(turn) if form == "euler" else turn.as_quat(canonical=True, scalar_first=True)
+    return np.hstack([T[:, :3, 3], angles])
+
+
 def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarray) -> None:
-    """Poses [N, 4, 4] as Euler angles (paper 4.1), as matrices (authoritative) and as quaternions."""
-    position, rotation = T_w_x[:, :3, 3], Rotation.from_matrix(T_w_x[:, :3, :3])
-    place = ["s_x_vw", "s_y_vw", "s_z_vw"]
-    files.write_csv(layout.poses(name, "euler"), [TIME, *place, "theta_x_vw", "theta_y_vw", "theta_z_vw"],
-                    time_ns, position, euler_angles(rotation))
-    header = [TIME] + [h for row, s in zip("123", place, strict=True) for h in (f"r{row}1", f"r{row}2", f"r{row}3", s)]
-    files.write_csv(layout.poses(name, "transformation_matrix"), header, time_ns, T_w_x[:, :3].reshape(-1, 12))
-    quaternion = rotation.as_quat(canonical=True, scalar_first=True)
-    files.write_csv(layout.poses(name, "quaternion"), [TIME, *place, "q_w", "q_x", "q_y", "q_z"],
-                    time_ns, position, quaternion)
+    """Poses [N, 4, 4] in each of the three forms."""
+    for form, header in POSE_HEADERS.items():
+        files.write_csv(layout.poses(name, form), [TIME, *header], time_ns, pose_columns(form, T_w_x))
 
 
 def _xyz(name: str, unit: str) -> list[str]:
