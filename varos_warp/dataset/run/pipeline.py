@@ -167,41 +167,31 @@ class Pipeline:
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""
-        lost = {letter: made.lost_samples for letter in "AB" if (made := getattr(image, letter, None)) is not None}
+        lost = {letter: count for letter in "AB" if (count := getattr(getattr(image, letter, None), "lost_samples", 0))}
         for letter, count in lost.items():
-            if count:
-                self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite "
-                         "or not a number and count as black")
+            self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
+                     "not a number and count as black")
         spp = getattr(getattr(image, "A", None), "spp", None)
-        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
-            lost.values()) else {})
+        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if lost else {})
 
     def collect(self, job: ImageJob, rendering: Future) -> None:
-        """Wait until an image is rendered and written."""
-        errors = []
-        try:
-            writing = zip(job.letters, rendering.result(), strict=True)
-        except InputError:
-            raise
-        except Exception as error:
-            writing, errors = (), [error]
-        for letter, future in writing:
-            try:
-                self.keep(job, letter, future.result())
-            except InputError:
-                raise
-            except Exception as error:
-                errors.append(error)
+        """Wait until an image is rendered and written, and note what is known of it."""
+        failed = rendering.exception()
+        futures = [rendering] if failed else rendering.result()
+        errors = [error for error in map(Future.exception, futures) if error]
+        for error in errors:
+            if isinstance(error, InputError) or not isinstance(error, Exception):
+                raise error
+        for letter, future in zip(job.letters, () if failed else futures, strict=not failed):
+            if not future.exception():
+                stored: Stored = future.result()
+                self.made.clamped[letter] += stored.clamped
+                if stored.statistics is not None:
+                    self.made.statistics[job.camera, letter, job.frame] = stored.statistics
         if errors:
             self.fail(job, *errors)
         else:
             self.in_a_row = 0
-
-    def keep(self, job: ImageJob, letter: str, stored: Stored) -> None:
-        """Note what is known of an image."""
-        self.made.clamped[letter] += stored.clamped
-        if stored.statistics is not None:
-            self.made.statistics[job.camera, letter, job.frame] = stored.statistics
 
     def fail(self, job: ImageJob, *errors: Exception) -> None:
         """Note what kept a job from being made, or give up: jobs count, however many of their images fail."""

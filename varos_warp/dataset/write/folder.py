@@ -5,7 +5,7 @@ import itertools
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -118,15 +118,14 @@ def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
 
 
 @contextlib.contextmanager
-def planning(root: Path, tell=None) -> Iterator[None]:
+def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[None]:
     """One shard at a time may plan and write dataset.json; ``tell`` is called where this means to wait."""
     lock = FileLock(root / PLAN_LOCK)
     with files.writing(root):
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            if tell is not None:
-                tell()
+            tell()
             lock.acquire()
     try:
         yield
