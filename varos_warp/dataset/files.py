@@ -154,6 +154,15 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def visible(folder: Path) -> list[Path]:
+    """Files in a folder and those below it, sorted by their paths in it; none that is hidden or lies in what is."""
+    found = []
+    for here, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [Path(here, name) for name in names if not name.startswith(".")]
+    return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
+
+
 def sweep(folder: Path, every: bool = False) -> None:
     """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
     _remove_left(folder.rglob(".*.tmp"), every)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.noise_pass import is_repeatable, noisy_pixels
+from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.validate.outcome import Validation
@@ -207,7 +207,8 @@ class Exposures:
         if not _same(exposure.statistics(linear), known):
             self.wrong_statistics[frame] = exposure.statistics(linear)
         if self.has_noise:
-            if is_repeatable(data) and not np.array_equal(noisy_pixels(data, frame, camera), pixels):
+            if is_repeatable(data) and not np.array_equal(
+                    noisy_pixels(data, *noise_of(data), frame, camera), pixels):
                 view.tell(view.png("A").name, "is not its EXR with the noise of dataset.json")
             pixels = data.pixels("A", frame, camera, truth=True)
         made = OUTPUTS[output].encode(linear, gain)
