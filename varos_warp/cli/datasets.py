@@ -80,7 +80,7 @@ def export(dataset: Folder,
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    noises = "".join(f"; {', '.join(names)} {words}" for words, names in job.by_noise().items() if words != NO_NOISE)
+    noises = "".join(f"; {name} {words}" for name, words in job.noises.items() if words != NO_NOISE)
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 

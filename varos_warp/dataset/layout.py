@@ -55,6 +55,10 @@ class Layout:
         """A file that tells of a camera, such as ``camM0_timestamps.csv``."""
         return self.camera_dir(camera) / f"cam{camera}{suffix}"
 
+    def exposures(self, camera: str, output: str) -> Path:
+        """Gains of A or B, and the statistics that they follow from."""
+        return self.camera_file(camera, f"_exposure_{output}.csv")
+
     def image_name(self, camera: str, output: str, frame: int) -> str:
         """Name of an image without its extension (paper, table 5)."""
         return f"seq{self.sequence}_veh{self.vehicle}_cam{camera}_{output}-{frame:08d}"

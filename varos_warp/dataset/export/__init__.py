@@ -11,7 +11,6 @@ from pathlib import Path
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export.job import Clocked, Job
-from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 

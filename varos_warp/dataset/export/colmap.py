@@ -33,7 +33,7 @@ def write(job: Job) -> None:
 
 def _images(job: Job, camera: str) -> Iterator[tuple[str, str]]:
     """Name and pose of each image: world to camera, scalar first."""
-    T_c_w = np.array([inverse(T) for T in job.poses(camera)[1]])
+    T_c_w = np.array([inverse(T) for T in job.data.views(camera)[1]])
     rows = np.column_stack([quaternion(T_c_w, scalar_first=True), T_c_w[:, :3, 3]])
     for frame, row in zip(job.data.frames, rows, strict=True):
         name = f"cam{camera}/{job.data.layout.png(camera, job.images, frame).name}"

@@ -57,7 +57,7 @@ def _body(job: Job) -> np.ndarray:
 
 
 def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
-    time_ns = job.poses(camera)[0].tolist()
+    time_ns = job.data.views(camera)[0].tolist()
     for frame, t in zip(job.data.frames, time_ns, strict=True):
         job.link(camera, job.images, frame, f"{folder}/data/{t}.png")
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])

@@ -102,6 +102,8 @@ def _course(states: dict, messages: "Messages") -> Iterator[Event]:
 
 def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     """Image, calibration and depth of every frame."""
+    from PIL import Image
+
     name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
@@ -111,8 +113,6 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
         return messages.png(t, name, png, "rgb8; png compressed bgr8")
 
     def depth(t: int, frame: int):
-        from PIL import Image
-
         png = io.BytesIO()
         Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
         return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
@@ -123,11 +123,11 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     def raw_depth(t: int, frame: int):
         return messages.raw(t, name, planar_depth(job.data, frame, camera).astype("<f4"), "32FC1")
 
-    for t, frame in zip(job.poses(camera)[0].tolist(), job.data.frames, strict=True):
+    made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
+    made = {topic: make for topic, make in made.items()
+            if (job.raw or "/" in topic) and (job.has_depth or topic.startswith("image"))}
+    for t, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
         yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, baseline_m)
-        made = {"image/compressed": image} | ({"image": raw_image} if job.raw else {})
-        if job.has_depth:
-            made |= {"depth/compressed": depth} | ({"depth": raw_depth} if job.raw else {})
         for topic, make in made.items():
             yield t, f"/{name}/{topic}", lambda t=t, frame=frame, make=make: make(t, frame)
 

@@ -176,7 +176,7 @@ class Exposures:
 
     def __init__(self, data: Dataset, result: Validation, camera: str, output: str):
         self.data, self.result, self.camera, self.output = data, result, camera, output
-        self.path = data.layout.camera_file(camera, f"_exposure_{output}.csv")
+        self.path = data.layout.exposures(camera, output)
         self.has_noise = output == "A" and data.has_noise("A")
         self.expected: dict[str, int] = {}
         """Frame by the digest of what its PNG must be."""

@@ -61,7 +61,7 @@ def images(data: Dataset, frame: int) -> list[Path]:
 
 def exposure_tables(data: Dataset) -> list[Path]:
     """Tables of gains, which are made when all frames are there."""
-    return [data.layout.camera_file(camera, f"_exposure_{output}.csv")
+    return [data.layout.exposures(camera, output)
             for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color]
 
 

@@ -35,7 +35,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
     """
     from varos_warp.scene.launch import usable_cores
 
-    table = layout.camera_file(camera, f"_exposure_{letter}.csv")
+    table = layout.exposures(camera, letter)
     old, known = _read_gains(table), exposure.known_gain(setting, letter) is not None
 
     def statistics(frame: int) -> exposure.Statistics:
