@@ -80,7 +80,8 @@ def export(dataset: Folder,
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    noises = "".join(f"; {name} {words}" for name, words in job.noises.items() if words != NO_NOISE)
+    named = {words: ", ".join(name for name, its in job.noises.items() if its == words) for words in job.noises.values()}
+    noises = "".join(f"; {names} {words}" for words, names in named.items() if words != NO_NOISE)
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 

@@ -207,8 +207,7 @@ class Exposures:
         if not _same(exposure.statistics(linear), known):
             self.wrong_statistics[frame] = exposure.statistics(linear)
         if self.has_noise:
-            if is_repeatable(data) and not np.array_equal(
-                    noisy_pixels(data, *noise_of(data), frame, camera), pixels):
+            if is_repeatable(data) and not np.array_equal(noisy_pixels(data, *noise_of(data), frame, camera), pixels):
                 view.tell(view.png("A").name, "is not its EXR with the noise of dataset.json")
             pixels = data.pixels("A", frame, camera, truth=True)
         made = OUTPUTS[output].encode(linear, gain)

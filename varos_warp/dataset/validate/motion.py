@@ -169,10 +169,7 @@ def check_imu(data: Dataset, result: Validation) -> None:
     if "imu0" not in data.recorded:
         return
     imu, (time_ns, T) = data.imu(truth=True), data.poses("imu0")
-    if not np.array_equal(time_ns, imu["time_ns"]):
-        result.add("imu0: poses and readings have different time stamps")
-        return
-    if not _even(data, result, "imu0", time_ns):
+    if not _in_step(data, result, "imu0", time_ns, imu["time_ns"]):
         return
     h = 1.0 / data.meta["sensors"]["imu0"]["rate_hz"]
     result.guard(_against_states, data, result, imu)
@@ -183,8 +180,11 @@ def check_imu(data: Dataset, result: Validation) -> None:
         result.guard(_check_imu_noise, data, result, imu)
 
 
-def _even(data: Dataset, result: Validation, name: str, time_ns: np.ndarray) -> bool:
-    """Whether a sensor's samples are evenly spaced at its rate."""
+def _in_step(data: Dataset, result: Validation, name: str, time_ns: np.ndarray, readings_ns: np.ndarray) -> bool:
+    """Whether a sensor's poses and readings are at the same times, evenly spaced at its rate."""
+    if not np.array_equal(time_ns, readings_ns):
+        result.add(f"{name}: poses and readings have different time stamps")
+        return False
     step = round(1e9 / data.meta["sensors"][name]["rate_hz"])
     wrong = np.abs(np.diff(time_ns) - step) > 1
     return not result.add_rows(data.layout.sensor(name), f"the next sample is not {step} ns later", wrong,
@@ -310,23 +310,17 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
     if "depth0" not in data.recorded:
         return
     gauge, (time_ns, T), path = data.depth_gauge(truth=True), data.poses("depth0"), data.layout.sensor("depth0")
-    if not np.array_equal(time_ns, gauge["time_ns"]):
-        result.add("depth0: poses and readings have different time stamps")
-        return
-    if not _even(data, result, "depth0", time_ns):
+    if not _in_step(data, result, "depth0", time_ns, gauge["time_ns"]):
         return
     off = np.abs(gauge["depth"] - (data.meta["surface_depth_m"] - T[:, 2, 3]))
     told = result.add_rows(path, "its depth is not that of the poses", ~(off <= 1e-9), off[:, None],
                            [2 if data.has_noise("depth0") else 1])
     result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m", told)
-    if data.has_noise("depth0"):
-        _check_gauge_noise(data, result, gauge["depth"])
-
-
-def _check_gauge_noise(data: Dataset, result: Validation, truth: np.ndarray) -> None:
-    """Readings are no farther off than noise can be, and those of profile and seed."""
-    about, reading = data.meta["sensors"]["depth0"], data.depth_gauge()["depth"]
-    bias = files.read_numbers(data.layout.sensor("depth0"), 4)[3]
+    if not data.has_noise("depth0"):
+        return
+    # no farther off than noise can be, and as profile and seed have it
+    about, truth, reading = data.meta["sensors"]["depth0"], gauge["depth"], data.depth_gauge()["depth"]
+    bias = files.read_numbers(path, 4)[3]
     density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
     most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
     result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")

@@ -1,5 +1,6 @@
 """The image files of a frame: which ones there are to be, which are missing, and how what was rendered becomes them."""
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -114,27 +115,21 @@ class Store:
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
         method = self.denoisers[letter]
-        if method != "oidn":
-            with clock("denoise"):
-                return denoise_image(image, method)
-        with _oidn_turn, clock("denoise"):
+        with _oidn_turn if method == "oidn" else contextlib.nullcontext(), clock("denoise"):
             return denoise_image(image, method)
 
     def _write_geometry(self, job: ImageJob, letter: str, image) -> None:
         """C, D or S."""
         frame, camera, _ = job
-        path, encode = self.layout.png(camera, letter, frame), OUTPUTS[letter].encode
-        if letter == "C":
-            files.write_png(path, encode(image.normal))
-        elif letter == "S":
-            files.write_png(path, encode(image.instance))
-        else:
+        if letter == "D":
             if self.render.depth_exr:
                 channels = {"Z": image.depth, "range": image.range}
                 files.write_exr(self.layout.exr(camera, letter, frame),
                                 {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
-            distance = image.depth if self.render.depth_kind == "z" else image.range
-            files.write_png(path, encode(distance, self.render.depth_range_m))
+            values = image.depth if self.render.depth_kind == "z" else image.range, self.render.depth_range_m
+        else:
+            values = (image.normal if letter == "C" else image.instance,)
+        files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(*values))
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:
