@@ -80,8 +80,9 @@ def export(dataset: Folder,
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    named = {words: ", ".join(name for name, its in job.noises.items() if its == words) for words in job.noises.values()}
-    noises = "".join(f"; {names} {words}" for words, names in named.items() if words != NO_NOISE)
+    kinds = [words for words in dict.fromkeys(job.noises.values()) if words != NO_NOISE]
+    noises = "".join(f"; {', '.join(name for name, kind in job.noises.items() if kind == words)} {words}"
+                     for words in kinds)
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 

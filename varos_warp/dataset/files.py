@@ -218,12 +218,8 @@ def differences(first, second, same: Callable = operator.eq, every: bool = True,
                 ) -> Iterator[tuple[str, object, object]]:
     """(key, value in the first, in the second) of everything that differs between two trees of dicts and lists.
 
-    Args:
-        first: As JSON has it.
-        second: As well.
-        same: Whether two values without parts are the same.
-        every: Compare the keys of both; False: those of the second.
-        path: Of the trees within others.
+    ``same`` compares what has no parts; with ``every``, keys of both count, else those of the second; ``path`` is that
+    of the trees within others.
     """
     if isinstance(first, dict) and isinstance(second, dict):
         pairs = [(key, first.get(key), second.get(key)) for key in ({**first, **second} if every else second)]

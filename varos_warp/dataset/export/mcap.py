@@ -143,11 +143,7 @@ def _frames(job: Job) -> list[tuple[str, str, np.ndarray]]:
 
 
 class Messages:
-    """Makes ROS messages; quaternions are x y z w there, and are given scalar first here.
-
-    Args:
-        types: Message classes by their names.
-    """
+    """Makes ROS messages of classes by their names; quaternions are x y z w there, and are given scalar first here."""
 
     def __init__(self, types):
         self._types = types

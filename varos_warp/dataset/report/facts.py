@@ -180,12 +180,7 @@ def _noise(data: Dataset) -> str:
 
 
 def warnings(data: Dataset, scene: list[str]) -> list[str]:
-    """What a person should know before using the dataset.
-
-    Args:
-        data: The dataset.
-        scene: What looks wrong in its scene.
-    """
+    """What a person should know before using the dataset, with what looks wrong in its scene."""
     found = []
     for camera, output in itertools.product(data.cameras, data.outputs):
         missing = [f for f in data.frames if not files.is_complete(data.layout.png(camera, output, f))]

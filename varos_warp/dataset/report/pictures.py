@@ -39,13 +39,8 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
             near_far: tuple[float, float] | None = None):
     """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object.
 
-    Args:
-        data: The dataset.
-        output: Its letter.
-        frame: Number of the frame.
-        camera: Its id; absent: the first.
-        width: Of the picture, in pixels.
-        near_far: Distances [m] of the brightest and the darkest colour of D; absent: those of the image.
+    It is ``width`` pixels wide; ``near_far`` are the distances [m] of the brightest and the darkest colour of D, by
+    default those of the image.
     """
     from PIL import Image
 

@@ -150,12 +150,7 @@ def _residuals(first: _View, second: _View) -> np.ndarray:
 
 
 def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
-    """How far two frames of a camera are apart; nothing where they have too little in common.
-
-    Args:
-        first: One of them.
-        second: The other.
-        step_m: One step of D [m].
+    """How far two frames of a camera are apart, D in steps of ``step_m``; nothing where they have too little in common.
 
     Returns:
         ``D``: |median error in depth| over what is allowed. C, S, B: share of common points that show in the

@@ -36,9 +36,7 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
     Every run holds a lock of the operating system on a file of its own, whose name says who it is; a run that was
     killed holds none, whatever it left. (On NFS and Lustre the file system must support locks, as it mostly does.)
 
-    Args:
-        root: Of the dataset; made where it is missing.
-        shard: (i, n): this run renders every n-th frame from the i-th.
+    The folder is made where it is missing. Shard (i, n) renders every n-th frame from the i-th.
 
     Raises:
         InputError: If another run is at it, naming it; or the folder cannot be written to.
@@ -139,10 +137,7 @@ def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[No
 def open_folder(scene, layout: Layout, alone: bool = True) -> dict | None:
     """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new.
 
-    Args:
-        scene: The scene.
-        layout: Of its dataset; the folder is there.
-        alone: Whether no other run can be writing to it: what killed ones left is then removed, from any host.
+    Where this run is ``alone`` in it, what killed ones left is removed, from any host.
 
     Raises:
         InputError: If the folder belongs to something else, or holds a dataset of another scene.

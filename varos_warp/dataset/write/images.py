@@ -44,17 +44,13 @@ class Stored:
 
 @dataclass(frozen=True)
 class Store:
-    """Writes images, from any thread.
-
-    Args:
-        layout: Of the dataset.
-        render: The scene's block of that name.
-        denoisers: What denoises A and B on the host, where the renderer did not.
-    """
+    """Writes images, from any thread."""
 
     layout: Layout
     render: object
+    """The scene's block of that name."""
     denoisers: dict[str, str | None]
+    """What denoises A and B on the host, where the renderer did not."""
 
     def missing(self, frames: list[int]) -> Iterator[ImageJob]:
         """What there is to render of these frames."""
@@ -75,13 +71,7 @@ class Store:
         return [layout.exr(camera, letter, frame), *linear]
 
     def write(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
-        """Write what was rendered of one type.
-
-        Args:
-            job: Whose it is.
-            letter: Its type.
-            image: What the renderer made.
-            clock: Counts the time for ``denoise`` and ``encode``.
+        """Write what was rendered of one type; ``clock`` counts the time for ``denoise`` and ``encode``.
 
         Raises:
             InputError: If the disk refuses it.
