@@ -32,25 +32,21 @@ def write(job: Job) -> None:
     if not cameras:
         raise InputError("no camera is on the vehicle, so none has a T_BS", file=job.data.root,
                          remedy="Export to colmap, nerfstudio or tum.")
-    body = _body(job)
+    has_imu = "imu0" in job.data.recorded
+    body = np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if has_imu else np.eye(4)  # T_v_B
     T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in cameras}
-    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if "imu0" in job.data.recorded else
+    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if has_imu else
                                        "varos_warp: B is the vehicle, x right, y forward, z up"})
     for number, camera in enumerate(cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
-    if "imu0" not in job.data.recorded:
+    if not has_imu:
         states = job.data.states()
         _ground_truth(job, states["time_ns"], job.data.poses("vehicle")[1], states["velocity"])
         return
     _imu(job)
     _ground_truth(job, *_imu_course(job, body), job.data.imu_bias())
     estimators.write(job, T_B_c)
-
-
-def _body(job: Job) -> np.ndarray:
-    """T_v_B."""
-    return np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if "imu0" in job.data.recorded else np.eye(4)
 
 
 # -------------------------------------------------------------------------------------------------------------- mav0

@@ -47,17 +47,12 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
     pixels = data.pixels(output, frame, camera)
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     if output in "DS":  # neither distances nor numbers of objects have a mean across an edge
-        row, col = (_centres(*sizes) for sizes in zip(pixels.shape, (height, width), strict=True))
-        pixels = pixels[np.ix_(row, col)]
+        pixels = pixels[np.ix_(*(((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
+                                 for many, few in zip(pixels.shape, (height, width), strict=True)))]
         if output == "S":
             return Image.fromarray(_segment_colors(pixels))
         return Image.fromarray(_depth_colors(pixels, near_far, data.meta["depth"]["range_m"]))
     return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
-
-
-def _centres(count: int, fewer: int) -> np.ndarray:
-    """Pixels in the middles of ``fewer`` even parts of a row of them."""
-    return ((np.arange(fewer) + 0.5) * count / fewer).astype(int)
 
 
 def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tuple[float, float]:

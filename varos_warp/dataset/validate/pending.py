@@ -1,5 +1,6 @@
 """What is not there yet in a dataset that is being made, or whose run was interrupted."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,15 +30,15 @@ class Pending:
             return cls()
         if not listed and (data.root / "contact_sheet.png").exists():
             return cls()
-        missing: dict[int | None, set[Path]] = {None: set(exposure_tables(data))}
-        missing |= {frame: set(images(data, frame)) for frame in data.frames}
-        for frame, paths in missing.items():
-            missing[frame] = {path for path in paths if not path.is_file()
-                              and path.relative_to(data.root).as_posix() not in listed}
-        exposed = {data.layout.png(camera, output, frame) for camera in data.cameras for frame in data.frames
-                   for output in data.outputs if OUTPUTS[output].is_color}
-        frames = [frame for frame, paths in missing.items() if frame is not None and paths - exposed]
-        return cls(frozenset().union(*missing.values()), frozenset(frames))
+
+        def absent(paths: Iterable[Path]) -> set[Path]:
+            return {path for path in paths
+                    if not path.is_file() and path.relative_to(data.root).as_posix() not in listed}
+
+        by_frame = {frame: absent(images(data, frame)) for frame in data.frames}
+        exposed = [output for output in data.outputs if OUTPUTS[output].is_color]  # their PNG follow from all frames
+        frames = [frame for frame, paths in by_frame.items() if any(path.parent.name not in exposed for path in paths)]
+        return cls(frozenset().union(absent(exposure_tables(data)), *by_frame.values()), frozenset(frames))
 
     def ready(self, data: Dataset) -> list[int]:
         """Frames that can be looked at."""

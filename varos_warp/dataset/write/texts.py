@@ -203,11 +203,6 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
-def conventions() -> dict[str, str]:
-    """Units, frames, and how images are encoded, in words."""
-    return yaml.safe_load((resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8"))
-
-
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
              device: dict | None, denoisers: dict[str, str | None]) -> dict:
     """Everything that dataset.json says.
@@ -223,12 +218,13 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
     """
     vehicle, render = scene.vehicle, scene.render
+    conventions = (resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8")
     start, end = render.depth_range_m
     mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
         "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "versions": versions(), "device": device, "conventions": conventions(),
+        "versions": versions(), "device": device, "conventions": yaml.safe_load(conventions),
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
         "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
