@@ -13,6 +13,8 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
 from dataclasses import dataclass
 from pathlib import Path
 
+from varos_warp.render.image.outputs import OUTPUTS
+
 POSE_FORMS = ("euler", "transformation_matrix", "quaternion")
 
 
@@ -78,6 +80,14 @@ class Layout:
     def linear(self, camera: str, frame: int) -> Path:
         """A as it was rendered: float32 with standard error and layers."""
         return self.camera_dir(camera) / "A_linear" / f"{self.image_name(camera, 'A', frame)}.exr"
+
+    def rendered(self, camera: str, output: str, frame: int, linear_exr: bool, depth_exr: bool) -> list[Path]:
+        """Files of an image that only rendering can make; the PNG of A and B follow from their EXR."""
+        if OUTPUTS[output].is_color:
+            more = [self.linear(camera, frame)] if output == "A" and linear_exr else []
+            return [self.exr(camera, output, frame), *more]
+        more = [self.exr(camera, output, frame)] if output == "D" and depth_exr else []
+        return [self.png(camera, output, frame), *more]
 
     def sensor(self, name: str) -> Path:
         """Data of ``imu0`` or ``depth0``."""

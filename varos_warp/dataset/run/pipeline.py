@@ -6,12 +6,11 @@ OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `
 and the disk, which bounds the memory whichever the length of the sequence.
 """
 
-import contextlib
 import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,16 +52,11 @@ class Rendered:
     """What could not be made, and why."""
 
 
-@contextlib.contextmanager
-def _renderers(count: int) -> Iterator[Executor]:
+class _Threads(ThreadPoolExecutor):
     """Threads that render; when something goes wrong, what they have not begun they do not begin."""
-    pool = ThreadPoolExecutor(count, "render") if count > 1 else _HereAndNow()
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(cancel_futures=True)
-        raise
-    pool.shutdown()
+
+    def __exit__(self, kind, error, trace) -> None:
+        self.shutdown(cancel_futures=kind is not None)
 
 
 class _HereAndNow(Executor):
@@ -125,7 +119,7 @@ class Pipeline:
         cores, under_way = usable_cores(), deque()
         at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
         with (self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
-               _renderers(at_once) as pool):
+              _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool):
             for job in jobs:
                 if len(under_way) >= room(cores):
                     self.collect(*under_way.popleft())

@@ -1,5 +1,6 @@
 """What is not there yet in a dataset that is being made, or whose run was interrupted."""
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,16 +48,12 @@ class Pending:
 
 def images(data: Dataset, frame: int) -> list[Path]:
     """Every image of a frame that dataset.json asks for."""
-    render, layout, paths = data.meta["scene"].get("render", {}), data.layout, []
-    for camera in data.cameras:
-        for output in data.outputs:
-            paths.append(layout.png(camera, output, frame))
-            if OUTPUTS[output].is_color or (output == "D" and render.get("depth_exr")):
-                paths.append(layout.exr(camera, output, frame))
-        if "A" in data.outputs and render.get("linear_exr"):
-            paths.append(layout.linear(camera, frame))
-        if "A" in data.outputs and data.has_noise("A"):
-            paths.append(layout.clean(camera, frame))
+    render, paths = data.meta["scene"].get("render", {}), []
+    for camera, output in itertools.product(data.cameras, data.outputs):
+        paths += [data.layout.png(camera, output, frame), *data.layout.rendered(
+            camera, output, frame, render.get("linear_exr", False), render.get("depth_exr", False))]
+        if output == "A" and data.has_noise("A"):
+            paths.append(data.layout.clean(camera, frame))
     return paths
 
 

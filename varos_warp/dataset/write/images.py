@@ -4,7 +4,6 @@ import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -56,19 +55,11 @@ class Store:
         """What there is to render of these frames."""
         for frame in frames:
             for camera in self.layout.cameras:
-                letters = "".join(letter for letter in self.render.outputs
-                                  if not all(map(files.is_complete, self.rendered_files(camera, letter, frame))))
+                letters = "".join(letter for letter in self.render.outputs if not all(map(
+                    files.is_complete, self.layout.rendered(camera, letter, frame, self.render.linear_exr,
+                                                            self.render.depth_exr))))
                 if letters:
                     yield ImageJob(frame, camera, letters)
-
-    def rendered_files(self, camera: str, letter: str, frame: int) -> list[Path]:
-        """Files that only rendering can make; the PNG of A and B follow from their EXR."""
-        layout = self.layout
-        if not OUTPUTS[letter].is_color:
-            depth_exr = [layout.exr(camera, letter, frame)] if letter == "D" and self.render.depth_exr else []
-            return [layout.png(camera, letter, frame), *depth_exr]
-        linear = [layout.linear(camera, frame)] if letter == "A" and self.render.linear_exr else []
-        return [layout.exr(camera, letter, frame), *linear]
 
     def write(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
         """Write what was rendered of one type; ``clock`` counts the time for ``denoise`` and ``encode``.
