@@ -18,7 +18,7 @@ class HillsRenderer(standins.FlatFloorRenderer):
     segments = tuple({"id": i, "key": key, "kind": "terrain", "material": key, "material_id": i}
                      for i, key in ((1, "dark"), (2, "light")))
 
-    def render(self, T_w_v, camera, outputs, *, spp, layers, frame, **_):
+    def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
         T, (width, rows) = camera_pose(view, T_w_v), view.resolution
         col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(rows) + 0.5)

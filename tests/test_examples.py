@@ -13,7 +13,8 @@ from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-SHIPPED = sorted((*(ROOT / "examples").rglob("*.yaml"), *(ROOT / "varos_warp" / "data").glob("*.yaml")))
+SHIPPED = [*sorted((ROOT / "examples").rglob("*.yaml")),
+           *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter"))]
 SMALL = {
     "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],

@@ -31,7 +31,6 @@ held only to there being no circle."""
 LEFT = {
     ("kernels.field.lookup", "kernels.transport.subpath"),
     ("scene.geometry.skins", "scene.materials.textures"),
-    ("dataset.write.images", "dataset.timing"),
 }
 """Imports against the order that are still there."""
 

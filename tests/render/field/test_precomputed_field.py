@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import warp as wp
+from fields import SMALL_FIELD
 from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
 from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
@@ -26,20 +27,11 @@ PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 FOUR_PI = 4.0 * np.pi
 
 
-@pytest.fixture(scope="module")
-def cache_of_small(tmp_path_factory):
-    """A cache of its own: the key follows the code, not what a test changes in memory."""
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
-def small(monkeypatch, cache_of_small):
+def small(monkeypatch):
     """Fewer nodes: a field in a second, within 1 % of the light scattered towards a plane that faces the light."""
-    monkeypatch.setenv("VAROS_WARP_CACHE", str(cache_of_small))
-    monkeypatch.setattr(solver, "FINE", (44, 14, 32))
-    monkeypatch.setattr(solver, "COARSE", (16, 7, 8))
-    monkeypatch.setattr(solver, "ONCE", Directions.quadrature(56, 20, power=2))
-    monkeypatch.setattr(solver, "AGAIN", Directions.quadrature(16, 6, power=2))
+    for name, value in SMALL_FIELD.items():
+        monkeypatch.setattr(solver, name, value)
     monkeypatch.setattr(precomputed, "CAMERA_NODES", (64, 3, 3))
 
 
@@ -131,10 +123,10 @@ def flux_through_spheres(light, phase, sigma):
     return d, scattered / sent + np.exp(-sigma * d)
 
 
-@pytest.mark.parametrize("light", [point((0, 0, 0)), spot((0, 0, 0)),
-                                   spot((0, 0, 0), cone_deg=precomputed.CONES_DEG[0])],
-                         ids=["point", "spot", "narrow"])
-@pytest.mark.parametrize("phase", [{"g": 0.5}, {"g": 0.9}, SEA], ids=["g 0.5", "g 0.9", "Fournier-Forand"])
+@pytest.mark.parametrize(("light", "phase"), [
+    (point((0, 0, 0)), {"g": 0.5}), (point((0, 0, 0)), {"g": 0.9}), (point((0, 0, 0)), SEA),
+    (spot((0, 0, 0)), {"g": 0.9}), (spot((0, 0, 0), cone_deg=precomputed.CONES_DEG[0]), SEA)],
+    ids=["point, g 0.5", "point, g 0.9", "point, Fournier-Forand", "spot, g 0.9", "narrow, Fournier-Forand"])
 @pytest.mark.subject("multiple scattering")
 def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, light, phase):
     """In water that absorbs nothing, whatever its phase function: within 0.3 % up to two free paths, 1.5 % up to five.

@@ -15,6 +15,7 @@ from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.cache import cached, code_hash
+from varos_warp.render.field import solver
 from varos_warp.render.field.solver import LightFieldSolver, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
@@ -119,10 +120,10 @@ class OpenWater:
         return wp.array(fields, dtype=LightField, device=self.device)
 
     def _light_field(self, light: Light) -> LightField:
-        solver = LightFieldSolver(light, self.water, self.launcher)
-        arrays = cached("light", self._depends_on(light=_kind(light)), lambda: _solved(solver))
+        solving = LightFieldSolver(light, self.water, self.launcher)
+        arrays = cached("light", self._depends_on(light=_kind(light)), lambda: _solved(solving))
         field = LightField()
-        field.grid = solver.fine
+        field.grid = solving.fine
         field.irradiance, field.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
         return field
 
@@ -130,6 +131,7 @@ class OpenWater:
         """What the numbers of any array depend on, and what else."""
         return what | {
             "code": code_hash(__name__, CODE),
+            "nodes": [CAMERA_NODES, *solver.nodes()],  # which tests change in memory
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
@@ -160,10 +162,10 @@ class OpenWater:
         return wp.array(values, dtype=wp.vec3, device=self.device)
 
 
-def _solved(solver: LightFieldSolver) -> dict[str, np.ndarray]:
+def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
     """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more."""
     with threadpool_limits(1):
-        return solver.solve()
+        return solving.solve()
 
 
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:

@@ -52,6 +52,11 @@ RESTART, RESTARTS = 40, 5
 """Steps between restarts, and at most so many of them; with fewer steps thick water would not converge."""
 
 
+def nodes() -> list[tuple[int, ...]]:
+    """How fine the grids are: of distances and angles, then of directions."""
+    return [FINE, MIDDLE, COARSE, *((len(grid.s), len(grid.phi)) for grid in (ONCE, TWICE, AGAIN, LEAVING, NORMALS))]
+
+
 def shines_everywhere(light: Light) -> bool:
     """Whether a light has no cone."""
     return light.kind == "point" or light.cone_deg >= 360.0
