@@ -5,8 +5,10 @@ the same is linked, not copied. Random numbers follow from the seed, the sensor 
 do not depend on how the work is divided.
 """
 
+import contextlib
 import itertools
 import warnings
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
@@ -46,7 +48,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
     profile = _applicable(data, profile)
     _refuse_noise(data, profile)
     data.require_images()
-    with files.new_folder(out) as temp:
+    with files.new_folder(out) as temp, _naming_the_original(temp, data.root):
         _link(data, profile, temp)
         _describe(data, profile, seed, temp)
         noisy = Dataset(temp)
@@ -63,6 +65,18 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         contact_sheet(noisy, temp / "contact_sheet.png")
         write_checksums(temp)
     return Dataset(out)
+
+
+@contextlib.contextmanager
+def _naming_the_original(temp: Path, root: Path) -> Iterator[None]:
+    """Errors name a file of the dataset, not its link in a folder that will be gone."""
+    try:
+        yield
+    except InputError as error:
+        if error.file is None or not Path(error.file).is_relative_to(temp):
+            raise
+        raise InputError(error.problem, file=root / Path(error.file).relative_to(temp), key=error.key,
+                         value=error.value, remedy=error.remedy, line=error.line) from error
 
 
 def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:

@@ -29,8 +29,8 @@ def _metadata() -> type[BaseModel]:
         outputs=list[Literal["A", "B", "C", "D", "S"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=dict | None, denoise=str | None, denoise_b=str | None),
-        cameras=Annotated[list[camera], Field(min_length=1)], sensors=dict[Literal["imu0", "depth0"], sensor],
-        lights=list[dict],
+        cameras=Annotated[list[camera], Field(min_length=1)],  # type: ignore[valid-type]  # made at run time
+        sensors=dict[Literal["imu0", "depth0"], sensor], lights=list[dict],  # type: ignore[valid-type]
         water=_block(source=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 
