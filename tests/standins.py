@@ -134,7 +134,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
     words = {"spp_in_words": str(plan["spp"])}
     words |= {"error": None, "shortfall": None, "cost": None}
-    return SimpleNamespace(**plan, **words, decisions=[decision], to_dict=lambda: plan)
+    return SimpleNamespace(**plan, **words, decisions=[decision],
+                           to_dict=lambda: plan | {"decisions": [vars(decision)]})
 
 
 def install(monkeypatch):

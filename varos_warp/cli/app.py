@@ -41,15 +41,11 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
             print(f"varos-warp: interrupted{rest}", file=sys.stderr)
             raise typer.Exit(130) from None
 
-    options = [option for p in parameters for option in (_options(p.annotation) if p.name in groups else [p])]
+    options = [option for p in parameters
+               for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
     guarded.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in options])
     guarded.__annotations__ = {p.name: p.annotation for p in options}
     return app.command(no_args_is_help=False)(guarded)
-
-
-def _options(group: type) -> list[inspect.Parameter]:
-    """The fields of a dataclass as parameters."""
-    return list(inspect.signature(group).parameters.values())
 
 
 resumable = functools.partial(verb, goes_on=True)

@@ -16,7 +16,7 @@ def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
     from varos_warp.dataset.validate import validate as check
 
     result = check(dataset, quiet)
-    result.keep(dataset)
+    result.keep()
     if json_:
         print_json({"dataset": str(dataset), **result.plain()})
     else:
@@ -80,7 +80,9 @@ def export(dataset: Folder,
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return
-    noises = "".join(f"; {', '.join(names)} {words}" for words, names in job.by_noise().items() if words != NO_NOISE)
+    kinds = [words for words in dict.fromkeys(job.noises.values()) if words != NO_NOISE]
+    noises = "".join(f"; {', '.join(name for name, kind in job.noises.items() if kind == words)} {words}"
+                     for words in kinds)
     print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
 
 

@@ -15,10 +15,11 @@ import socket
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from varos_warp.errors import InputError
 
@@ -29,6 +30,11 @@ _counter = itertools.count()
 # ------------------------------------------------------------------------------------------------------------ writing
 
 
+def _hidden(path: Path) -> Path:
+    """A name beside another that no other process, nor thread, has."""
+    return path.with_name(f".{path.name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+
+
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """A hidden name beside ``path`` to write to; it becomes ``path`` on success and is removed on anything else.
@@ -36,7 +42,7 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises:
         InputError: If the disk is full, or the folder cannot be made or written to.
     """
-    temp = path.with_name(f".{path.name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    temp = _hidden(path)
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,11 +66,10 @@ def new_folder(out: Path) -> Iterator[Path]:
     if inside:
         raise InputError(f"lies within the dataset {inside[0]}, which holds its own files alone", file=out,
                          remedy="Name a folder elsewhere with -o.")
-    temp = out.absolute().with_name(f".{out.absolute().name}.{HOST}-{os.getpid()}-{next(_counter)}.tmp")
+    temp = _hidden(out.absolute())
     try:
         with writing(out):
-            for left in temp.parent.glob(f".{glob.escape(out.absolute().name)}.{HOST}-*.tmp"):
-                _remove_left(left)  # by an attempt that was killed
+            _remove_left(temp.parent.glob(f".{glob.escape(out.absolute().name)}.*.tmp"))  # by a killed attempt
             temp.mkdir(parents=True)
             yield temp
             temp.rename(out)
@@ -75,10 +80,10 @@ def new_folder(out: Path) -> Iterator[Path]:
 def link(source: Path, target: Path) -> None:
     """Hard-link a file, or copy it where the file system has no links or is another one."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(OSError):
+    try:
         os.link(source.resolve(), target)
-        return
-    shutil.copyfile(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 @contextlib.contextmanager
@@ -119,12 +124,8 @@ def write_csv(path: Path, header: list[str], *columns) -> bool:
 def write_png(path: Path, pixels: np.ndarray) -> bool:
     """Write uint8 [H, W, 3] or uint16 [H, W] losslessly.
 
-    Run lengths suit the filtered rows of 8 bit images, matches those of 16 bits. At 1280 x 720 (Munkholmen, Pillow 13),
-    CPU time and size, against level 4 of zlib's default strategy:
-
-        A 0.085 s, 1.12 MB (0.214 s, 1.13 MB)   B 0.091 s, 1.30 MB (0.180 s, 1.29 MB)
-        C 0.061 s, 0.42 MB (0.081 s, 0.43 MB)   D 0.031 s, 0.40 MB (0.058 s, 0.32 MB)
-
+    Run lengths suit the filtered rows of 8 bit images, matches those of 16 bits: about half of the time of zlib's
+    default strategy at level 4, and no larger.
     The pixels are those given, always; the bytes follow from the version of Pillow, which dataset.json names.
     """
     from PIL import Image
@@ -138,8 +139,7 @@ def write_png(path: Path, pixels: np.ndarray) -> bool:
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
     """Write float16 or float32 channels [H, W] (or ``RGB`` [H, W, 3]), losslessly compressed.
 
-    Wavelets suit half floats: 0.055 s and 3.10 MB for A at 1280 x 720, where ZIP takes 0.088 s and 3.28 MB; for 32 bits
-    they need twice the time of ZIP (D: 0.30 s instead of 0.13 s).
+    Wavelets (PIZ) suit half floats, ZIP is twice as fast for 32 bits.
     """
     import OpenEXR
 
@@ -154,19 +154,28 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def visible(folder: Path) -> list[Path]:
+    """Files in a folder and those below it, sorted by their paths in it; none that is hidden or lies in what is."""
+    found = []
+    for here, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [Path(here, name) for name in names if not name.startswith(".")]
+    return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
+
+
 def sweep(folder: Path, every: bool = False) -> None:
     """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
-    for temp in list(folder.rglob(".*.tmp")):
-        _remove_left(temp, every)
+    _remove_left(folder.rglob(".*.tmp"), every)
 
 
-def _remove_left(temp: Path, every: bool = False) -> None:
-    match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", temp.name)
-    if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
-        if temp.is_dir():
-            shutil.rmtree(temp)  # of `new_folder`
-        else:
-            temp.unlink(missing_ok=True)
+def _remove_left(paths: Iterable[Path], every: bool = False) -> None:
+    for path in list(paths):
+        match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", path.name)
+        if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
+            if path.is_dir():
+                shutil.rmtree(path)  # of `new_folder`
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _alive(pid: int) -> bool:
@@ -175,10 +184,8 @@ def _alive(pid: int) -> bool:
         return True
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)  # another user's process is alive, too
     return True
 
 
@@ -189,20 +196,21 @@ _REMEDY = "The file is damaged; delete it and `run` again to make it anew."
 
 
 @contextlib.contextmanager
-def _reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
+def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
+    """What cannot be read becomes one message for the user."""
     try:
         yield
     except InputError:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, IndexError, KeyError, struct.error) as error:
+    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
-def read_json(path: Path, **reading) -> dict:
+def read_json(path: Path, remedy: str = _REMEDY) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
-    with _reading(path, **reading):
+    with reading(path, remedy):
         return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -210,12 +218,8 @@ def differences(first, second, same: Callable = operator.eq, every: bool = True,
                 ) -> Iterator[tuple[str, object, object]]:
     """(key, value in the first, in the second) of everything that differs between two trees of dicts and lists.
 
-    Args:
-        first: As JSON has it.
-        second: As well.
-        same: Whether two values without parts are the same.
-        every: Compare the keys of both; False: those of the second.
-        path: Of the trees within others.
+    ``same`` compares what has no parts; with ``every``, keys of both count, else those of the second; ``path`` is that
+    of the trees within others.
     """
     if isinstance(first, dict) and isinstance(second, dict):
         pairs = [(key, first.get(key), second.get(key)) for key in ({**first, **second} if every else second)]
@@ -231,7 +235,7 @@ def differences(first, second, same: Callable = operator.eq, every: bool = True,
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns by name: int64 where every entry is an integer, else float64, else text."""
-    with _reading(path):
+    with reading(path):
         rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         header, body = rows[0], rows[1:]
         if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
@@ -256,15 +260,16 @@ def read_numbers(path: Path, count: int | None = None) -> list[np.ndarray]:
     """
     table = dict(list(read_csv(path).items())[:count])
     columns = list(table.values())
-    if len(columns) < (count or 1) or not len(columns[0]):
-        problem = f"has {len(columns)} columns, not {count}" if len(columns) < (count or 1) else "has no rows"
-        raise InputError(problem, file=path, remedy=_REMEDY)
+    if len(columns) < (count or 1):
+        raise InputError(f"has {len(columns)} columns, not {count}", file=path, remedy=_REMEDY)
+    if not len(columns[0]):
+        raise InputError("has no rows", file=path, remedy=_REMEDY)
     for i, (name, column) in enumerate(table.items()):
-        if column.dtype.kind not in ("i" if i == 0 else "if"):
+        kinds, problem = ("i", "is not a whole number") if i == 0 else ("if", "is not a number")
+        if column.dtype.kind not in kinds:
             entries = column.tolist()
             row = next((row for row, entry in enumerate(entries) if not _is_number(entry, i == 0)), 0)
-            raise InputError("is not a whole number" if i == 0 else "is not a number", file=path, line=row + 2,
-                             key=plain_name(name), value=entries[row], remedy=_REMEDY)
+            raise InputError(problem, file=path, line=row + 2, key=plain_name(name), value=entries[row], remedy=_REMEDY)
     return columns
 
 
@@ -284,7 +289,7 @@ def read_png(path: Path) -> np.ndarray:
     """Pixels of a PNG: uint8 [H, W, 3] or uint16 [H, W]."""
     from PIL import Image
 
-    with _reading(path):
+    with reading(path):
         _refuse_incomplete(path)
         with Image.open(path) as image:
             return np.array(image)
@@ -294,7 +299,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
     """Channels [H, W] of an EXR by name."""
     import OpenEXR
 
-    with _reading(path):
+    with reading(path):
         _refuse_incomplete(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}

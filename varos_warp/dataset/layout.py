@@ -13,6 +13,8 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
 from dataclasses import dataclass
 from pathlib import Path
 
+from varos_warp.render.image.outputs import OUTPUTS
+
 POSE_FORMS = ("euler", "transformation_matrix", "quaternion")
 
 
@@ -55,6 +57,10 @@ class Layout:
         """A file that tells of a camera, such as ``camM0_timestamps.csv``."""
         return self.camera_dir(camera) / f"cam{camera}{suffix}"
 
+    def exposures(self, camera: str, output: str) -> Path:
+        """Gains of A or B, and the statistics that they follow from."""
+        return self.camera_file(camera, f"_exposure_{output}.csv")
+
     def image_name(self, camera: str, output: str, frame: int) -> str:
         """Name of an image without its extension (paper, table 5)."""
         return f"seq{self.sequence}_veh{self.vehicle}_cam{camera}_{output}-{frame:08d}"
@@ -74,6 +80,14 @@ class Layout:
     def linear(self, camera: str, frame: int) -> Path:
         """A as it was rendered: float32 with standard error and layers."""
         return self.camera_dir(camera) / "A_linear" / f"{self.image_name(camera, 'A', frame)}.exr"
+
+    def rendered(self, camera: str, output: str, frame: int, linear_exr: bool, depth_exr: bool) -> list[Path]:
+        """Files of an image that only rendering can make; the PNG of A and B follow from their EXR."""
+        if OUTPUTS[output].is_color:
+            more = [self.linear(camera, frame)] if output == "A" and linear_exr else []
+            return [self.exr(camera, output, frame), *more]
+        more = [self.exr(camera, output, frame)] if output == "D" and depth_exr else []
+        return [self.png(camera, output, frame), *more]
 
     def sensor(self, name: str) -> Path:
         """Data of ``imu0`` or ``depth0``."""

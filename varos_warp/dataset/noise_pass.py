@@ -54,8 +54,15 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         noisy = Dataset(temp)
         _write_sensors(data, noisy, profile, seed)
         if profile.camera is not None:
-            _write_images(noisy, quiet)
-        _write_overview(noisy)
+            def write(frame: int, camera: str) -> None:
+                pixels = noisy_pixels(data, profile, seed, frame, camera)
+                files.write_png(noisy.layout.png(camera, "A", frame), pixels)
+
+            views = zip(*itertools.product(data.frames, data.cameras), strict=True)
+            list(in_threads("noise", write, *views, quiet=quiet))
+        from varos_warp.dataset.report import contact_sheet
+
+        contact_sheet(noisy, temp / "contact_sheet.png")
         write_checksums(temp)
     return Dataset(out)
 
@@ -83,13 +90,12 @@ def is_repeatable(data: Dataset) -> bool:
     return data.meta["noise"]["versions"]["numpy"] == writers.versions()["numpy"]
 
 
-def noisy_pixels(data: Dataset, frame: int, camera: str) -> np.ndarray:
-    """Pixels uint8 [H, W, 3] of A as the dataset's profile and seed make them from the frame's linear radiance.
+def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, camera: str) -> np.ndarray:
+    """Pixels uint8 [H, W, 3] of A as a profile and its seed make them from the frame's linear radiance.
 
     Raises:
         InputError: If its EXR or its gain cannot be read.
     """
-    profile, seed = noise_of(data)
     linear, gain = data.linear("A", frame, camera), data.gain("A", frame, camera)
     share = image_noise.vignette(profile.camera.vignetting, data.intrinsics(camera), linear.shape[:2])
     rng = image_noise.frame_generator(seed, frame, camera)
@@ -129,19 +135,13 @@ def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
 def _link(data: Dataset, profile: NoiseProfile, temp: Path) -> None:
     """Everything that stays as it is, and A under its name for what is clean."""
     left_out = {data.root / name for name in ANEW}
-    if profile.imu is not None:
-        left_out |= {data.layout.sensor("imu0")}
-    if profile.depth_gauge is not None:
-        left_out |= {data.layout.sensor("depth0")}
-    for path in sorted(data.root.rglob("*")):
-        if not path.is_file() or any(part.startswith(".") for part in path.relative_to(data.root).parts):
-            continue
-        if path in left_out:
-            continue
-        target = temp / path.relative_to(data.root)
-        if profile.camera is not None and path.parent in {data.layout.camera_dir(c) / "A" for c in data.cameras}:
-            target = target.parents[1] / "A_clean" / target.name
-        files.link(path, target)
+    left_out |= {data.layout.sensor(name) for name, block in (("imu0", profile.imu), ("depth0", profile.depth_gauge))
+                 if block is not None}
+    renamed = {data.layout.camera_dir(camera) / "A" for camera in data.cameras} if profile.camera is not None else ()
+    for path in files.visible(data.root):
+        if path not in left_out:
+            folder = path.parent.with_name("A_clean") if path.parent in renamed else path.parent
+            files.link(path, temp / folder.relative_to(data.root) / path.name)
 
 
 def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> None:
@@ -174,19 +174,3 @@ def _write_sensors(data: Dataset, noisy: Dataset, profile: NoiseProfile, seed: i
         reading, bias = depth_gauge_noise(profile.depth_gauge, gauge["depth"],
                                           data.meta["sensors"]["depth0"]["rate_hz"], seed)
         writers.write_depth_gauge(noisy.layout, gauge["time_ns"], reading, gauge["depth"], bias)
-
-
-def _write_images(noisy: Dataset, quiet: bool) -> None:
-    """A with noise."""
-    def write(view: tuple[int, str]) -> None:
-        frame, camera = view
-        files.write_png(noisy.layout.png(camera, "A", frame), noisy_pixels(noisy, frame, camera))
-
-    list(in_threads("noise", write, list(itertools.product(noisy.frames, noisy.cameras)), quiet=quiet))
-
-
-def _write_overview(noisy: Dataset) -> None:
-    """The contact sheet, where there are images."""
-    from varos_warp.dataset.report import contact_sheet
-
-    contact_sheet(noisy, noisy.root / "contact_sheet.png")

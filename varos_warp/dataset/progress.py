@@ -86,13 +86,7 @@ class Progress:
 
 
 class NamedSteps(Progress):
-    """Shows which step of a job is at work and how far it is; use it in a ``with`` statement.
-
-    Args:
-        label: The job.
-        names: Its steps, in order.
-        quiet: Say nothing.
-    """
+    """Shows which of the named steps of a job is at work and how far it is; use it in a ``with`` statement."""
 
     def __init__(self, label: str, names, quiet: bool = False):
         self.names, self._said = list(names), None
@@ -124,14 +118,9 @@ class Console:
 
 
 def in_threads(label: str, make: Callable, *items, unit: str = "frames", quiet: bool = False) -> Iterator:
-    """What ``make`` gives for each item, in their order; several at a time, with progress.
+    """What ``make`` gives for each item, of one or more sequences of one length, in their order.
 
-    Args:
-        label: What is counted.
-        make: Takes one of each of the items.
-        items: Sequences of one length.
-        unit: Of an item, in the plural.
-        quiet: No progress.
+    Several are made at a time, with a progress bar that counts them by ``unit``, in the plural.
     """
     with ThreadPoolExecutor(os.cpu_count()) as pool, Progress(label, len(items[0]), unit, quiet) as progress:
         for result in pool.map(make, *items):

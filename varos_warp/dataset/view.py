@@ -37,29 +37,25 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
     Raises:
         InputError: If Rerun is not installed, the frames are none, or something in the dataset cannot be read.
     """
-    rr = _rerun()
-    data = Dataset(root)
-    numbers = _select(data, frames)
-    stream = rr.RecordingStream("varos_warp")
-    if save is None:
-        stream.spawn(default_blueprint=_blueprint(data))
-        _record(rr, stream, data, numbers, quiet)
-        stream.flush()
-        return None
-    with files.atomic(Path(save)) as temp:
-        stream.save(temp, default_blueprint=_blueprint(data))
-        _record(rr, stream, data, numbers, quiet)
-        stream.disconnect()
-    return Path(save)
-
-
-def _rerun():
     try:
         import rerun
     except ImportError as error:
         raise InputError("the viewer Rerun is not installed", key="view",
                          remedy='Install it with `pip install "varos_warp[view]"`.') from error
-    return rerun
+    data = Dataset(root)
+    numbers = _select(data, frames)
+    stream = rerun.RecordingStream("varos_warp")
+    recorder = _Recorder(rerun, stream, data)
+    if save is None:
+        stream.spawn(default_blueprint=_blueprint(data))
+        recorder.record(numbers, quiet)
+        stream.flush()
+        return None
+    with files.atomic(Path(save)) as temp:
+        stream.save(temp, default_blueprint=_blueprint(data))
+        recorder.record(numbers, quiet)
+        stream.disconnect()
+    return Path(save)
 
 
 def _select(data: Dataset, frames: slice) -> list[int]:
@@ -73,117 +69,117 @@ def _select(data: Dataset, frames: slice) -> list[int]:
     return numbers
 
 
-def _record(rr, stream, data: Dataset, numbers: list[int], quiet: bool) -> None:
-    origin = local_origin(data)
-    stream.send_recording_name(data.meta["name"])
-    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    words = "Add this to positions [m]: " + " ".join(f"{x:g}" for x in origin)
-    stream.log("origin", rr.TextDocument(words), static=True)
-    _record_vehicle(rr, stream, data, origin)
-    _record_sensors(rr, stream, data)
-    for camera in data.cameras:
-        _record_camera(rr, stream, data, camera, numbers, origin)
-    work = [(camera, number) for number in numbers for camera in data.cameras]
-    with Progress("recording", len(work), quiet=quiet) as progress:
-        for camera, number in work:
-            _record_images(rr, stream, data, camera, number)
-            progress.advance()
-
-
 def local_origin(data: Dataset) -> np.ndarray:
     """Whole metres [3] near the first camera's first position, or zero where that is near enough."""
     position = data.views()[1][:, :3, 3]
     return np.round(position[0]) if np.abs(position).max() > FAR_M else np.zeros(3)
 
 
-# ------------------------------------------------------------------------------------------------ what is in the world
+class _Recorder:
+    """Writes a dataset to a stream of Rerun, the module ``rr``."""
 
+    def __init__(self, rr, stream, data: Dataset):
+        self.rr, self.stream, self.data, self.origin = rr, stream, data, local_origin(data)
 
-def _times(rr, time_ns: np.ndarray) -> list:
-    return [rr.TimeColumn("time", duration=time_ns.astype("timedelta64[ns]"))]
+    def record(self, numbers: list[int], quiet: bool) -> None:
+        """Everything, with the images of some frames."""
+        self.stream.send_recording_name(self.data.meta["name"])
+        self.fix("world", self.rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        words = " ".join(f"{x:g}" for x in self.origin)
+        self.fix("origin", self.rr.TextDocument(f"Add this to positions [m]: {words}"))
+        self.vehicle()
+        self.sensors()
+        for camera in self.data.cameras:
+            self.camera(camera, numbers)
+        if "S" in self.data.outputs:
+            labels = [(0, "nothing"), *((row["id"], row["key"]) for row in self.data.segments())]
+            self.fix("world", self.rr.AnnotationContext(labels))
+        work = [(number, camera) for number in numbers for camera in self.data.cameras]
+        with Progress("recording", len(work), quiet=quiet) as progress:
+            for view in work:
+                self.images(*view)
+                progress.advance()
 
+    def fix(self, entity: str, *what) -> None:
+        """Record what does not change."""
+        self.stream.log(entity, *what, static=True)
 
-def _poses(rr, T: np.ndarray, origin: np.ndarray):
-    """Poses [N, 4, 4] as columns, moved by the origin."""
-    return rr.Transform3D.columns(translation=T[:, :3, 3] - origin,
-                                  quaternion=Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True))  # x y z w
+    def times(self, time_ns: np.ndarray) -> list:
+        """The time line of some columns."""
+        return [self.rr.TimeColumn("time", duration=time_ns.astype("timedelta64[ns]"))]
 
+    def poses(self, T: np.ndarray):
+        """Poses [N, 4, 4] as columns, moved by the origin."""
+        return self.rr.Transform3D.columns(translation=T[:, :3, 3] - self.origin,
+                                           quaternion=Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True))
 
-def _record_vehicle(rr, stream, data: Dataset, origin: np.ndarray) -> None:
-    """The course as a line, and axes that move along it; without a vehicle, the course of the first camera."""
-    if "vehicle" in data.recorded:
-        time_ns, T = data.poses("vehicle")
-        stream.send_columns("world/vehicle", _times(rr, time_ns), _poses(rr, T, origin))
-        stream.log("world/vehicle/axes", rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())), static=True)
-    else:
-        T = data.views()[1]
-    stream.log("world/trajectory", rr.LineStrips3D([T[:, :3, 3] - origin], colors=[240, 180, 60]), static=True)
-
-
-def _record_camera(rr, stream, data: Dataset, camera: str, numbers: list[int], origin: np.ndarray) -> None:
-    """Where a camera is at its frames, its frustum, and the exposure of its images."""
-    entity, about = f"world/cam{camera}", data.camera(camera)
-    time_ns, T_w_c = data.views(camera)
-    rows = np.searchsorted(data.frames, numbers)
-    indexes = [*_times(rr, time_ns[rows]), rr.TimeColumn("frame", sequence=numbers)]
-    stream.send_columns(entity, indexes, _poses(rr, T_w_c[rows], origin))
-    stream.log(entity, rr.Pinhole(image_from_camera=data.intrinsics(camera), width=about["width"],
-                                  height=about["height"], camera_xyz=rr.ViewCoordinates.RDF,
-                                  image_plane_distance=0.5), static=True)
-    for output in data.outputs:
-        if OUTPUTS[output].is_color and all(map(data.gains(output, camera).__contains__, numbers)):
-            gains = [data.gain(output, number, camera) for number in numbers]
-            stream.send_columns(f"exposure/cam{camera}/{output}", indexes, rr.Scalars.columns(scalars=gains))
-
-
-def _record_sensors(rr, stream, data: Dataset) -> None:
-    """Curves of the IMU and of the depth gauge, every reading."""
-    if "imu0" in data.recorded:
-        imu = data.imu()
-        for quantity in ("acceleration", "angular_velocity"):
-            for i, (axis, color) in enumerate(AXES.items()):
-                _record_curve(rr, stream, f"imu0/{quantity}/{axis}", imu["time_ns"], imu[quantity][:, i], axis, color)
-    if "depth0" in data.recorded:
-        gauge = data.depth_gauge()
-        _record_curve(rr, stream, "depth0/depth", gauge["time_ns"], gauge["depth"], "depth [m]", [90, 160, 220])
-
-
-def _record_curve(rr, stream, entity: str, time_ns: np.ndarray, values: np.ndarray, name: str, color) -> None:
-    stream.log(entity, rr.SeriesLines(names=[name], colors=[color]), static=True)
-    stream.send_columns(entity, _times(rr, time_ns), rr.Scalars.columns(scalars=values))
-
-
-# ----------------------------------------------------------------------------------------------------------- images
-
-
-def _record_images(rr, stream, data: Dataset, camera: str, number: int) -> None:
-    """The images of a frame: A, B and C as the files are, D in its own steps, S with the objects' keys."""
-    stream.set_time("time", duration=np.timedelta64(data.frame(number, camera).time_ns, "ns"))
-    stream.set_time("frame", sequence=number)
-    for output in data.outputs:
-        entity = f"world/cam{camera}/{output}"
-        if output == "D":
-            stream.log(entity, _depth_image(rr, data, camera, number))
-        elif output == "S":
-            stream.log(entity, rr.SegmentationImage(data.pixels("S", number, camera)))
+    def vehicle(self) -> None:
+        """The course as a line, and axes that move along it; without a vehicle, the course of the first camera."""
+        if "vehicle" in self.data.recorded:
+            time_ns, T = self.data.poses("vehicle")
+            self.stream.send_columns("world/vehicle", self.times(time_ns), self.poses(T))
+            self.fix("world/vehicle/axes", self.rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())))
         else:
-            data.pixels(output, number, camera)  # a damaged file is named here, not shown by the viewer as nothing
-            contents = data.layout.png(camera, output, number).read_bytes()
-            stream.log(entity, rr.EncodedImage(contents=contents, media_type="image/png"))
-    if "S" in data.outputs and number == data.frames[0]:
-        labels = [(0, "nothing"), *((row["id"], row["key"]) for row in data.segments())]
-        stream.log("world", rr.AnnotationContext(labels), static=True)
+            T = self.data.views()[1]
+        self.fix("world/trajectory", self.rr.LineStrips3D([T[:, :3, 3] - self.origin], colors=[240, 180, 60]))
 
+    def camera(self, camera: str, numbers: list[int]) -> None:
+        """Where a camera is at its frames, its frustum, and the exposure of its images."""
+        rr, data, entity, about = self.rr, self.data, f"world/cam{camera}", self.data.camera(camera)
+        time_ns, T_w_c = data.views(camera)
+        rows = np.searchsorted(data.frames, numbers)
+        indexes = [*self.times(time_ns[rows]), rr.TimeColumn("frame", sequence=numbers)]
+        self.stream.send_columns(entity, indexes, self.poses(T_w_c[rows]))
+        self.fix(entity, rr.Pinhole(image_from_camera=data.intrinsics(camera), width=about["width"],
+                                    height=about["height"], camera_xyz=rr.ViewCoordinates.RDF,
+                                    image_plane_distance=0.5))
+        for output in (output for output in data.outputs if OUTPUTS[output].is_color):
+            gains = data.gains(output, camera)
+            if all(number in gains for number in numbers):
+                self.stream.send_columns(f"exposure/cam{camera}/{output}", indexes,
+                                         rr.Scalars.columns(scalars=[gains[number] for number in numbers]))
 
-def _depth_image(rr, data: Dataset, camera: str, number: int):
-    """D along the camera's axis; 0, which Rerun takes for none, where there is none."""
-    start, end = data.meta["depth"]["range_m"]
-    if data.meta["depth"]["kind"] == "z" and start == 0:
-        pixels = data.pixels("D", number, camera)
-        return rr.DepthImage(np.where(pixels == DEPTH_LEVELS, 0, pixels).astype(np.uint16), meter=DEPTH_LEVELS / end,
-                             depth_range=[0, DEPTH_LEVELS - 1])
-    depth = planar_depth(data, number, camera)
-    return rr.DepthImage(np.where(np.isfinite(depth), depth, 0).astype(np.float32), meter=1.0, depth_range=[0, end])
+    def sensors(self) -> None:
+        """Curves of the IMU and of the depth gauge, every reading."""
+        if "imu0" in self.data.recorded:
+            imu = self.data.imu()
+            for quantity in ("acceleration", "angular_velocity"):
+                for i, (axis, color) in enumerate(AXES.items()):
+                    self.curve(f"imu0/{quantity}/{axis}", imu["time_ns"], imu[quantity][:, i], axis, color)
+        if "depth0" in self.data.recorded:
+            gauge = self.data.depth_gauge()
+            self.curve("depth0/depth", gauge["time_ns"], gauge["depth"], "depth [m]", [90, 160, 220])
+
+    def curve(self, entity: str, time_ns: np.ndarray, values: np.ndarray, name: str, color) -> None:
+        """A curve over time."""
+        self.fix(entity, self.rr.SeriesLines(names=[name], colors=[color]))
+        self.stream.send_columns(entity, self.times(time_ns), self.rr.Scalars.columns(scalars=values))
+
+    def images(self, number: int, camera: str) -> None:
+        """The images of a frame: A, B and C as the files are, D in its own steps, S with the objects' keys."""
+        rr, data = self.rr, self.data
+        self.stream.set_time("time", duration=np.timedelta64(data.frame(number, camera).time_ns, "ns"))
+        self.stream.set_time("frame", sequence=number)
+        for output in data.outputs:
+            pixels = data.pixels(output, number, camera)  # a damaged file is named here, not shown as nothing
+            if output == "D":
+                image = self.depth(pixels, number, camera)
+            elif output == "S":
+                image = rr.SegmentationImage(pixels)
+            else:
+                contents = data.layout.png(camera, output, number).read_bytes()
+                image = rr.EncodedImage(contents=contents, media_type="image/png")
+            self.stream.log(f"world/cam{camera}/{output}", image)
+
+    def depth(self, pixels: np.ndarray, number: int, camera: str):
+        """D along the camera's axis; 0, which Rerun takes for none, where there is none."""
+        start, end = self.data.meta["depth"]["range_m"]
+        if self.data.meta["depth"]["kind"] == "z" and start == 0:
+            return self.rr.DepthImage(np.where(pixels == DEPTH_LEVELS, 0, pixels).astype(np.uint16),
+                                      meter=DEPTH_LEVELS / end, depth_range=[0, DEPTH_LEVELS - 1])
+        depth = planar_depth(self.data, number, camera)
+        return self.rr.DepthImage(np.where(np.isfinite(depth), depth, 0).astype(np.float32), meter=1.0,
+                                  depth_range=[0, end])
 
 
 def _blueprint(data: Dataset):

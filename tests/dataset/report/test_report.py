@@ -228,9 +228,9 @@ def test_what_runs_said_samples_and_findings_are_told(copy):
     log["frames"][3]["lost_samples"] = 5
     files.write_json(path, log)
     problem = "seq01: is <not> there"
-    outcome = Validation([problem])
+    outcome = Validation(copy, [problem])
     outcome.measure("IMU against poses", float("nan"), 1e-6, "m/s^2")
-    outcome.keep(copy)
+    outcome.keep()
     found = warnings(Dataset(copy), ["the scene looks odd"])
     assert found[0] == "the scene looks odd"
     assert "5 samples in 1 frames" in found[1]

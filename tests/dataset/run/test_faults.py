@@ -80,7 +80,7 @@ def whole(start, tmp_path_factory):
 def visible(out):
     """Bytes of the files that have their final names."""
     return {name: data for name, data in tree(out).items() if not os.path.basename(name).startswith(".")
-            and not name.startswith(".lock")} if out.exists() else {}
+            } if out.exists() else {}
 
 
 def kill_after(process, out, count: int) -> bool:

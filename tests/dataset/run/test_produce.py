@@ -172,7 +172,7 @@ def test_a_run_is_refused_while_another_one_is_at_the_folder_and_writes_nothing(
     with claimed(tmp_path):
         with pytest.raises(InputError, match=r"another run is writing to this folder.*Wait for it"):
             run(tmp_path)
-        assert [path.name for path in tmp_path.iterdir()] == [".lock"]
+        assert [path.suffix for path in tmp_path.iterdir()] == [".lock"]
     assert run(tmp_path, {"outputs": ["D"]})[0].complete
 
 

@@ -322,7 +322,7 @@ DAMAGE = {
 def test_damage_is_named(copy, damage):
     before = {path: path.read_bytes() for path in checksums.listed_files(copy)}
     damage(copy)
-    found = Validation()
+    found = Validation(copy)
     listing.check_checksums(Dataset(copy), found, Pending())
     for path in set(before) | set(checksums.listed_files(copy)):
         name = path.relative_to(copy).as_posix()
@@ -508,6 +508,6 @@ def test_a_pitch_of_nearly_ninety_degrees_is_sound(copy, off):
     time_ns, T = data.poses("M0")
     T[:, :3, :3] = Rotation.from_euler("xyz", [[0.3, np.pi / 2 - off, 0.7]]).as_matrix()
     writers.write_poses(data.layout, "M0", time_ns, T)
-    found = Validation()
+    found = Validation(copy)
     check_poses(Dataset(copy), found)
     assert found.problems == []

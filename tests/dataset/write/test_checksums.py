@@ -62,6 +62,6 @@ def test_checksums_of_files_that_decayed_are_kept(copy):
     path.write_bytes(path.read_bytes() + b"x")
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
     checksums.write_checksums(copy)
-    found = Validation()
+    found = Validation(copy)
     listing.check_checksums(Dataset(copy), found, Pending())
     assert found.problems == [f"{path.relative_to(copy).as_posix()}: is not as it was written: its checksum differs"]

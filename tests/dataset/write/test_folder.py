@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 
 
 def hidden(root):
-    return [path for path in root.rglob("*") if path.name.startswith(".") or ".lock" in path.parts]
+    return [path for path in root.rglob("*") if path.name.startswith(".")]
 
 
 def test_a_second_run_is_refused_naming_the_first(tmp_path):

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export.job import Clocked, Job
-from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 
@@ -50,32 +49,23 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         raise InputError("is no time that every format has", key="start_ns", value=start_ns,
                          remedy="Give nanoseconds since 1970, of a time before the year 2038.")
     data, out = Clocked(dataset_root, start_ns), Path(out)
+    if not data.frames:
+        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+    colors = [letter for letter in data.outputs if OUTPUTS[letter].is_color]
+    if images not in colors:
+        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
+                         remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")
+    chosen = tuple(cameras or data.cameras)
+    for camera in chosen:
+        data.camera(camera)
     module = import_module(f"{__name__}.{to}")
-    _check_choice(data, images, cameras)
-    job = Job(data, out, images, _fitting(to, module, tuple(cameras or data.cameras)), quiet, raw)
+    most = getattr(module, "MOST_CAMERAS", len(chosen))
+    if left := chosen[most:]:
+        warnings.warn(f"{to} has room for {most}; left out: {', '.join(left)}", stacklevel=2)
+    job = Job(data, out, images, chosen[:most], quiet, raw)
     # ``A`` alone among A and B stands for the chosen one
     wanted = {images if letter == "A" and "B" not in module.IMAGES else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
     with files.new_folder(out) as temp:
         module.write(replace(job, out=temp))
     return job
-
-
-def _check_choice(data: Dataset, images: str, cameras) -> None:
-    """Image type and cameras are there."""
-    if images not in OUTPUTS or not OUTPUTS[images].is_color or images not in data.outputs:
-        there = [letter for letter in data.outputs if OUTPUTS[letter].is_color]
-        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
-                         remedy=f"It has: {', '.join(there)}." if there else "Render A or B first.")
-    for camera in cameras or ():
-        data.camera(camera)
-    if not data.frames:
-        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
-
-
-def _fitting(to: str, module, cameras: tuple[str, ...]) -> tuple[str, ...]:
-    """The cameras that a format has room for."""
-    most = getattr(module, "MOST_CAMERAS", len(cameras))
-    if cameras[most:]:
-        warnings.warn(f"{to} has room for {most}; left out: {', '.join(cameras[most:])}", stacklevel=3)
-    return cameras[:most]

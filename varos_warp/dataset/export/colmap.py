@@ -24,8 +24,11 @@ def write(job: Job) -> None:
         K, facts = job.data.intrinsics(camera), job.data.camera(camera)
         cameras.append(f"{number} PINHOLE {facts['width']} {facts['height']} {numbers(K[[0, 1, 0, 1], [0, 1, 2, 2]])}")
         for (name, pose), seed in zip(_images(job, camera), _seeds(job, camera), strict=True):
-            images += [f"{image_id} {pose} {number} {name}", _points_2d(seed, point_id)]
-            points += _points_3d(seed, image_id, point_id)
+            track = list(enumerate(zip(seed.xyz, seed.rgb.tolist(), seed.uv.tolist(), strict=True)))
+            images += [f"{image_id} {pose} {number} {name}",
+                       " ".join(f"{u} {v} {point_id + i}" for i, (_, _, (u, v)) in track)]
+            points += [f"{point_id + i} {numbers(xyz)} {r} {g} {b} 0.0 {image_id} {i}"
+                       for i, (xyz, (r, g, b), _) in track]
             image_id, point_id = image_id + 1, point_id + len(seed.xyz)
     for name, lines in (("cameras", cameras), ("images", images), ("points3D", points)):
         job.text(f"sparse/0/{name}.txt", lines)
@@ -33,7 +36,7 @@ def write(job: Job) -> None:
 
 def _images(job: Job, camera: str) -> Iterator[tuple[str, str]]:
     """Name and pose of each image: world to camera, scalar first."""
-    T_c_w = np.array([inverse(T) for T in job.poses(camera)[1]])
+    T_c_w = np.array([inverse(T) for T in job.data.views(camera)[1]])
     rows = np.column_stack([quaternion(T_c_w, scalar_first=True), T_c_w[:, :3, 3]])
     for frame, row in zip(job.data.frames, rows, strict=True):
         name = f"cam{camera}/{job.data.layout.png(camera, job.images, frame).name}"
@@ -45,12 +48,3 @@ def _seeds(job: Job, camera: str) -> list[Seed]:
     """Points of each image: none without D."""
     nothing = Seed(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty((0, 2)))
     return seeds(job, camera) if job.has_depth else [nothing] * len(job.data)
-
-
-def _points_2d(seed: Seed, first: int) -> str:
-    return " ".join(f"{u} {v} {i}" for i, (u, v) in enumerate(seed.uv.tolist(), start=first))
-
-
-def _points_3d(seed: Seed, image_id: int, first: int) -> list[str]:
-    return [f"{first + place} {numbers(xyz)} {r} {g} {b} 0.0 {image_id} {place}"
-            for place, (xyz, (r, g, b)) in enumerate(zip(seed.xyz, seed.rgb.tolist(), strict=True))]

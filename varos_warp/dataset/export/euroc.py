@@ -13,6 +13,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
 from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
+from varos_warp.dataset.reader.dataset import rows_at
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import inverse
 
@@ -31,14 +32,15 @@ def write(job: Job) -> None:
     if not cameras:
         raise InputError("no camera is on the vehicle, so none has a T_BS", file=job.data.root,
                          remedy="Export to colmap, nerfstudio or tum.")
-    body = _body(job)
+    has_imu = "imu0" in job.data.recorded
+    body = np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if has_imu else np.eye(4)  # T_v_B
     T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in cameras}
-    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if "imu0" in job.data.recorded else
+    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if has_imu else
                                        "varos_warp: B is the vehicle, x right, y forward, z up"})
     for number, camera in enumerate(cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
-    if "imu0" not in job.data.recorded:
+    if not has_imu:
         states = job.data.states()
         _ground_truth(job, states["time_ns"], job.data.poses("vehicle")[1], states["velocity"])
         return
@@ -47,16 +49,11 @@ def write(job: Job) -> None:
     estimators.write(job, T_B_c)
 
 
-def _body(job: Job) -> np.ndarray:
-    """T_v_B."""
-    return np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if "imu0" in job.data.recorded else np.eye(4)
-
-
 # -------------------------------------------------------------------------------------------------------------- mav0
 
 
 def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
-    time_ns = job.poses(camera)[0].tolist()
+    time_ns = job.data.views(camera)[0].tolist()
     for frame, t in zip(job.data.frames, time_ns, strict=True):
         job.link(camera, job.images, frame, f"{folder}/data/{t}.png")
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
@@ -84,7 +81,7 @@ def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
     time_ns, T_w_s = job.data.poses("imu0")
     states = job.data.states()
-    rows = np.searchsorted(states["time_ns"], time_ns).clip(max=len(states["time_ns"]) - 1)
+    rows = rows_at(states["time_ns"], time_ns)
     if not np.array_equal(states["time_ns"][rows], time_ns):
         raise InputError("the IMU's samples are not on the ticks of the vehicle", file=job.data.layout.states,
                          remedy="Check it with `varos-warp validate`, then `run` again.")

@@ -102,10 +102,6 @@ class Job:
         """Whether the dataset has D."""
         return "D" in self.data.outputs
 
-    def poses(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
-        """Times int64 [N] and T_w_c [N, 4, 4] of a camera at its frames."""
-        return self.data.views(camera)
-
     def noise(self, name: str) -> str:
         """What noise the readings of ``imu0`` or ``depth0``, or the images of a letter, have, in words."""
         if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
@@ -120,22 +116,15 @@ class Job:
         """What noise each sensor and the images have, in words."""
         return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
 
-    def by_noise(self) -> dict[str, list[str]]:
-        """Names of sensors and images by the noise that they have."""
-        names: dict[str, list[str]] = {}
-        for name, words in self.noises.items():
-            names.setdefault(words, []).append(name)
-        return names
-
 
 def baseline(job: Job, left: str, right: str) -> float | None:
     """Metres from one camera to the other along x, where the pair is rectified; None where it is not."""
     if not np.allclose(job.data.intrinsics(left), job.data.intrinsics(right), rtol=1e-12):
         return None
-    T = np.linalg.inv(job.poses(left)[1]) @ job.poses(right)[1]
+    T = np.linalg.inv(job.data.views(left)[1]) @ job.data.views(right)[1]
     shape = np.eye(4)
     shape[0, 3] = T[0, 0, 3]
-    size = 1.0 + np.abs(job.poses(left)[1][:, :3, 3]).max()
+    size = 1.0 + np.abs(job.data.views(left)[1][:, :3, 3]).max()
     return float(T[0, 0, 3]) if T[0, 0, 3] > 0 and np.allclose(T, shape, rtol=0, atol=1e-12 * size) else None
 
 

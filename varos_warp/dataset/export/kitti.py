@@ -34,7 +34,7 @@ def write(job: Job) -> None:
         if job.has_depth:
             job.depths(camera, lambda i, place=place: f"{folder}/depth_{place}/{i:06d}.png", PER_METRE)
             _depth_benchmark(job, folder, f"train/varos_drive_{number}_sync", place)
-    time_ns, T_w_c = job.poses(left)
+    time_ns, T_w_c = job.data.views(left)
     job.text(f"{folder}/times.txt", [seconds(t - time_ns[0]) for t in time_ns])
     job.text(f"{folder}/calib.txt", calibration(job.data.intrinsics(left, "opencv"),
                                                 baselines[pair[1]] if len(pair) > 1 else 0.0))

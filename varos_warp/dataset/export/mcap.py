@@ -68,7 +68,7 @@ def _latched():
 def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     """Every message of the bag, sensor by sensor; static transforms first."""
     data = job.data
-    yield data.start_ns, "/tf_static", lambda: messages.fixed(data.start_ns, _frames(job))
+    yield data.start_ns, "/tf_static", lambda: messages.tf(data.start_ns, *_mounts(job))
     if "imu0" in job.data.recorded:
         imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
         for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
@@ -96,12 +96,13 @@ def _course(states: dict, messages: "Messages") -> Iterator[Event]:
     for t, p, q, v, w in zip(states["time_ns"].tolist(), states["position"], states["quaternion"], forward,
                              states["angular_velocity"], strict=True):
         yield t, "/ground_truth", lambda t=t, p=p, q=q, v=v, w=w: messages.odometry(t, p, q, v, w)
-        yield t, "/tf", lambda t=t, p=p, q=q: messages["tf2_msgs/msg/TFMessage"](
-            [messages.transform(t, "world", "vehicle", p, q)])
+        yield t, "/tf", lambda t=t, p=p, q=q: messages.tf(t, ("world", "vehicle", p, q))
 
 
 def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     """Image, calibration and depth of every frame."""
+    from PIL import Image
+
     name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
@@ -111,8 +112,6 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
         return messages.png(t, name, png, "rgb8; png compressed bgr8")
 
     def depth(t: int, frame: int):
-        from PIL import Image
-
         png = io.BytesIO()
         Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
         return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
@@ -123,31 +122,29 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     def raw_depth(t: int, frame: int):
         return messages.raw(t, name, planar_depth(job.data, frame, camera).astype("<f4"), "32FC1")
 
-    for t, frame in zip(job.poses(camera)[0].tolist(), job.data.frames, strict=True):
+    made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
+    made = {topic: make for topic, make in made.items()
+            if (job.raw or "/" in topic) and (job.has_depth or topic.startswith("image"))}
+    for t, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
         yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, baseline_m)
-        made = {"image/compressed": image} | ({"image": raw_image} if job.raw else {})
-        if job.has_depth:
-            made |= {"depth/compressed": depth} | ({"depth": raw_depth} if job.raw else {})
         for topic, make in made.items():
             yield t, f"/{name}/{topic}", lambda t=t, frame=frame, make=make: make(t, frame)
 
 
-def _frames(job: Job) -> list[tuple[str, str, np.ndarray]]:
-    """Parent, child and T_parent_child of what is fixed."""
-    result = [("vehicle", name, np.array(facts["T_v_s"])) for name, facts in job.data.meta["sensors"].items()]
+def _mounts(job: Job) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Parent, child, position and quaternion of what is fixed."""
+    mounts = [("vehicle", name, facts["T_v_s"]) for name, facts in job.data.meta["sensors"].items()]
     for camera in job.cameras:
         facts = job.data.camera(camera)
         parent = "world" if facts["mount"] == "world" else "vehicle"
-        result.append((parent, f"cam{camera}", np.array(facts["T_w_c" if parent == "world" else "T_v_c"])))
-    return result
+        mounts.append((parent, f"cam{camera}", facts["T_w_c" if parent == "world" else "T_v_c"]))
+    for parent, child, pose in mounts:
+        T = np.array(pose)
+        yield parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0]
 
 
 class Messages:
-    """Makes ROS messages; quaternions are x y z w there, and are given scalar first here.
-
-    Args:
-        types: Message classes by their names.
-    """
+    """Makes ROS messages of classes by their names; quaternions are x y z w there, and are given scalar first here."""
 
     def __init__(self, types):
         self._types = types
@@ -185,17 +182,13 @@ class Messages:
             self.header(time_ns, "world"), "vehicle", self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
             self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
 
-    def transform(self, time_ns: int, parent: str, child: str, position, q):
-        """A TransformStamped: pose of the child in the parent."""
-        return self["geometry_msgs/msg/TransformStamped"](
-            self.header(time_ns, parent), child,
-            self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)))
-
-    def fixed(self, time_ns: int, frames):
-        """A TFMessage of transforms that do not change."""
+    def tf(self, time_ns: int, *poses):
+        """A TFMessage of (parent, child, position, quaternion) each: the pose of the child in the parent."""
         return self["tf2_msgs/msg/TFMessage"]([
-            self.transform(time_ns, parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0])
-            for parent, child, T in frames])
+            self["geometry_msgs/msg/TransformStamped"](
+                self.header(time_ns, parent), child,
+                self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)))
+            for parent, child, position, q in poses])
 
     def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, baseline_m: float):
         """A CameraInfo without distortion; of the right camera of a rectified pair, P holds the baseline."""

@@ -23,7 +23,7 @@ def write(job: Job) -> None:
     frames = []
     for camera, model in zip(job.cameras, models, strict=True):
         names = [job.data.layout.png(camera, job.images, frame).name for frame in job.data.frames]
-        for frame, name, T in zip(job.data.frames, names, job.poses(camera)[1], strict=True):
+        for frame, name, T in zip(job.data.frames, names, job.data.views(camera)[1], strict=True):
             job.link(camera, job.images, frame, f"images/{name}")
             frames.append({"file_path": f"images/{name}"} | ({} if shared else model)
                           | ({"depth_file_path": f"depths/{name}"} if job.has_depth else {})

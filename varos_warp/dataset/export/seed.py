@@ -29,7 +29,7 @@ def seeds(job: Job, camera: str) -> list[Seed]:
     They are as exact as D is: half of one of its 65535 steps along the camera's z, and the middle of a pixel.
     """
     count = -(-COUNT // (len(job.cameras) * len(job.data)))
-    K, T_w_c = job.data.intrinsics(camera), job.poses(camera)[1]
+    K, T_w_c = job.data.intrinsics(camera), job.data.views(camera)[1]
 
     def points(place: int, frame: int) -> Seed:
         z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)

@@ -15,7 +15,7 @@ PER_METRE = 5000.0
 def write(job: Job) -> None:
     """Write the lists, groundtruth.txt, accelerometer.txt, camera.txt and the images of the first camera."""
     camera = job.cameras[0]
-    time_ns, T_w_c = job.poses(camera)
+    time_ns, T_w_c = job.data.views(camera)
     stamps = [seconds(t) for t in time_ns]
     for frame, stamp in zip(job.data.frames, stamps, strict=True):
         job.link(camera, job.images, frame, f"rgb/{stamp}.png")

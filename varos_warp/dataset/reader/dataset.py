@@ -1,8 +1,8 @@
 """`Dataset`: a dataset on disk, opened for reading."""
 
+import bisect
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -19,6 +19,7 @@ from varos_warp.render.image.outputs import OUTPUTS
 if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
 
+_CHECK, _ANEW = "Check it with `varos-warp validate`, then `run` again.", "`run` again to make it anew."
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
 
@@ -31,10 +32,14 @@ def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
     """
     table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
     if missing := [name for name in names if name not in table]:
-        raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
-                         remedy="`run` again to make it anew.")
+        raise InputError(f"has no column {' and no column '.join(missing)}", file=path, remedy=_ANEW)
     rows = zip(*(table[name].tolist() for name in names), strict=True)
     return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
+
+
+def rows_at(time_ns: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Rows [M] of a table with ascending times [N] at other times [M] that are among them; near those that are not."""
+    return np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
 
 
 class Dataset:
@@ -103,13 +108,10 @@ class Dataset:
         return self[self._index(number), camera]
 
     def _index(self, number: int) -> int:
-        if number not in self._indices:
+        index = bisect.bisect_left(self.frames, number)
+        if number not in self.frames[index:index + 1]:
             raise IndexError(f"there is no frame {number}: the dataset has {runs(self.frames)}, the ends exclusive")
-        return self._indices[number]
-
-    @cached_property
-    def _indices(self) -> dict[int, int]:
-        return {number: index for index, number in enumerate(self.frames)}
+        return index
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.root.absolute(),)
@@ -224,16 +226,12 @@ class Dataset:
         camera = self._camera(camera)
         gains = self._once(("gains", output, camera), lambda: self.gains(output, camera))
         if frame not in gains:
-            raise InputError(f"has no gain of frame {frame}", file=self._exposure_file(output, camera),
-                             remedy="`run` again to make it anew.")
+            raise InputError(f"has no gain of frame {frame}", file=self.layout.exposures(camera, output), remedy=_ANEW)
         return gains[frame]
-
-    def _exposure_file(self, output: str, camera: str) -> Path:
-        return self.layout.camera_file(camera, f"_exposure_{output}.csv")
 
     def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
         """Exposure gain of every frame of A or B."""
-        exposures = read_exposures(self._exposure_file(output, self._camera(camera)))
+        exposures = read_exposures(self.layout.exposures(self._camera(camera), output))
         return {frame: gain for frame, (gain, _) in exposures.items()}
 
     # ------------------------------------------------------------------------------------------- poses and sensors
@@ -262,7 +260,7 @@ class Dataset:
         if len(time_ns) != len(self) or not np.array_equal(time_ns, self.time_ns(camera)):
             raise InputError("the poses are not those of the frames and of their time stamps",
                              file=self.layout.poses(camera, "transformation_matrix"),
-                             remedy="Check it with `varos-warp validate`, then `run` again.")
+                             remedy=_CHECK)
         return time_ns, T_w_c
 
     def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
@@ -280,12 +278,12 @@ class Dataset:
     def _vehicle_at_frames(self) -> np.ndarray:
         if "vehicle" in self.recorded:
             (time_ns, T_w_v), at = self.poses("vehicle"), self.views()[0]
-            index = np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+            index = rows_at(time_ns, at)
             if np.array_equal(time_ns[index], at):
                 return T_w_v[index]
             raise InputError("has no pose at the time of some frame",
                              file=self.layout.poses("vehicle", "transformation_matrix"),
-                             remedy="Check it with `varos-warp validate`, then `run` again.")
+                             remedy=_CHECK)
         mounted = [camera for camera in self.cameras if "T_v_c" in self.camera(camera)]
         if not mounted:
             raise InputError("there is no vehicle in the dataset", file=self.layout.states,

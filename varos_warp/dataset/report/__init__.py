@@ -30,11 +30,6 @@ SCRIPTS = ("app.js", "plots.js", "start.js")
 def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
     """Write one HTML page that needs no other file; its size stays below 20 MB however long the dataset is.
 
-    Args:
-        data: The dataset.
-        path: Of the page.
-        quiet: No progress on stderr.
-
     Raises:
         InputError: If something in the dataset cannot be read.
     """

@@ -77,7 +77,7 @@ def _exposure(data: Dataset) -> list[dict[str, Any]]:
     """Gain of every exposed output of every camera, over the frames that all of them have."""
     gains = {f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
              for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color
-             and data.layout.camera_file(camera, f"_exposure_{output}.csv").is_file()}
+             and data.layout.exposures(camera, output).is_file()}
     frames = [f for f in data.frames if all(f in gain for gain in gains.values())]
     if not gains or not frames:
         return []

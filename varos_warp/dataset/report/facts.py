@@ -1,6 +1,8 @@
 """Facts for the page, as tables: the dataset, its water, cameras and sensors, the plan, the runs, what looks wrong."""
 
+import contextlib
 import html
+import itertools
 from collections import Counter
 from collections.abc import Iterable
 from typing import Any
@@ -116,20 +118,14 @@ def plan(data: Dataset) -> Raw:
     chosen = samples["plan"]
     if not chosen:
         return Raw("<p class=empty>Nothing is rendered yet.</p>")
-    decisions = chosen.get("decisions") or []
-    if decisions:
-        rows = [(d["what"], d["choice"], *_percent(d.get("error")), d["reason"]) for d in decisions]
-        if chosen.get("error"):
-            rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
-        text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
-    else:
-        text = Raw("<ul>" + "".join(f"<li>{html.escape(str(r))}</li>" for r in chosen.get("reasons", [])) + "</ul>")
+    rows = [(d["what"], d["choice"], *_percent(d.get("error")), d["reason"]) for d in chosen.get("decisions") or ()]
+    if chosen.get("error"):
+        rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
+    text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
     models = table((letter, f"{OUTPUTS[letter].content}: {how}") for letter, how in (chosen.get("models") or {}).items()
                    if letter in data.outputs)
     by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
-    meshes = chosen.get("meshes") or {}
-    kept = f"; {meshes['kept']} of {meshes['triangles']} triangles kept" if {"kept", "triangles"} <= set(meshes) else ""
-    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}{kept}.</p>")
+    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}.</p>")
 
 
 def _percent(error) -> list[str]:
@@ -174,9 +170,8 @@ def provenance(data: Dataset) -> Raw:
 
 def _noise(data: Dataset) -> str:
     """Of which profile, or of the scene."""
-    added = data.meta.get("noise") or {}
-    if added:
-        return f"of the profile {added.get('profile', {}).get('name')}, seed {added.get('seed')}"
+    if added := data.meta.get("noise"):
+        return f"of the profile {added['profile']['name']}, seed {added['seed']}"
     noisy = [name for name, sensor in data.meta["sensors"].items() if sensor["noise"]]
     return f"of the scene, in {', '.join(noisy)}" if noisy else "none"
 
@@ -185,51 +180,33 @@ def _noise(data: Dataset) -> str:
 
 
 def warnings(data: Dataset, scene: list[str]) -> list[str]:
-    """What a person should know before using the dataset.
-
-    Args:
-        data: The dataset.
-        scene: What looks wrong in its scene.
-    """
-    found = [*_incomplete(data), *scene]
+    """What a person should know before using the dataset, with what looks wrong in its scene."""
+    found = []
+    for camera, output in itertools.product(data.cameras, data.outputs):
+        missing = [f for f in data.frames if not files.is_complete(data.layout.png(camera, output, f))]
+        if missing:
+            found.append(f"camera {camera}: {output} of {len(missing)} of {len(data)} frames is missing, the first of "
+                         f"frame {missing[0]}")
+    found += scene
     for log in logs(data):
         lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}
         if lost:
             found.append(f"{sum(lost.values())} samples in {len(lost)} frames were infinite or not a number and count "
                          f"as black; the first in frame {min(lost)}")
-    found += _validation(data)
+    if result := validation(data):
+        found += [f"validate: {problem}" for problem in result["problems"]]
     found = list(dict.fromkeys(found))
     more = len(found) - MOST_WARNINGS
     return found if more <= 0 else [*found[:MOST_WARNINGS], f"and {more} more"]
 
 
-def _incomplete(data: Dataset) -> list[str]:
-    """Images that are not there."""
-    found = []
-    for camera in data.cameras:
-        for output in data.outputs:
-            missing = [f for f in data.frames if not files.is_complete(data.layout.png(camera, output, f))]
-            if missing:
-                found.append(f"camera {camera}: {output} of {len(missing)} of {len(data)} frames is missing, the first "
-                             f"of frame {missing[0]}")
-    return found
-
-
 def validation(data: Dataset) -> dict[str, Any] | None:
     """What the last `varos-warp validate` found; None: there was none."""
-    path = data.root / KEPT
-    if not path.is_file():
-        return None
-    try:
-        result = files.read_json(path)
-    except InputError:
-        return None
-    return result if isinstance(result, dict) and isinstance(result.get("problems"), list) else None
-
-
-def _validation(data: Dataset) -> list[str]:
-    result = validation(data)
-    return [f"validate: {problem}" for problem in result["problems"]] if result else []
+    with contextlib.suppress(InputError):
+        result = files.read_json(data.root / KEPT)
+        if isinstance(result, dict) and isinstance(result.get("problems"), list):
+            return result
+    return None
 
 
 def measures(data: Dataset) -> Raw:

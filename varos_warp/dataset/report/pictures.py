@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,30 +39,20 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
             near_far: tuple[float, float] | None = None):
     """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object.
 
-    Args:
-        data: The dataset.
-        output: Its letter.
-        frame: Number of the frame.
-        camera: Its id; absent: the first.
-        width: Of the picture, in pixels.
-        near_far: Distances [m] of the brightest and the darkest colour of D; absent: those of the image.
+    It is ``width`` pixels wide; ``near_far`` are the distances [m] of the brightest and the darkest colour of D, by
+    default those of the image.
     """
     from PIL import Image
 
     pixels = data.pixels(output, frame, camera)
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     if output in "DS":  # neither distances nor numbers of objects have a mean across an edge
-        row, col = (_centres(*sizes) for sizes in zip(pixels.shape, (height, width), strict=True))
-        pixels = pixels[np.ix_(row, col)]
+        pixels = pixels[np.ix_(*(((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
+                                 for many, few in zip(pixels.shape, (height, width), strict=True)))]
         if output == "S":
             return Image.fromarray(_segment_colors(pixels))
         return Image.fromarray(_depth_colors(pixels, near_far, data.meta["depth"]["range_m"]))
     return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
-
-
-def _centres(count: int, fewer: int) -> np.ndarray:
-    """Pixels in the middles of ``fewer`` even parts of a row of them."""
-    return ((np.arange(fewer) + 0.5) * count / fewer).astype(int)
 
 
 def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tuple[float, float]:
@@ -145,13 +136,11 @@ def filmstrip(data: Dataset, quiet: bool = True, budget: int = BUDGET) -> Filmst
     Raises:
         InputError: If an image cannot be read.
     """
-    whole = [whole_frames(data, camera) for camera in data.cameras]
-    common = sorted(set(whole[0]).intersection(*whole[1:])) if data.outputs else []
-    views = len(data.cameras) * len(data.outputs)
-    frames = spread(common, max(2, MOST_IMAGES // views)) if common else []
-    ends = depth_ends(data, spread(frames, 12), data.cameras) if frames and "D" in data.outputs else (0.0, 1.0)
-    if not frames:
-        return Filmstrip([], 0, {}, ends)
+    common = sorted(set.intersection(*(set(whole_frames(data, camera)) for camera in data.cameras)))
+    if not common or not data.outputs:
+        return Filmstrip([], 0, {}, (0.0, 1.0))
+    frames = spread(common, max(2, MOST_IMAGES // (len(data.cameras) * len(data.outputs))))
+    ends = depth_ends(data, spread(frames, 12), data.cameras) if "D" in data.outputs else (0.0, 1.0)
     largest = min(WIDTHS[0], max(data.camera(camera)["width"] for camera in data.cameras))
     for width in [largest, *(w for w in WIDTHS if w < largest)]:
         sample = _encode(data, spread(frames, 6), width, ends, True)
@@ -171,17 +160,13 @@ def _size(images: dict) -> float:
 
 def _encode(data: Dataset, frames: list[int], width: int, ends: tuple[float, float], quiet: bool) -> dict:
     """base64 of every image, by camera and output."""
-    work = [(camera, output, frame) for camera in data.cameras for output in data.outputs for frame in frames]
-
-    def encode(item: tuple[str, str, int]) -> str:
-        camera, output, frame = item
+    def encode(camera: str, output: str, frame: int) -> str:
         buffer = io.BytesIO()
         quality = 88 if OUTPUTS[output].is_color else 80
         preview(data, output, frame, camera, width, ends).save(buffer, "WEBP", quality=quality, method=3)
         return base64.b64encode(buffer.getvalue()).decode()
 
-    images: dict[str, dict[str, list[str]]] = {camera: {o: [] for o in data.outputs} for camera in data.cameras}
-    texts = in_threads("report", encode, work, unit="images", quiet=quiet)
-    for (camera, output, _), text in zip(work, texts, strict=True):
-        images[camera][output].append(text)
-    return images
+    work = zip(*itertools.product(data.cameras, data.outputs, frames), strict=True)
+    texts = iter(list(in_threads("report", encode, *work, unit="images", quiet=quiet)))
+    return {camera: {output: list(itertools.islice(texts, len(frames))) for output in data.outputs}
+            for camera in data.cameras}

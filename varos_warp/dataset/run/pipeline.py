@@ -6,12 +6,11 @@ OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `
 and the disk, which bounds the memory whichever the length of the sequence.
 """
 
-import contextlib
 import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,16 +52,11 @@ class Rendered:
     """What could not be made, and why."""
 
 
-@contextlib.contextmanager
-def _renderers(count: int) -> Iterator[Executor]:
+class _Threads(ThreadPoolExecutor):
     """Threads that render; when something goes wrong, what they have not begun they do not begin."""
-    pool = ThreadPoolExecutor(count, "render") if count > 1 else _HereAndNow()
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(cancel_futures=True)
-        raise
-    pool.shutdown()
+
+    def __exit__(self, kind, error, trace) -> None:
+        self.shutdown(cancel_futures=kind is not None)
 
 
 class _HereAndNow(Executor):
@@ -125,7 +119,7 @@ class Pipeline:
         cores, under_way = usable_cores(), deque()
         at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
         with (self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
-               _renderers(at_once) as pool):
+              _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool):
             for job in jobs:
                 if len(under_way) >= room(cores):
                     self.collect(*under_way.popleft())
@@ -167,41 +161,31 @@ class Pipeline:
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""
-        lost = {letter: made.lost_samples for letter in "AB" if (made := getattr(image, letter, None)) is not None}
+        lost = {letter: count for letter in "AB" if (count := getattr(getattr(image, letter, None), "lost_samples", 0))}
         for letter, count in lost.items():
-            if count:
-                self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite "
-                         "or not a number and count as black")
+            self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
+                     "not a number and count as black")
         spp = getattr(getattr(image, "A", None), "spp", None)
-        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if any(
-            lost.values()) else {})
+        return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if lost else {})
 
     def collect(self, job: ImageJob, rendering: Future) -> None:
-        """Wait until an image is rendered and written."""
-        errors = []
-        try:
-            writing = zip(job.letters, rendering.result(), strict=True)
-        except InputError:
-            raise
-        except Exception as error:
-            writing, errors = (), [error]
-        for letter, future in writing:
-            try:
-                self.keep(job, letter, future.result())
-            except InputError:
-                raise
-            except Exception as error:
-                errors.append(error)
+        """Wait until an image is rendered and written, and note what is known of it."""
+        failed = rendering.exception()
+        futures = [rendering] if failed else rendering.result()
+        errors = [error for error in map(Future.exception, futures) if error]
+        for error in errors:
+            if isinstance(error, InputError) or not isinstance(error, Exception):
+                raise error
+        for letter, future in zip(job.letters, () if failed else futures, strict=not failed):
+            if not future.exception():
+                stored: Stored = future.result()
+                self.made.clamped[letter] += stored.clamped
+                if stored.statistics is not None:
+                    self.made.statistics[job.camera, letter, job.frame] = stored.statistics
         if errors:
             self.fail(job, *errors)
         else:
             self.in_a_row = 0
-
-    def keep(self, job: ImageJob, letter: str, stored: Stored) -> None:
-        """Note what is known of an image."""
-        self.made.clamped[letter] += stored.clamped
-        if stored.statistics is not None:
-            self.made.statistics[job.camera, letter, job.frame] = stored.statistics
 
     def fail(self, job: ImageJob, *errors: Exception) -> None:
         """Note what kept a job from being made, or give up: jobs count, however many of their images fail."""

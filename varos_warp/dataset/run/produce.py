@@ -196,7 +196,8 @@ class _Run:
             self.made.clamped += made.clamped
             self.clock.beside(summary.stages)
             self.summary.messages += [words for words in summary.messages if words not in self.summary.messages]
-        self.summary.device = in_words(Counter(summary.device for summary, _ in results if summary.device))
+        devices = Counter(summary.device for summary, _ in results if summary.device)
+        self.summary.device = ", ".join(f"{n} x {name}" if n > 1 else name for name, n in devices.items())
 
     def go(self, sensors: bool, images: bool) -> None:
         """Everything after the simulation."""
@@ -205,7 +206,8 @@ class _Run:
         if self.work:
             with self.clock("load"):
                 self.load()
-        with folder.planning(self.layout.root, None if self.is_worker else self.tell_of_waiting):
+        with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
+                "waiting for the plan that another shard makes ...")):
             self.take_over(folder.recorded(self.scene, self.layout))
             if self.work:
                 self.settle()
@@ -226,17 +228,9 @@ class _Run:
         self.summary.messages.append(message)
         self.console.tell(f"note: {message}")
 
-    def tell_of_waiting(self) -> None:
-        """Of another shard that is planning."""
-        self.console.tell("waiting for the plan that another shard makes ...")
-
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose of the vehicle at a frame."""
         return self.simulation.trajectory.T_w_v(self.simulation.frame_ticks[frame])
-
-    def poses(self) -> list[np.ndarray]:
-        """T_w_v of the whole sequence, whichever part of it this run renders."""
-        return [self.T_w_v(frame) for frame in range(self.count)]
 
     def time_ns(self, frames: list[int]) -> np.ndarray:
         """Time of frames."""
@@ -275,38 +269,31 @@ class _Run:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
         self.choose_denoisers()
         if self.renderer is None:
-            self.make_renderer()
+            from varos_warp.render.renderer import FrameRenderer
+            from varos_warp.scene.checks import check_scene
+            from varos_warp.scene.geometry.build import build_parts
+            from varos_warp.sim.trajectory import path_samples
+
+            parts = build_parts(self.scene)
+            for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
+                self.say(warning)
+            self.renderer = FrameRenderer(self.scene, self.device, parts)
         if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
                              key="render.outputs", value="S", remedy="Leave out S, or scatter fewer.")
 
-    def make_renderer(self) -> None:
-        """Bring the scene to the device, and warn of what looks wrong in it before hours are spent."""
-        from varos_warp.render.renderer import FrameRenderer
-        from varos_warp.scene.checks import check_scene
-        from varos_warp.scene.geometry.build import build_parts
-        from varos_warp.sim.trajectory import path_samples
-
-        parts = build_parts(self.scene)
-        for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
-            self.say(warning)
-        self.renderer = FrameRenderer(self.scene, self.device, parts)
-
     def settle(self) -> None:
-        """Decide what is still open: denoisers, the device on record, the plan."""
+        """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""
         self.choose_denoisers()
-        self.note_device()
-        with self.clock("plan"):
-            self.plan = self.plan or self.make_plan()
-
-    def note_device(self) -> None:
-        """Keep the first device on record, and say when another one goes on."""
         here = {"name": self.renderer.device, "model": self.renderer.device_name}
         self.recorded_device = self.recorded_device or here
-        self.summary.device = _device(here)
+        words, first = ("{name} ({model})".format_map(device) for device in (here, self.recorded_device))
+        self.summary.device = words
         if here["model"] != self.recorded_device["model"]:
-            self.say(f"earlier frames were rendered on {_device(self.recorded_device)}, these are on {_device(here)}: "
-                     "pixels may differ in rounding; dataset.json keeps the first")
+            self.say(f"earlier frames were rendered on {first}, these are on {words}: pixels may differ in rounding; "
+                     "dataset.json keeps the first")
+        with self.clock("plan"):
+            self.plan = self.plan or self.make_plan()
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
@@ -314,10 +301,10 @@ class _Run:
 
         start = time.monotonic()
         self.console.tell("planning from a few poses ...")
-        plan = plan_render(self.scene, self.renderer, self.poses())
+        # of the whole sequence, whichever part of it this run renders
+        plan = plan_render(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)])
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-        took = time.monotonic() - start
-        self.say(f"planned in {took:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
+        self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
         if plan.shortfall:
             self.say(plan.shortfall)
         return plan.to_dict()
@@ -403,23 +390,10 @@ class _Run:
             return
         with self.clock("expose"):
             for camera in self.layout.cameras:
-                for letter in filter(lambda letter: OUTPUTS[letter].is_color, self.outputs):
-                    self.expose(camera, letter)
+                for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):
+                    frames = [f for f in self.frames if files.is_complete(self.layout.exr(camera, letter, f))]
+                    expose(self.layout, getattr(self.scene.render.exposure, letter), camera, letter, frames,
+                           self.time_ns(frames), self.made.statistics)
             from varos_warp.dataset.report import contact_sheet
 
             contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")
-
-    def expose(self, camera: str, letter: str) -> None:
-        """One camera's A or B."""
-        frames = [f for f in self.frames if files.is_complete(self.layout.exr(camera, letter, f))]
-        expose(self.layout, getattr(self.scene.render.exposure, letter), camera, letter, frames, self.time_ns(frames),
-               self.made.statistics)
-
-
-def _device(device: dict) -> str:
-    return f"{device['name']} ({device['model']})"
-
-
-def in_words(counts: Counter[str]) -> str:
-    """As ``2 x cpu, cuda:0``."""
-    return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in counts.items())

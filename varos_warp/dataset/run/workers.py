@@ -66,14 +66,7 @@ def run_in_workers(count: int, work: Callable, arguments: tuple, *, done: Callab
 
 
 class _Worker:
-    """A worker as its parent sees it.
-
-    Args:
-        shard: (i, n): the i-th of n workers.
-        work: What it does.
-        arguments: Of it.
-        hear: What to call with each kind of message.
-    """
+    """A worker as its parent sees it: the i-th of n; ``hear`` is what to call with each kind of message."""
 
     def __init__(self, shard: tuple[int, int], work: Callable, arguments: tuple, hear: dict[str, Callable]):
         self.shard, self.body, self.hear = shard, (work, arguments), hear

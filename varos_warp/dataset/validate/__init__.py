@@ -33,12 +33,12 @@ def validate(root, quiet: bool = False) -> Validation:
     Raises:
         InputError: If it is not a dataset at all.
     """
-    data, result = Dataset(root), Validation()
-    pending = Pending.of(data)
+    data = Dataset(root)
+    result, pending = Validation(data.root), Pending.of(data)
     for check in listing.CHECKS:
-        result.guard(data.root, check, data, result, pending)
+        result.guard(check, data, result, pending)
     for check in (listing.check_metadata, *motion.CHECKS):
-        result.guard(data.root, check, data, result)
+        result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
     views.check_views(data, result, pending.ready(data), quiet)
     return result

@@ -12,7 +12,6 @@ import yaml
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.cells import place
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
 from varos_warp.dataset.write import checksums
@@ -27,18 +26,16 @@ RELATIVE = 1e-9
 def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file that dataset.json asks for is there, and none that it does not account for."""
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
-    optional = set(_by_products(data))
+    # what an earlier run may have been asked for
+    optional = {data.layout.exr(camera, "D", frame) for camera in data.cameras for frame in data.frames}
+    optional |= {data.layout.linear(camera, frame) for camera in data.cameras for frame in data.frames}
     missing = sorted(path for path in required - pending.files if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
-    result.add_all([f"{_name(data, path)}: there is no such file" for path in missing], "files")
-    result.add_all([f"{_name(data, path)}: dataset.json does not account for it" for path in strays], "files")
     remains = [] if pending.files else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
-    result.add_all([f"{_name(data, path)}: remains of an interrupted run" for path in remains], "files")
-
-
-def _name(data: Dataset, path: Path) -> str:
-    return path.relative_to(data.root).as_posix()
+    for paths, problem in ((missing, "there is no such file"), (strays, "dataset.json does not account for it"),
+                           (remains, "remains of an interrupted run")):
+        result.add_all([f"{result.name(path)}: {problem}" for path in paths], "files")
 
 
 def _texts(data: Dataset) -> Iterator[Path]:
@@ -60,13 +57,6 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield layout.segments
 
 
-def _by_products(data: Dataset) -> Iterator[Path]:
-    """What an earlier run may have been asked for."""
-    for camera, frame in itertools.product(data.cameras, data.frames):
-        yield data.layout.exr(camera, "D", frame)
-        yield data.layout.linear(camera, frame)
-
-
 def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file is as it was written; of a dataset that is still made only images, since all else is written anew."""
     known, growing = checksums.read_checksums(data.root), bool(pending.files)
@@ -83,7 +73,7 @@ def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found = [problem for problem in pool.map(compare, known) if problem]
-    added = [] if growing else [_name(data, path) for path in checksums.listed_files(data.root)]
+    added = [] if growing else map(result.name, checksums.listed_files(data.root))
     result.add_all(found + [f"{name}: is not in checksums" for name in added if name not in known], "files")
     result.files_hashed = len(known)
 
@@ -93,41 +83,28 @@ def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None
 
 def check_metadata(data: Dataset, result: Validation) -> None:
     """What dataset.json says follows from the scene in it, and the cameras' YAML files say the same."""
-    scene, meta = scene_from_dict(data.meta["scene"]), data.meta
-    vehicle = scene.vehicle
-    mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
-    made = {
-        "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "depth": writers.describe_depth(scene), "water": writers.describe_water(scene),
-        "cameras": [writers.describe_camera(data.layout, camera) for camera in vehicle.cameras],
-        "lights": [writers.describe_light(light) for light in vehicle.lights],
-        "sensors": {name: writers.describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
-        "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
-    }
+    meta, samples = data.meta, data.meta["samples"]
+    made = writers.describe(data.layout, scene_from_dict(meta["scene"]), frames=data.frames, outputs=data.outputs,
+                            frame_count=meta["frames"]["of"], plan=samples["plan"], device=meta["device"],
+                            denoisers={"A": samples["denoise"], "B": samples["denoise_b"]})
+    for key in ("versions", "sources", "conventions"):  # not of the scene alone
+        del made[key]
     profile = (meta.get("noise") or {}).get("profile", {})
     for name, block in (("imu0", "imu"), ("depth0", "depth_gauge")):
         if profile.get(block):
             made["sensors"][name]["noise"] = profile[block]
-    told = [f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
-            for key, here, there in _differences(meta, made)]
-    if meta["frames"]["rate_hz"] != scene.render.frame_rate_hz:
-        told.append(f"dataset.json: frames.rate_hz is {meta['frames']['rate_hz']!r}, but its scene makes it "
-                    f"{scene.render.frame_rate_hz!r}")
-    result.add_all(told, "entries")
+    result.add_all([f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
+                    for key, here, there in files.differences(meta, made, _same, every=False)], "entries")
     for camera in data.cameras:
         path = data.layout.camera_file(camera, ".yaml")
-        found = [f"{_name(data, path)}: {key} is {here!r}, in dataset.json {there!r}"
-                 for key, here, there in _differences(_read_yaml(path), data.camera(camera))]
+        found = [f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
+                 for key, here, there in files.differences(_read_yaml(path), data.camera(camera), _same, every=False)]
         result.add_all(found, "entries")
 
 
 def _read_yaml(path: Path) -> dict:
-    try:
+    with files.reading(path):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise InputError(f"cannot be read: {error}", file=path) from None
     if not isinstance(content, dict):
         raise InputError("holds no keys", file=path, remedy="`run` again to make it anew.")
     return content
@@ -138,11 +115,6 @@ def _same(here, there) -> bool:
     if isinstance(there, float) and isinstance(here, float | int):
         return abs(here - there) <= RELATIVE * max(abs(here), abs(there), RELATIVE)
     return here == there
-
-
-def _differences(here: dict, there: dict) -> Iterator[tuple[str, object, object]]:
-    """(key, value here, value there) of whatever ``there`` says and ``here`` does not."""
-    return files.differences(here, there, _same, every=False)
 
 
 # --------------------------------------------------------------------------------------------------------------- time
@@ -157,13 +129,11 @@ def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
         if not _same_times(data, result, path, table, expected):
             continue
         for output in data.outputs:
-            names = [data.layout.png(camera, output, frame).name for frame in data.frames]
-            wrong = [i for i, (a, b) in enumerate(zip(table[output].tolist(), names, strict=True)) if a != b]
-            if wrong:
-                i = wrong[0]
-                result.add(f"{place(data, path, i, output)}: is not {names[i]}")
+            names = np.array([data.layout.png(camera, output, frame).name for frame in data.frames])
+            for i in np.flatnonzero(table[output] != names)[:1]:
+                result.add(f"{result.cell(path, i, output)}: is not {names[i]}")
         if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:
-            result.add(f"{_name(data, path)}: the IMU has no sample after the last frame")
+            result.add(f"{result.name(path)}: the IMU has no sample after the last frame")
     tables = [data.layout.poses(camera, form) for camera in data.cameras for form in POSE_FORMS]
     for path in tables + ([] if pending.files else exposure_tables(data)):
         _same_times(data, result, path, files.read_csv(path), expected)
@@ -173,11 +143,11 @@ def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expe
     """Whether the rows of a table are at the times expected."""
     time_ns = table[writers.TIME]
     if len(time_ns) != len(expected):
-        result.add(f"{_name(data, path)}: {len(time_ns)} rows, not {len(expected)}")
+        result.add(f"{result.name(path)}: {len(time_ns)} rows, not {len(expected)}")
         return False
     wrong = np.flatnonzero(time_ns != expected)
     if wrong.size:
-        result.add(f"{place(data, path, wrong[0], writers.TIME)}: is not {expected[wrong[0]]} ns")
+        result.add(f"{result.cell(path, wrong[0], writers.TIME)}: is not {expected[wrong[0]]} ns")
     return not wrong.size
 
 

@@ -6,16 +6,18 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of
-from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.cells import place, wrong_rows
+from varos_warp.dataset.reader.dataset import Dataset, rows_at
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0
 """Time over which the IMU is integrated from a pose."""
 GIMBAL = 1e-6
-"""Share cos(pitch) of a turn below which Euler angles lose digits: scipy puts one of them to 0 within 1e-7."""
+"""cos(pitch) below which Euler angles lose digits: scipy puts one of them to 0 within 1e-7."""
+PAIRS = ((1, 2), (2, 0), (0, 1))
+"""Of three forms of poses: each pair leaves out the form in whose place it stands."""
 
 
 # --------------------------------------------------------------------------------------------------------------- poses
@@ -24,51 +26,50 @@ GIMBAL = 1e-6
 def check_poses(data: Dataset, result: Validation) -> None:
     """Euler angles, quaternions and matrices are the same poses, and the matrices are rotations."""
     for name in (*data.recorded, *data.cameras):
-        result.guard(data.root, _check_forms, data, result, name)
+        result.guard(_check_forms, data, result, name)
 
 
 def _check_forms(data: Dataset, result: Validation, name: str) -> None:
     """The one of three that the other two outvote is named."""
     paths = [data.layout.poses(name, form) for form in POSE_FORMS]
-    tables = [files.read_numbers(path) for path in paths]
-    if len({len(table[0]) for table in tables}) > 1 or any((t[0] != tables[1][0]).any() for t in tables):
+    times, tables = zip(*((t, np.column_stack(columns).astype(float))
+                          for t, *columns in map(files.read_numbers, paths)), strict=True)
+    if not all(np.array_equal(t, times[0]) for t in times):
         result.add(f"{name}: the three pose files have different time stamps")
         return
-    euler, _, quaternion = (np.column_stack(table[1:]).astype(float) for table in tables)
-    T = data.poses(name)[1]
-    turns = [Rotation.from_euler("xyz", euler[:, 3:]).as_matrix(), T[:, :3, :3],
-             Rotation.from_quat(quaternion[:, 3:], scalar_first=True).as_matrix()]
-    places = [euler[:, :3], T[:, :3, 3], quaternion[:, :3]]
-    steep = np.abs(np.cos(euler[:, 4])) < GIMBAL
-    limit = np.where(steep, 4e-7, 1e-12)
-    apart = {pair: np.abs(turns[pair[0]] - turns[pair[1]]).max((1, 2)) for pair in ((0, 1), (1, 2), (2, 0))}
-    differ = {(a, b): (off > (limit if 0 in (a, b) else 1e-12)) | (places[a] != places[b]).any(-1)
-              for (a, b), off in apart.items()}
-    for i, (first, second) in enumerate((((0, 1), (2, 0)), ((0, 1), (1, 2)), ((1, 2), (2, 0)))):
-        agreed = next(pair for pair in differ if i not in pair)
-        here, other = np.column_stack(tables[i][1:]), agreed[0]
-        off = here - _in_form(POSE_FORMS[i], turns[other], places[other], here)
-        result.add_all(wrong_rows(data, paths[i], "is not the pose that the other two files of poses have",
-                                  differ[first] & differ[second] & ~differ[agreed], off, range(1, 13)), "poses")
-    if (all_three := np.flatnonzero(np.logical_and.reduce(list(differ.values())))).size:
-        result.add(f"{place(data, paths[0], all_three[0])}: no two files of poses agree")
-    near = [off[~steep] if 0 in pair else off for pair, off in apart.items()]
-    result.measure(f"{name}: attitude, three forms", max((x.max() for x in near if x.size), default=0.0), 1e-12, "rad")
-    result.measure(f"{name}: rotation matrices",
-                   np.abs(turns[1] @ turns[1].transpose(0, 2, 1) - np.eye(3)).max(initial=0.0), 1e-12, "")
+    T = [_poses(form, table) for form, table in zip(POSE_FORMS, tables, strict=True)]
+    steep = np.abs(np.cos(tables[0][:, 4])) < GIMBAL
+    apart = [np.abs(T[i] - T[j])[:, :, :3].max((1, 2)) for i, j in PAIRS]
+    differ = np.array([(off > np.where(steep & (0 in pair), 4e-7, 1e-12))
+                       | (T[pair[0]] != T[pair[1]])[:, :, 3].any(-1) for off, pair in zip(apart, PAIRS, strict=True)])
+    for i, (form, table, (other, _)) in enumerate(zip(POSE_FORMS, tables, PAIRS, strict=True)):
+        result.add_rows(paths[i], "is not the pose that the other two files of poses have",
+                        ~differ[i] & (differ.sum(0) == 2), table - _columns_near(form, T[other], table), range(1, 13))
+    if (all_three := np.flatnonzero(differ.all(0))).size:
+        result.add(f"{result.name(paths[0])}:{all_three[0] + 2}: no two files of poses agree")
+    near = np.concatenate([off[~steep] if 0 in pair else off for off, pair in zip(apart, PAIRS, strict=True)])
+    result.measure(f"{name}: attitude, three forms", near.max(initial=0.0), 1e-12, "rad")
+    R = T[1][:, :, :3]
+    result.measure(f"{name}: rotation matrices", np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(), 1e-12, "")
 
 
-def _in_form(form: str, R: np.ndarray, position: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Columns of a pose file; angles and quaternions as near to others as they may be written."""
+def _poses(form: str, columns: np.ndarray) -> np.ndarray:
+    """[N, 3, 4] of the numbers in a file of poses."""
     if form == "transformation_matrix":
-        return np.concatenate([R, position[:, :, None]], axis=2).reshape(-1, 12)
-    turn = Rotation.from_matrix(R)
+        return columns.reshape(-1, 3, 4)
+    turn = columns[:, 3:]
+    R = Rotation.from_euler("xyz", turn) if form == "euler" else Rotation.from_quat(turn, scalar_first=True)
+    return np.dstack([R.as_matrix(), columns[:, :3]])
+
+
+def _columns_near(form: str, T: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Numbers of a file of poses; angles and quaternions as near to others as they may be written."""
+    columns = pose_columns(form, T)
     if form == "euler":
-        angles = turn.as_euler("xyz")
-        return np.hstack([position, angles + 2 * np.pi * np.rint((like[:, 3:] - angles) / (2 * np.pi))])
-    quaternion = turn.as_quat(scalar_first=True)
-    same = np.sum(quaternion * like[:, 3:], axis=1, keepdims=True) >= 0
-    return np.hstack([position, np.where(same, quaternion, -quaternion)])
+        columns[:, 3:] += 2 * np.pi * np.rint((like - columns)[:, 3:] / (2 * np.pi))
+    if form == "quaternion":
+        columns[:, 3:] *= np.where(np.sum((columns * like)[:, 3:], axis=1, keepdims=True) >= 0, 1.0, -1.0)
+    return columns
 
 
 def check_mounting(data: Dataset, result: Validation) -> None:
@@ -79,17 +80,17 @@ def check_mounting(data: Dataset, result: Validation) -> None:
     mounts = {camera: data.camera(camera) for camera in data.cameras}
     mounts |= {name: {"T_v_c": data.meta["sensors"][name]["T_v_s"]} for name in data.meta["sensors"]}
     for name, about in mounts.items():
-        result.guard(data.root, _check_mount, data, result, name, about, vehicle_time, T_w_v)
+        result.guard(_check_mount, data, result, name, about, vehicle_time, T_w_v)
 
 
 def _check_mount(data: Dataset, result: Validation, name: str, about: dict, vehicle_time, T_w_v) -> None:
     time_ns, T = data.poses(name)
-    index = np.searchsorted(vehicle_time, time_ns).clip(max=len(vehicle_time) - 1)
-    expected = np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else T_w_v[index] @ np.array(about["T_v_c"])
+    expected = (np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else
+                T_w_v[rows_at(vehicle_time, time_ns)] @ np.array(about["T_v_c"]))
     off = np.abs(T - expected).max((1, 2))
     limit = 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
-    told = wrong_rows(data, data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
-                      ~(off <= limit), (T - expected)[:, :3].reshape(-1, 12), range(1, 13))
+    told = result.add_rows(data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
+                           ~(off <= limit), (T - expected)[:, :3].reshape(-1, 12), range(1, 13))
     result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m", told)
 
 
@@ -103,8 +104,8 @@ def check_lights(data: Dataset, result: Validation) -> None:
     if len(table[0]) != len(data.frames) * count:
         result.add(f"{data.layout.lights.name}: {len(table[0])} rows, not {len(data.frames) * count}")
         return
-    T = T_w_v[np.searchsorted(vehicle_time, table[0]).clip(max=len(vehicle_time) - 1)]
-    T = T @ np.array([light["T_v_light"] for light in data.meta["lights"]])[table[2].astype(int)]
+    T_v_light = np.array([light["T_v_light"] for light in data.meta["lights"]])[table[2].astype(int)]
+    T = T_w_v[rows_at(vehicle_time, table[0])] @ T_v_light
     there = np.column_stack(table[3:9]).astype(float)
     off = np.abs(there - np.hstack([T[:, :3, 3], T[:, :3, 2]])).max(1)
     result.measure("lights: against the vehicle's poses", off.max(), 1e-9 + 8 * EPS * np.abs(T).max(), "m")
@@ -118,31 +119,46 @@ def check_states(data: Dataset, result: Validation) -> None:
     if not np.array_equal(states["time_ns"], time_ns):
         result.add(f"{path.name}: does not agree with the poses of the vehicle: other time stamps")
         return
-    R = Rotation.from_quat(states["quaternion"], scalar_first=True).as_matrix()
-    wrong = (states["position"] != T[:, :3, 3]).any(-1) | (np.abs(R - T[:, :3, :3]).max((1, 2)) > 1e-12)
     here = np.hstack([states["position"], states["quaternion"]])
-    off = here - _in_form("quaternion", T[:, :3, :3], T[:, :3, 3], here)
-    result.add_all(wrong_rows(data, path, "does not agree with the poses of the vehicle", wrong, off,
-                              [1, 2, 3, 10, 11, 12, 13]), "rows")
+    apart = np.abs(_poses("quaternion", here) - T[:, :3])
+    result.add_rows(path, "does not agree with the poses of the vehicle",
+                    apart[:, :, 3].any(-1) | (apart[:, :, :3].max((1, 2)) > 1e-12),
+                    here - _columns_near("quaternion", T, here), [1, 2, 3, 10, 11, 12, 13])
     if len(time_ns) < 5:
         return
     h = (time_ns[1] - time_ns[0]) * 1e-9
     p, v = T[:, :3, 3] - T[0, :3, 3], states["velocity"]
-    slope = (p[:-4] - 8 * p[1:-3] + 8 * p[3:-1] - p[4:]) / (12 * h)
-    apart = np.pad(v[2:-2] - slope, ((2, 2), (0, 0)))
+    apart = np.pad(v[2:-2] - _slope(p, h), ((2, 2), (0, 0)))
     off = np.linalg.norm(apart[2:-2], axis=1)
-    # between neighbours the velocity changes more than the difference errs
-    allowed = 1e-6 + 4 * EPS * np.abs(T[:, :3, 3]).max() / h + _around(p, 1.0 / h)
+    # between neighbours the velocity changes more than the difference errs: by the bends within two samples
+    uneven = np.lib.stride_tricks.sliding_window_view(np.pad(_bend(p), 1, mode="edge"), 5).max(-1) / h
+    allowed = 1e-6 + 4 * EPS * np.abs(T[:, :3, 3]).max() / h + uneven
     result.measure("vehicle: velocity against poses, median", np.median(off), 1e-6 + np.median(allowed), "m/s")
-    result.add_all(wrong_rows(data, path, "its velocity is not that of the poses",
-                              np.pad(off > allowed, 2), apart, [4, 5, 6]), "rows")
+    result.add_rows(path, "its velocity is not that of the poses", np.pad(off > allowed, 2), apart, [4, 5, 6])
 
 
-def _around(x: np.ndarray, scale: float) -> np.ndarray:
-    """How uneven the course is: largest second difference [N - 4] within two samples of x[2:-2], times ``scale``."""
-    second = np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=1)
-    padded = np.pad(second, 1, mode="edge")
-    return scale * np.lib.stride_tricks.sliding_window_view(padded, 5)[: len(x) - 4].max(-1)
+# --------------------------------------------------------------------------------------------------------- differences
+
+
+def _slope(x: np.ndarray, h: float) -> np.ndarray:
+    """First derivative at x[2:-2], of fourth order."""
+    return (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * h)
+
+
+def _difference2(x: np.ndarray, h: float) -> np.ndarray:
+    """Second derivative at x[2:-2], of fourth order."""
+    return (-x[4:] + 16 * x[3:-1] - 30 * x[2:-2] + 16 * x[1:-3] - x[:-4]) / (12 * h * h)
+
+
+def _bend(x: np.ndarray) -> np.ndarray:
+    """Length of the second difference at x[1:-1]."""
+    return np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=1)
+
+
+def _changes(x: np.ndarray, reach: int = 3) -> np.ndarray:
+    """Largest change [N] between neighbours of x [N, 3] within some samples of each."""
+    steps = np.pad(np.linalg.norm(np.diff(x, axis=0), axis=1), reach)
+    return np.lib.stride_tricks.sliding_window_view(steps, 2 * reach)[: len(x)].max(-1)
 
 
 # ----------------------------------------------------------------------------------------------------------------- IMU
@@ -153,52 +169,45 @@ def check_imu(data: Dataset, result: Validation) -> None:
     if "imu0" not in data.recorded:
         return
     imu, (time_ns, T) = data.imu(truth=True), data.poses("imu0")
-    if not np.array_equal(time_ns, imu["time_ns"]):
-        result.add("imu0: poses and readings have different time stamps")
-        return
-    if not _even(data, result, "imu0", time_ns):
+    if not _in_step(data, result, "imu0", time_ns, imu["time_ns"]):
         return
     h = 1.0 / data.meta["sensors"]["imu0"]["rate_hz"]
-    result.guard(data.root, _against_states, data, result, imu)
+    result.guard(_against_states, data, result, imu)
     if len(time_ns) >= 5:
         _against_differences(data, result, imu, T, h)
         _strapdown(data, result, imu, T, h)
     if data.has_noise("imu0"):
-        result.guard(data.root, _check_imu_noise, data, result, imu)
+        result.guard(_check_imu_noise, data, result, imu)
 
 
-def _even(data: Dataset, result: Validation, name: str, time_ns: np.ndarray) -> bool:
-    """Whether a sensor's samples are evenly spaced at its rate."""
+def _in_step(data: Dataset, result: Validation, name: str, time_ns: np.ndarray, readings_ns: np.ndarray) -> bool:
+    """Whether a sensor's poses and readings are at the same times, evenly spaced at its rate."""
+    if not np.array_equal(time_ns, readings_ns):
+        result.add(f"{name}: poses and readings have different time stamps")
+        return False
     step = round(1e9 / data.meta["sensors"][name]["rate_hz"])
     wrong = np.abs(np.diff(time_ns) - step) > 1
-    result.add_all(wrong_rows(data, data.layout.sensor(name), f"the next sample is not {step} ns later", wrong,
-                              wrong[:, None], [0]), "rows")
-    return not wrong.any()
+    return not result.add_rows(data.layout.sensor(name), f"the next sample is not {step} ns later", wrong,
+                               wrong[:, None], [0])
 
 
 def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
     """Eq. (2) of the paper with the vehicle's states, exact at every sample."""
     states, T_v_s = data.states(), np.array(data.meta["sensors"]["imu0"]["T_v_s"])
-    rows = np.searchsorted(states["time_ns"], imu["time_ns"]).clip(max=len(states["time_ns"]) - 1)
+    rows = rows_at(states["time_ns"], imu["time_ns"])
     R = Rotation.from_quat(states["quaternion"][rows], scalar_first=True)
     w, alpha, lever = states["angular_velocity"][rows], states["angular_acceleration"][rows], T_v_s[:3, 3]
     felt = R.inv().apply(states["acceleration"][rows] - data.meta["gravity"])
     felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
     off = np.abs(np.hstack([felt - imu["acceleration"], w @ T_v_s[:3, :3] - imu["angular_velocity"]]))
-    wrong = ~(off.max(1) <= 1e-9)
-    told = wrong_rows(data, data.layout.sensor("imu0"), f"is not what {data.layout.states.name} makes it", wrong, off,
-                      _imu_columns(data))
+    told = result.add_rows(data.layout.sensor("imu0"), f"is not what {data.layout.states.name} makes it",
+                           ~(off.max(1) <= 1e-9), off, _imu_columns(data))
     result.measure("imu0: readings against the vehicle's states", off.max(), 1e-9, "m/s^2, rad/s", told)
 
 
 def _imu_columns(data: Dataset) -> range:
     """Where the readings without noise are."""
     return range(7, 13) if data.has_noise("imu0") else range(1, 7)
-
-
-def _difference2(x: np.ndarray, h: float) -> np.ndarray:
-    """Second derivative at x[2:-2], of fourth order."""
-    return (-x[4:] + 16 * x[3:-1] - 30 * x[2:-2] + 16 * x[1:-3] - x[:-4]) / (12 * h * h)
 
 
 def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: float) -> None:
@@ -220,16 +229,10 @@ def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.nda
     turn_off = np.linalg.norm(turn_apart, axis=1)
     result.measure("imu0: angular velocity against poses, median", np.median(turn_off), 1e-3, "rad/s")
     path, columns = data.layout.sensor("imu0"), _imu_columns(data)
-    result.add_all(wrong_rows(data, path, "its specific force is not that of the poses",
-                              np.pad(off > limit + 2 * _changes(acceleration), 2), apart, columns[:3]), "rows")
-    result.add_all(wrong_rows(data, path, "its angular velocity is not that of the poses",
-                              turn_off > 1e-3 + 2 * _changes(turned), turn_apart, columns[3:]), "rows")
-
-
-def _changes(x: np.ndarray, reach: int = 3) -> np.ndarray:
-    """Largest change [N] between neighbours of x [N, 3] within some samples of each."""
-    steps = np.pad(np.linalg.norm(np.diff(x, axis=0), axis=1), reach, mode="constant")
-    return np.lib.stride_tricks.sliding_window_view(steps, 2 * reach)[: len(x)].max(-1)
+    result.add_rows(path, "its specific force is not that of the poses",
+                    np.pad(off > limit + 2 * _changes(acceleration), 2), apart, columns[:3])
+    result.add_rows(path, "its angular velocity is not that of the poses",
+                    turn_off > 1e-3 + 2 * _changes(turned), turn_apart, columns[3:])
 
 
 def _strapdown(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: float) -> None:
@@ -245,13 +248,11 @@ def _strapdown(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: f
         return
     R, p = Rotation.from_matrix(T[:, :3, :3]), T[:, :3, 3] - T[0, :3, 3]
     turned, g = (R[:-1].inv() * R[1:]).as_rotvec() / h, np.array(data.meta["gravity"])
-    slope4 = (p[:-4] - 8 * p[1:-3] + 8 * p[3:-1] - p[4:]) / (12 * h)
-    slope2 = (p[3:-1] - p[1:-3]) / (2 * h)
+    slope4, slope2 = _slope(p, h), (p[3:-1] - p[1:-3]) / (2 * h)
     end_R, end_p = _integrate(imu, g, R[starts], slope4[starts - 2], p[starts], starts, length, h)
     far = EPS * np.abs(T[:, :3, 3]).max()
-    bend_w = np.pad(np.linalg.norm(turned[2:] - 2 * turned[1:-1] + turned[:-2], axis=1), 2, mode="edge")
-    a = np.pad(_difference2(p, h), ((2, 2), (0, 0)), mode="edge")
-    bend_a = np.pad(np.linalg.norm(a[2:] - 2 * a[1:-1] + a[:-2], axis=1), 1, mode="edge")
+    bend_w = np.pad(_bend(turned), 2, mode="edge")
+    bend_a = np.pad(_bend(np.pad(_difference2(p, h), ((2, 2), (0, 0)), mode="edge")), 1, mode="edge")
     span = starts[:, None] + np.arange(length)
     theta = np.cumsum(h / 12 * bend_w[span], axis=1) + 8 * EPS * np.arange(length)
     start = np.linalg.norm(slope4 - slope2, axis=1)[starts - 2] + 2 * far / h
@@ -259,13 +260,11 @@ def _strapdown(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: f
     bound_p, bound_R = 2 * (h * velocity.sum(axis=1) + far), 2 * theta[:, -1]
     off_p = np.linalg.norm(end_p - p[starts + length], axis=1)
     off_R = (end_R.inv() * R[starts + length]).magnitude()
-    seconds = length * h
     for name, off, bound, scale, unit in (("position", off_p, bound_p, 1e3, "mm"),
                                           ("attitude", off_R, bound_R + 1e-12, 1e6, "urad")):
         worst = int(np.argmax(off / bound))
-        t = starts[worst] * h
-        result.measure(f"imu0: integrated from {t:.4g} s for {seconds:.4g} s, {name} against poses (worst)",
-                       scale * off[worst], scale * bound[worst], unit)
+        result.measure(f"imu0: integrated from {starts[worst] * h:.4g} s for {length * h:.4g} s, {name} against poses "
+                       "(worst)", scale * off[worst], scale * bound[worst], unit)
 
 
 def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: np.ndarray, starts: np.ndarray,
@@ -286,15 +285,15 @@ def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: n
 def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
     """Readings are truth, bias and white noise of the density that dataset.json names, or of its profile and seed."""
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
-    for name, sensor, unit in (("acceleration", "accelerometer", "m/s^2"), ("angular_velocity", "gyroscope", "rad/s")):
+    for name, sensor, unit, columns in (("acceleration", "accelerometer", "m/s^2", range(1, 4)),
+                                        ("angular_velocity", "gyroscope", "rad/s", range(4, 7))):
         white = imu[name] - truth[name] - bias[name]
         sigma = about["noise"][f"{sensor}_noise_density"] * np.sqrt(about["rate_hz"])
         # the standard error of a variance over 5: less than one false alarm in a million
         result.measure(f"imu0: white noise of the {sensor}, off by", abs(white.std() - sigma),
                        5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
-        result.add_all(wrong_rows(data, data.layout.sensor("imu0"), f"its {name} is off by more than noise can be",
-                                  np.abs(white).max(1) > 8 * sigma + 1e-9, white,
-                                  range(1, 4) if name == "acceleration" else range(4, 7)), "rows")
+        result.add_rows(data.layout.sensor("imu0"), f"its {name} is off by more than noise can be",
+                        np.abs(white).max(1) > 8 * sigma + 1e-9, white, columns)
     profile, seed = noise_of(data) or (None, 0)
     if profile and profile.imu and is_repeatable(data):
         made = imu_noise(profile.imu, len(imu["time_ns"]), about["rate_hz"], seed)
@@ -311,23 +310,17 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
     if "depth0" not in data.recorded:
         return
     gauge, (time_ns, T), path = data.depth_gauge(truth=True), data.poses("depth0"), data.layout.sensor("depth0")
-    if not np.array_equal(time_ns, gauge["time_ns"]):
-        result.add("depth0: poses and readings have different time stamps")
-        return
-    if not _even(data, result, "depth0", time_ns):
+    if not _in_step(data, result, "depth0", time_ns, gauge["time_ns"]):
         return
     off = np.abs(gauge["depth"] - (data.meta["surface_depth_m"] - T[:, 2, 3]))
-    told = wrong_rows(data, path, "its depth is not that of the poses", ~(off <= 1e-9), off[:, None],
-                      [2 if data.has_noise("depth0") else 1])
+    told = result.add_rows(path, "its depth is not that of the poses", ~(off <= 1e-9), off[:, None],
+                           [2 if data.has_noise("depth0") else 1])
     result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m", told)
-    if data.has_noise("depth0"):
-        _check_gauge_noise(data, result, gauge["depth"])
-
-
-def _check_gauge_noise(data: Dataset, result: Validation, truth: np.ndarray) -> None:
-    """Readings are no farther off than noise can be, and those of profile and seed."""
-    about, reading = data.meta["sensors"]["depth0"], data.depth_gauge()["depth"]
-    bias = files.read_numbers(data.layout.sensor("depth0"), 4)[3]
+    if not data.has_noise("depth0"):
+        return
+    # no farther off than noise can be, and as profile and seed have it
+    about, truth, reading = data.meta["sensors"]["depth0"], gauge["depth"], data.depth_gauge()["depth"]
+    bias = files.read_numbers(path, 4)[3]
     density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
     most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
     result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
 
@@ -21,6 +23,8 @@ MOST_PROBLEMS = 20
 class Validation:
     """Outcome: it is valid when there are no problems."""
 
+    root: Path
+    """Of the dataset; problems name files below it."""
     problems: list[str] = field(default_factory=list)
     measures: list[dict] = field(default_factory=list)
     """name, value, limit, unit of each measured quantity."""
@@ -29,12 +33,10 @@ class Validation:
     files_hashed: int = 0
     """Files held against their checksums; 0: the dataset has none."""
 
-    def measure(self, name: str, value: float, limit: float, unit: str, told: list[str] | None = None) -> None:
-        """Note a quantity; above its limit (or NaN) it is a problem, ``told`` in its place where that is more exact."""
+    def measure(self, name: str, value: float, limit: float, unit: str, told: bool = False) -> None:
+        """Note a quantity; above its limit (or NaN) it is a problem, unless its rows are ``told`` of already."""
         self.measures.append({"name": name, "value": float(value), "limit": float(limit), "unit": unit})
-        if told:
-            self.add_all(told, "rows")
-        elif not value <= limit:
+        if not told and not value <= limit:
             self.add(f"{name}: {value:.4g} {unit}, more than {limit:.4g}")
 
     def add(self, problem: str) -> None:
@@ -49,26 +51,54 @@ class Validation:
         if len(problems) > MOST_PROBLEMS:
             self.add(f"... and {len(problems) - MOST_PROBLEMS} more {what} like these")
 
+    def name(self, path: Path) -> str:
+        """A file's path in the dataset."""
+        return path.relative_to(self.root).as_posix()
+
+    def cell(self, path: Path, row: int, column: int | str) -> str:
+        """Such as ``vehicle0/imu0/imu0_data.csv:301: a_RS_S_y = 0.25``; line 1 is the header, row 0 is in line 2."""
+        table = files.read_csv(path)
+        name = column if isinstance(column, str) else list(table)[column]
+        return f"{self.name(path)}:{row + 2}: {files.plain_name(name)} = {table[name].tolist()[row]}"
+
+    def add_rows(self, path: Path, problem: str, wrong: np.ndarray, off: np.ndarray, columns) -> bool:
+        """Note one problem for all wrong rows of a table, naming the first and its worst cell; whether there are any.
+
+        Args:
+            path: Of the table.
+            problem: What is wrong.
+            wrong: bool [N].
+            off: How far off entries are, [N, k].
+            columns: Their k numbers in the table.
+        """
+        rows = np.flatnonzero(wrong)
+        if rows.size:
+            more = f" (and {len(rows) - 1} more lines)" if len(rows) > 1 else ""
+            worst = columns[int(np.argmax(np.abs(off[rows[0]])))]
+            self.add(f"{self.cell(path, rows[0], worst)}: {problem}{more}")
+        return bool(rows.size)
+
     def plain(self) -> dict:
         """Everything as JSON has it: whether the dataset is valid, then the fields; null for NaN and infinity."""
-        return {"valid": not self.problems, **json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)}
+        fields = asdict(self)
+        del fields["root"]
+        return {"valid": not self.problems, **json.loads(json.dumps(fields), parse_constant=lambda _: None)}
 
-    def keep(self, root: Path) -> None:
+    def keep(self) -> None:
         """Leave the outcome in the dataset's log, for `varos-warp report`; not where nothing can be written."""
         content = {"ended": datetime.now(UTC).isoformat(timespec="seconds"), **self.plain()}
         with contextlib.suppress(InputError):
-            files.write_json(root / KEPT, content)
+            files.write_json(self.root / KEPT, content)
 
-    def guard(self, root: Path, check: Callable, *args) -> None:
+    def guard(self, check: Callable, *args) -> None:
         """Run a check; a damaged file is one problem, and the other checks go on."""
         try:
             check(*args)
         except InputError as error:
-            self.add(problem_of(root, error))
+            self.add(self.problem_of(error))
         except (KeyError, IndexError, ValueError, TypeError) as error:
             self.add(f"{check.__name__.removeprefix('check_')}: cannot be checked: {error!r}")
 
-
-def problem_of(root: Path, error: InputError) -> str:
-    """An error without the folder that all files share."""
-    return error.message.replace(f"{root}/", "", 1)
+    def problem_of(self, error: InputError) -> str:
+        """An error without the folder that all files share."""
+        return error.message.replace(f"{self.root}/", "", 1)

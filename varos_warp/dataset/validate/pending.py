@@ -1,5 +1,7 @@
 """What is not there yet in a dataset that is being made, or whose run was interrupted."""
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,15 +31,15 @@ class Pending:
             return cls()
         if not listed and (data.root / "contact_sheet.png").exists():
             return cls()
-        missing: dict[int | None, set[Path]] = {None: set(exposure_tables(data))}
-        missing |= {frame: set(images(data, frame)) for frame in data.frames}
-        for frame, paths in missing.items():
-            missing[frame] = {path for path in paths if not path.is_file()
-                              and path.relative_to(data.root).as_posix() not in listed}
-        exposed = {data.layout.png(camera, output, frame) for camera in data.cameras for frame in data.frames
-                   for output in data.outputs if OUTPUTS[output].is_color}
-        frames = [frame for frame, paths in missing.items() if frame is not None and paths - exposed]
-        return cls(frozenset().union(*missing.values()), frozenset(frames))
+
+        def absent(paths: Iterable[Path]) -> set[Path]:
+            return {path for path in paths
+                    if not path.is_file() and path.relative_to(data.root).as_posix() not in listed}
+
+        by_frame = {frame: absent(images(data, frame)) for frame in data.frames}
+        exposed = [output for output in data.outputs if OUTPUTS[output].is_color]  # their PNG follow from all frames
+        frames = [frame for frame, paths in by_frame.items() if any(path.parent.name not in exposed for path in paths)]
+        return cls(frozenset().union(absent(exposure_tables(data)), *by_frame.values()), frozenset(frames))
 
     def ready(self, data: Dataset) -> list[int]:
         """Frames that can be looked at."""
@@ -46,22 +48,18 @@ class Pending:
 
 def images(data: Dataset, frame: int) -> list[Path]:
     """Every image of a frame that dataset.json asks for."""
-    render, layout, paths = data.meta["scene"].get("render", {}), data.layout, []
-    for camera in data.cameras:
-        for output in data.outputs:
-            paths.append(layout.png(camera, output, frame))
-            if OUTPUTS[output].is_color or (output == "D" and render.get("depth_exr")):
-                paths.append(layout.exr(camera, output, frame))
-        if "A" in data.outputs and render.get("linear_exr"):
-            paths.append(layout.linear(camera, frame))
-        if "A" in data.outputs and data.has_noise("A"):
-            paths.append(layout.clean(camera, frame))
+    render, paths = data.meta["scene"].get("render", {}), []
+    for camera, output in itertools.product(data.cameras, data.outputs):
+        paths += [data.layout.png(camera, output, frame), *data.layout.rendered(
+            camera, output, frame, render.get("linear_exr", False), render.get("depth_exr", False))]
+        if output == "A" and data.has_noise("A"):
+            paths.append(data.layout.clean(camera, frame))
     return paths
 
 
 def exposure_tables(data: Dataset) -> list[Path]:
     """Tables of gains, which are made when all frames are there."""
-    return [data.layout.camera_file(camera, f"_exposure_{output}.csv")
+    return [data.layout.exposures(camera, output)
             for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color]
 
 

@@ -15,12 +15,7 @@ LEFT_OUT = (NAME, "report.html", "log")
 
 def listed_files(root: Path) -> list[Path]:
     """Files of a dataset that checksums are made of, in order: all but `LEFT_OUT` and hidden ones."""
-    found = []
-    for folder, folders, names in os.walk(root):
-        here = Path(folder)
-        folders[:] = [n for n in folders if not n.startswith(".") and not (here == root and n in LEFT_OUT)]
-        found += [here / n for n in names if not n.startswith(".") and not (here == root and n in LEFT_OUT)]
-    return sorted(found, key=lambda path: path.relative_to(root).as_posix())
+    return [path for path in files.visible(root) if path.relative_to(root).parts[0] not in LEFT_OUT]
 
 
 def write_checksums(root) -> Path:

@@ -35,8 +35,11 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
     """
     from varos_warp.scene.launch import usable_cores
 
-    table = layout.camera_file(camera, f"_exposure_{letter}.csv")
-    old, known = _read_gains(table), exposure.known_gain(setting, letter) is not None
+    table = layout.exposures(camera, letter)
+    old: dict[int, tuple[float, exposure.Statistics]] = {}
+    with contextlib.suppress(InputError):  # where there is nothing to trust, all is made anew
+        old = read_exposures(table)
+    known = exposure.known_gain(setting, letter) is not None
 
     def statistics(frame: int) -> exposure.Statistics:
         found = made.get((camera, letter, frame)) or (old[frame][1] if frame in old else None)
@@ -60,10 +63,3 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
 def _read_half(path: Path) -> np.ndarray:
     channels = files.read_exr(path)
     return np.stack([channels[c] for c in "RGB"], -1)
-
-
-def _read_gains(path: Path) -> dict[int, tuple[float, exposure.Statistics]]:
-    """What was written before; nothing where there is nothing to trust."""
-    with contextlib.suppress(InputError):
-        return read_exposures(path)
-    return {}

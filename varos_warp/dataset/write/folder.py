@@ -1,12 +1,11 @@
 """The folder of a dataset: whose it is, whether another run is writing to it, and what must not be mixed in it."""
 
 import contextlib
-import errno
 import itertools
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -19,12 +18,9 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.load import scene_to_dict
 
-LOCKS = ".lock"
-"""Folder of the lock files, while there are runs."""
-MOST_TRIES = 1000
-"""To make a lock, while other runs that end remove the folder; where it cannot be made at all, that shows soon."""
-_NAME = re.compile(r"run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
+_NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
 """Of a run's lock file: host, process and shard."""
+PLAN_LOCK = ".plan.lock"
 _counter = itertools.count()
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
@@ -40,19 +36,17 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
     Every run holds a lock of the operating system on a file of its own, whose name says who it is; a run that was
     killed holds none, whatever it left. (On NFS and Lustre the file system must support locks, as it mostly does.)
 
-    Args:
-        root: Of the dataset; made where it is missing.
-        shard: (i, n): this run renders every n-th frame from the i-th.
+    The folder is made where it is missing. Shard (i, n) renders every n-th frame from the i-th.
 
     Raises:
         InputError: If another run is at it, naming it; or the folder cannot be written to.
     """
-    folder = root / LOCKS
-    own = folder / f"run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
+    own = root / f".run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
     with files.writing(root):
+        root.mkdir(parents=True, exist_ok=True)
         lock = _hold(own)
     try:
-        for other in folder.glob("run.*.lock"):
+        for other in root.glob(".run.*.lock"):
             if other != own and _in_use(other):
                 _refuse_conflict(root, other, shard)
         yield
@@ -60,32 +54,19 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
         _drop(lock, own)
         with contextlib.suppress(OSError):
             own.unlink()  # Windows removes no file that is open
-        _remove_unused(folder)
+        with contextlib.suppress(OSError):
+            if not any(root.glob(".run.*.lock")):
+                (root / PLAN_LOCK).unlink(missing_ok=True)
 
 
 def _hold(path: Path) -> FileLock:
     """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
-    missing: OSError = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    for _ in range(MOST_TRIES):
-        try:
-            _make(path.parent)
-            lock = FileLock(path)
-            lock.acquire()
-            if path.exists():
-                return lock
-            lock.release()
-        except FileNotFoundError as error:  # the folder may have gone with the last run, too
-            missing = error
-    raise missing
-
-
-def _make(folder: Path) -> None:
-    """Make a folder that another run may be removing."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        if folder.exists():  # as a file
-            raise
+    while True:
+        lock = FileLock(path)
+        lock.acquire()
+        if path.exists():
+            return lock
+        lock.release()
 
 
 def _drop(lock: FileLock, path: Path) -> None:
@@ -110,20 +91,12 @@ def _in_use(path: Path, remove: bool = True) -> bool:
 
 def at_work(root: Path) -> list[str]:
     """The runs that are writing to a folder, in words; removes nothing."""
-    found = [(path, _NAME.fullmatch(path.name)) for path in sorted((root / LOCKS).glob("run.*.lock"))]
+    found = [(path, _NAME.fullmatch(path.name)) for path in sorted(root.glob(".run.*.lock"))]
     return [_words(name) for path, name in found if name and _in_use(path, remove=False)]
 
 
 def _words(name: re.Match) -> str:
-    return f"process {int(name[2])} on {name[1]}"
-
-
-def _remove_unused(folder: Path) -> None:
-    """Leave nothing behind, unless others are at work."""
-    with contextlib.suppress(OSError):
-        if not any(folder.glob("run.*.lock")):
-            (folder / "plan.lock").unlink(missing_ok=True)
-            folder.rmdir()
+    return f"process {name[2]} on {name[1]}"
 
 
 def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
@@ -143,17 +116,14 @@ def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
 
 
 @contextlib.contextmanager
-def planning(root: Path, tell=None) -> Iterator[None]:
+def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[None]:
     """One shard at a time may plan and write dataset.json; ``tell`` is called where this means to wait."""
-    path = root / LOCKS / "plan.lock"
+    lock = FileLock(root / PLAN_LOCK)
     with files.writing(root):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path)
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            if tell is not None:
-                tell()
+            tell()
             lock.acquire()
     try:
         yield
@@ -167,10 +137,7 @@ def planning(root: Path, tell=None) -> Iterator[None]:
 def open_folder(scene, layout: Layout, alone: bool = True) -> dict | None:
     """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new.
 
-    Args:
-        scene: The scene.
-        layout: Of its dataset; the folder is there.
-        alone: Whether no other run can be writing to it: what killed ones left is then removed, from any host.
+    Where this run is ``alone`` in it, what killed ones left is removed, from any host.
 
     Raises:
         InputError: If the folder belongs to something else, or holds a dataset of another scene.
@@ -210,8 +177,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
     """
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
-    different = [d for d in files.differences(there, here) if not d[0].startswith(_FREE)]
-    if different:
+    if different := [d for d in files.differences(there, here) if not d[0].startswith(_FREE)]:
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""

@@ -1,9 +1,9 @@
 """The image files of a frame: which ones there are to be, which are missing, and how what was rendered becomes them."""
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -43,44 +43,26 @@ class Stored:
 
 @dataclass(frozen=True)
 class Store:
-    """Writes images, from any thread.
-
-    Args:
-        layout: Of the dataset.
-        render: The scene's block of that name.
-        denoisers: What denoises A and B on the host, where the renderer did not.
-    """
+    """Writes images, from any thread."""
 
     layout: Layout
     render: object
+    """The scene's block of that name."""
     denoisers: dict[str, str | None]
+    """What denoises A and B on the host, where the renderer did not."""
 
     def missing(self, frames: list[int]) -> Iterator[ImageJob]:
         """What there is to render of these frames."""
         for frame in frames:
             for camera in self.layout.cameras:
-                letters = "".join(letter for letter in self.render.outputs
-                                  if not all(map(files.is_complete, self.rendered_files(camera, letter, frame))))
+                letters = "".join(letter for letter in self.render.outputs if not all(map(
+                    files.is_complete, self.layout.rendered(camera, letter, frame, self.render.linear_exr,
+                                                            self.render.depth_exr))))
                 if letters:
                     yield ImageJob(frame, camera, letters)
 
-    def rendered_files(self, camera: str, letter: str, frame: int) -> list[Path]:
-        """Files that only rendering can make; the PNG of A and B follow from their EXR."""
-        layout = self.layout
-        if not OUTPUTS[letter].is_color:
-            depth_exr = [layout.exr(camera, letter, frame)] if letter == "D" and self.render.depth_exr else []
-            return [layout.png(camera, letter, frame), *depth_exr]
-        linear = [layout.linear(camera, frame)] if letter == "A" and self.render.linear_exr else []
-        return [layout.exr(camera, letter, frame), *linear]
-
     def write(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
-        """Write what was rendered of one type.
-
-        Args:
-            job: Whose it is.
-            letter: Its type.
-            image: What the renderer made.
-            clock: Counts the time for ``denoise`` and ``encode``.
+        """Write what was rendered of one type; ``clock`` counts the time for ``denoise`` and ``encode``.
 
         Raises:
             InputError: If the disk refuses it.
@@ -114,27 +96,21 @@ class Store:
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
         method = self.denoisers[letter]
-        if method != "oidn":
-            with clock("denoise"):
-                return denoise_image(image, method)
-        with _oidn_turn, clock("denoise"):
+        with _oidn_turn if method == "oidn" else contextlib.nullcontext(), clock("denoise"):
             return denoise_image(image, method)
 
     def _write_geometry(self, job: ImageJob, letter: str, image) -> None:
         """C, D or S."""
         frame, camera, _ = job
-        path, encode = self.layout.png(camera, letter, frame), OUTPUTS[letter].encode
-        if letter == "C":
-            files.write_png(path, encode(image.normal))
-        elif letter == "S":
-            files.write_png(path, encode(image.instance))
-        else:
+        if letter == "D":
             if self.render.depth_exr:
                 channels = {"Z": image.depth, "range": image.range}
                 files.write_exr(self.layout.exr(camera, letter, frame),
                                 {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
-            distance = image.depth if self.render.depth_kind == "z" else image.range
-            files.write_png(path, encode(distance, self.render.depth_range_m))
+            values = image.depth if self.render.depth_kind == "z" else image.range, self.render.depth_range_m
+        else:
+            values = (image.normal if letter == "C" else image.instance,)
+        files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(*values))
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:

@@ -1,9 +1,8 @@
 """The text files of a dataset: sensors, poses, lights, camera calibration, dataset.json and README.txt."""
 
-import hashlib
+import contextlib
 import platform
 from importlib import metadata, resources
-from pathlib import Path
 
 import numpy as np
 import yaml
@@ -12,7 +11,9 @@ from scipy.spatial.transform import Rotation
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, runs
-from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
+from varos_warp.dataset.reader.dataset import SCHEMA_VERSION, rows_at
+from varos_warp.dataset.write.checksums import sha256
+from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
@@ -20,22 +21,30 @@ from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.water import optical_properties
 
 TIME = "# timestamp [ns]"
+POSE_HEADERS = {
+    "euler": "s_x_vw s_y_vw s_z_vw theta_x_vw theta_y_vw theta_z_vw",
+    "transformation_matrix": "r11 r12 r13 s_x_vw r21 r22 r23 s_y_vw r31 r32 r33 s_z_vw",
+    "quaternion": "s_x_vw s_y_vw s_z_vw q_w q_x q_y q_z",
+}
+"""Columns after the time, by the form of a file of poses; the matrices are authoritative."""
 
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
 
 
+def pose_columns(form: str, T: np.ndarray) -> np.ndarray:
+    """The numbers [N, 6, 12 or 7] of a file of poses T_w_x [N, 3 or 4, 4]; Euler angles as in the paper, 4.1."""
+    if form == "transformation_matrix":
+        return T[:, :3].reshape(-1, 12)
+    turn = Rotation.from_matrix(T[:, :3, :3])
+    angles = euler_angles(turn) if form == "euler" else turn.as_quat(canonical=True, scalar_first=True)
+    return np.hstack([T[:, :3, 3], angles])
+
+
 def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarray) -> None:
-    """Poses [N, 4, 4] as Euler angles (paper 4.1), as matrices (authoritative) and as quaternions."""
-    position, rotation = T_w_x[:, :3, 3], Rotation.from_matrix(T_w_x[:, :3, :3])
-    place = ["s_x_vw", "s_y_vw", "s_z_vw"]
-    files.write_csv(layout.poses(name, "euler"), [TIME, *place, "theta_x_vw", "theta_y_vw", "theta_z_vw"],
-                    time_ns, position, euler_angles(rotation))
-    header = [TIME] + [h for row, s in zip("123", place, strict=True) for h in (f"r{row}1", f"r{row}2", f"r{row}3", s)]
-    files.write_csv(layout.poses(name, "transformation_matrix"), header, time_ns, T_w_x[:, :3].reshape(-1, 12))
-    quaternion = rotation.as_quat(canonical=True, scalar_first=True)
-    files.write_csv(layout.poses(name, "quaternion"), [TIME, *place, "q_w", "q_x", "q_y", "q_z"],
-                    time_ns, position, quaternion)
+    """Poses [N, 4, 4] in each of the three forms."""
+    for form, header in POSE_HEADERS.items():
+        files.write_csv(layout.poses(name, form), [TIME, *header.split()], time_ns, pose_columns(form, T_w_x))
 
 
 def _xyz(name: str, unit: str) -> list[str]:
@@ -46,8 +55,17 @@ def _xyz(name: str, unit: str) -> list[str]:
 def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle, IMU and depth gauge: data and the pose of each at each of its samples."""
     trajectory, vehicle = simulation.trajectory, scene.vehicle
-    poses = vehicle_poses(trajectory)
-    write_poses(layout, "vehicle", trajectory.time_ns, poses)
+    T_w_v = np.tile(np.eye(4), (len(trajectory.time_ns), 1, 1))
+    T_w_v[:, :3, :3] = Rotation.from_quat(trajectory.quaternion, scalar_first=True).as_matrix()
+    T_w_v[:, :3, 3] = trajectory.position
+
+    def write_mounted(name: str, sensor, time_ns: np.ndarray) -> None:
+        rows = rows_at(trajectory.time_ns, time_ns)
+        if not np.array_equal(trajectory.time_ns[rows], time_ns):
+            raise ValueError("a sensor's sample does not fall on a tick of the simulation")
+        write_poses(layout, name, time_ns, T_w_v[rows] @ pose_matrix(sensor))
+
+    write_poses(layout, "vehicle", trajectory.time_ns, T_w_v)
     quaternion = ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"]
     files.write_csv(
         layout.states,
@@ -56,19 +74,15 @@ def write_sensors(layout: Layout, scene, simulation) -> None:
         trajectory.time_ns, trajectory.position, trajectory.velocity, trajectory.acceleration, trajectory.quaternion,
         trajectory.angular_velocity, trajectory.angular_acceleration)
     if vehicle.imu is not None:
-        imu = simulation.imu
-        if vehicle.imu.noise is None:
-            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity))
-        else:
-            write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity),
-                      (imu.true_acceleration, imu.true_angular_velocity),
-                      (imu.acceleration_bias, imu.angular_velocity_bias))
-        write_poses(layout, "imu0", imu.time_ns, _at(trajectory, poses, imu.time_ns) @ pose_matrix(vehicle.imu))
+        imu, truth, bias = simulation.imu, None, None
+        if vehicle.imu.noise is not None:
+            truth = imu.true_acceleration, imu.true_angular_velocity
+            bias = imu.acceleration_bias, imu.angular_velocity_bias
+        write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity), truth, bias)
+        write_mounted("imu0", vehicle.imu, imu.time_ns)
     if vehicle.depth_gauge is not None:
-        gauge = simulation.depth_gauge
-        write_depth_gauge(layout, gauge.time_ns, gauge.depth)
-        write_poses(layout, "depth0", gauge.time_ns,
-                    _at(trajectory, poses, gauge.time_ns) @ pose_matrix(vehicle.depth_gauge))
+        write_depth_gauge(layout, simulation.depth_gauge.time_ns, simulation.depth_gauge.depth)
+        write_mounted("depth0", vehicle.depth_gauge, simulation.depth_gauge.time_ns)
 
 
 def write_imu(layout: Layout, time_ns: np.ndarray, reading, truth=None, bias=None) -> None:
@@ -96,22 +110,6 @@ def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, 
     more = [] if truth is None else [truth, bias]
     names = [TIME, "d_v_w [m]", "true_d_v_w [m]", "b_d_v_w [m]"]
     files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
-
-
-def vehicle_poses(trajectory) -> np.ndarray:
-    """T_w_v [N, 4, 4] at every tick."""
-    T = np.tile(np.eye(4), (len(trajectory.time_ns), 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(trajectory.quaternion, scalar_first=True).as_matrix()
-    T[:, :3, 3] = trajectory.position
-    return T
-
-
-def _at(trajectory, poses: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
-    """Poses at the sensor's samples, each of which falls on a tick."""
-    index = np.searchsorted(trajectory.time_ns, time_ns).clip(max=len(trajectory.time_ns) - 1)
-    if not np.array_equal(trajectory.time_ns[index], time_ns):
-        raise ValueError("a sensor's sample does not fall on a tick of the simulation")
-    return poses[index]
 
 
 def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray,
@@ -165,18 +163,6 @@ def describe_camera(layout: Layout, camera) -> dict:
     }
 
 
-def describe_light(light) -> dict:
-    """A light as the scene file has it, and its pose."""
-    return {**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
-
-
-def describe_sensor(sensor) -> dict:
-    """Rate, pose and noise of the IMU or the depth gauge."""
-    noise = getattr(sensor, "noise", None)
-    return {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
-            "noise": noise and noise.model_dump(mode="json")}
-
-
 def describe_water(scene) -> dict:
     """Optical properties per channel R, G, B."""
     water = optical_properties(scene)
@@ -186,57 +172,35 @@ def describe_water(scene) -> dict:
             **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()})}
 
 
-def describe_depth(scene) -> dict:
-    """How D maps to metres."""
-    render = scene.render
-    start, end = render.depth_range_m
-    return {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
-            "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS}
-
-
 def versions() -> dict[str, str]:
     """Of what shapes the numbers."""
-    packages = {name: _version(name) for name in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "pyoidn")}
-    return {"varos_warp": varos_warp.__version__, "python": platform.python_version(), **packages}
+    found = {"varos_warp": varos_warp.__version__, "python": platform.python_version()}
+    for package in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "pyoidn"):
+        found[package] = "absent"
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[package] = metadata.version(package)
+    return found
 
 
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "absent"
+def sources(scene) -> dict[str, str | None]:
+    """SHA-256 of every mesh, image and table that the scene names; of images that mesh files name it knows nothing.
 
-
-def sources(scene) -> dict[str, str]:
-    """SHA-256 of every mesh, image and table that the scene names; of images that mesh files name it knows nothing."""
+    None stands for a file that cannot be read, of which its loader tells.
+    """
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
     objects = [*scene.objects, *(block.object for block in scene.scatter)]
     named += [o.file for o in objects if getattr(o, "file", None)]
     textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
     named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
-    named += _phase_files(scene)
-    return {name: _digest(scene.resolve(name)) for name in dict.fromkeys(named)}
-
-
-def _phase_files(scene) -> list[str]:
-    """Tables of phase functions."""
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
     phase = getattr(water, "phase", None)
-    return [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
-
-
-def _digest(path: Path) -> str | None:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:  # the loader of the mesh says so
-        return None
-
-
-def conventions() -> dict[str, str]:
-    """Units, frames, and how images are encoded, in words."""
-    return yaml.safe_load((resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8"))
+    named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
+    found: dict[str, str | None] = dict.fromkeys(named)
+    for name in found:
+        with contextlib.suppress(InputError):
+            found[name] = sha256(scene.resolve(name))
+    return found
 
 
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
@@ -254,20 +218,26 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
     """
     vehicle, render = scene.vehicle, scene.render
+    conventions = (resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8")
+    start, end = render.depth_range_m
     mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
         "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "versions": versions(), "device": device, "conventions": conventions(),
+        "versions": versions(), "device": device, "conventions": yaml.safe_load(conventions),
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
         "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
-        "depth": describe_depth(scene),
+        "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
+                  "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
-        "sensors": {name: describe_sensor(sensor) for name, sensor in mounted.items() if sensor is not None},
-        "lights": [describe_light(light) for light in vehicle.lights],
+        "sensors": {name: {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
+                           "noise": sensor.model_dump(mode="json").get("noise")}
+                    for name, sensor in mounted.items() if sensor is not None},
+        "lights": [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
+                   for light in vehicle.lights],
         "water": describe_water(scene),
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
         "sources": sources(scene), "scene": scene_to_dict(scene),
