@@ -50,13 +50,7 @@ class Shot(NamedTuple):
 
 
 class RadianceRenderer:
-    """Renders A and B of one scene on one device.
-
-    Args:
-        scene: The scene.
-        world: The same on the device.
-        films: Of that device.
-    """
+    """Renders A and B of one scene on one device."""
 
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films

@@ -35,12 +35,7 @@ def ticks_per_sample(rate_hz: float, key: str) -> int:
 
 
 def check_length(seconds: float, key: str, what: str) -> None:
-    """Refuse a sequence that would last longer than `LONGEST_S`.
-
-    Args:
-        seconds: How long it lasts.
-        key: What in the scene makes it last so long.
-        what: Words for it, "the course takes".
+    """Refuse a sequence that would last longer than `LONGEST_S`, by the ``key`` of the scene that makes it so long.
 
     Raises:
         InputError: It lasts longer.

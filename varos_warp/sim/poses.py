@@ -38,24 +38,19 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
     """
     times, turned = pose_times(poses), attitudes(poses)
     positions = np.array([pose.position for pose in poses], float)
+    q = np.array([attitude.as_quat(scalar_first=True) for attitude in turned])
     tick = np.arange(ticks, dtype=float)
-    moving = (tick >= times[0]) & (tick <= times[-1]) & (len(poses) > 1)
     clamped = np.clip(tick, times[0], times[-1])
-    columns = _splines(times * TICK_S, positions, turned, clamped * TICK_S) if len(poses) > 1 else _rest(ticks)
-    for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration"):
-        columns[name][~moving] = 0.0
-    nearest = np.where(tick <= times[0], 0, np.where(tick >= times[-1], len(poses) - 1, -1))
-    inner = (times == np.round(times)) & (times < ticks)
-    nearest[times[inner].astype(int)] = np.flatnonzero(inner)
-    exact = nearest >= 0
-    q = np.array([a.as_quat(scalar_first=True) for a in turned])
-    columns["position"][exact], columns["quaternion"][exact] = positions[nearest[exact]], q[nearest[exact]]
+    pose = np.searchsorted(times, clamped)
+    columns = {"position": positions[pose], "quaternion": q[pose]}
+    columns |= {name: np.zeros((ticks, 3))
+                for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration")}
+    if len(poses) > 1:
+        between, moving = times[pose] != clamped, tick == clamped
+        for name, values in _splines(times * TICK_S, positions, turned, clamped * TICK_S).items():
+            rows = between if name in ("position", "quaternion") else moving
+            columns[name][rows] = values[rows]
     return columns
-
-
-def _rest(ticks: int) -> dict[str, np.ndarray]:
-    names = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
-    return {name: np.zeros((ticks, 3)) for name in names} | {"quaternion": np.zeros((ticks, 4))}
 
 
 def _splines(times, positions, turned, t) -> dict[str, np.ndarray]:

@@ -190,9 +190,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
     """The loop: guidance, control, thrusters, body. From rest at the first waypoint.
 
     Args:
-        guidance: Walks through the course.
-        regulator: Commands the thrusters.
-        dynamics: Moves the vehicle.
+        guidance, regulator, dynamics: Where to go, what to tell the thrusters, what that does.
         rows: How many ticks to simulate; None to go on until the course ends.
         rows_after: Ticks to simulate in all when the course ends at this one.
         tell: Called with the tick.

@@ -25,8 +25,6 @@ from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
 
-CHANNELS = ("red", "green", "blue")
-
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
 images that are denoised, for what a denoiser makes of little noise varies most from image to image. That is of images
@@ -317,7 +315,7 @@ class Planner:
 
     def why_spp(self, law: ErrorLaw, needed: int, target: float) -> str:
         """The choice in words."""
-        channel = CHANNELS[int(np.argmax(law.measured[-1]))]
+        channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
         left = f" after {self.denoiser}" if self.denoiser != "none" else ""
         words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
                  f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
