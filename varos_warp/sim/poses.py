@@ -47,15 +47,12 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
                 for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration")}
     if len(poses) > 1:
         between, moving = times[pose] != clamped, tick == clamped
-        for name, values in _splines(times * TICK_S, positions, turned, clamped * TICK_S).items():
-            rows = between if name in ("position", "quaternion") else moving
-            columns[name][rows] = values[rows]
+        path = CubicSpline(times * TICK_S, positions - positions[0], bc_type="natural")
+        attitude = RotationSpline(times * TICK_S, Rotation.concatenate(turned))
+        t = clamped * TICK_S
+        columns["position"][between] = (path(t) + positions[0])[between]
+        columns["quaternion"][between] = attitude(t).as_quat(scalar_first=True)[between]
+        for order, names in ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration"))):
+            for name, spline in zip(names, (path, attitude), strict=True):
+                columns[name][moving] = spline(t, order)[moving]
     return columns
-
-
-def _splines(times, positions, turned, t) -> dict[str, np.ndarray]:
-    path = CubicSpline(times, positions - positions[0], bc_type="natural")
-    attitude = RotationSpline(times, Rotation.concatenate(turned))
-    return {"position": path(t) + positions[0], "velocity": path(t, 1), "acceleration": path(t, 2),
-            "quaternion": attitude(t).as_quat(scalar_first=True),
-            "angular_velocity": attitude(t, 1), "angular_acceleration": attitude(t, 2)}

@@ -156,7 +156,7 @@ def _follow_poses(scene: Scene, step: int) -> Simulation:
     rows = _rows(scene, frames, step)
     trajectory = _trajectory(through_poses(poses, rows))
     pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
-    messages = advice.on_poses(poses, (frames - 1) * step * TICK_S)
+    messages = list(advice.on_poses(poses, (frames - 1) * step * TICK_S))
     return Simulation(trajectory, np.arange(frames) * step, None, None, messages, trajectory.position, pose)
 
 

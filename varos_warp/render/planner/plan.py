@@ -160,7 +160,11 @@ class Planner:
         asked, found = self.render.integrator, self.integrators
         words, why = " and ".join(sorted(found)), "given"
         if "field" not in found:
-            return self.decide("integrator", words, why if asked == words else self.why_no_field(), np.zeros(3))
+            if asked != words:
+                reasons = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
+                why = "; ".join(sorted(reasons)) if self.render.max_scatterings is None else (
+                    "the field holds all orders of scattering, and a bound is given")
+            return self.decide("integrator", words, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
@@ -195,13 +199,6 @@ class Planner:
         noise = np.array([pair.noise(method, rare=0.0).max() for method in (self.denoiser, "none")])
         return noise**2 * images[0].spp * SAMPLE_COST[name]
 
-    def why_no_field(self) -> str:
-        """In words."""
-        if self.render.max_scatterings is not None:
-            return "the field holds all orders of scattering, and a bound is given"
-        why = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
-        return "; ".join(sorted(why))
-
     # -------------------------------------------------------------------------------------------------------- samples
 
     def choose_samples(self) -> int:
@@ -214,14 +211,15 @@ class Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP
         known = max(self.decisions[-1].error)
-        target = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
-        law = self.error_law(target / self.margin)
-        spp, needed, most = law.whole_samples(target / self.margin), law.samples(target / self.margin), self.most_spp()
+        left = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
+        target = left / self.margin
+        law = self.error_law(target)
+        spp, needed, most = law.whole_samples(target), law.samples(target), self.most_spp()
         if max(spp, needed) > most:
             spp = min(spp, most)
             self.tell_shortfall(self.margin * law.error(spp).max(), needed)
-        self.decide("spp", spp, self.why_spp(law, needed, target), self.margin * law.error(spp))
-        return self.choose_by_frame(spp, target / self.margin)
+        self.decide("spp", spp, self.why_spp(law, needed, left), self.margin * law.error(spp))
+        return self.choose_by_frame(spp, target)
 
     @property
     def margin(self) -> float:
@@ -313,10 +311,10 @@ class Planner:
                     break
         return made
 
-    def why_spp(self, law: ErrorLaw, needed: int, target: float) -> str:
+    def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
         """The choice in words."""
         channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
-        left = f" after {self.denoiser}" if self.denoiser != "none" else ""
-        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
-                 f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
+        after = f" after {self.denoiser}" if self.denoiser != "none" else ""
+        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
+                 f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
