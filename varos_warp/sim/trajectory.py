@@ -127,9 +127,9 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
         else None)
 
 
-ROW = np.dtype([("position", float, 3), ("velocity", float, 3), ("acceleration", float, 3), ("quaternion", float, 4),
-                ("angular_velocity", float, 3), ("angular_acceleration", float, 3), ("reference", float, 3),
-                ("waypoint", float)])
+COLUMNS: list[tuple] = [
+    ("position", float, 3), ("velocity", float, 3), ("acceleration", float, 3), ("quaternion", float, 4),
+    ("angular_velocity", float, 3), ("angular_acceleration", float, 3), ("reference", float, 3), ("waypoint", float)]
 """What the loop writes down at each tick."""
 
 
@@ -177,7 +177,7 @@ def _follow_waypoints(scene: Scene, step: int, tell: Callable[[float], None]) ->
                     rows_after=lambda tick: _rows(scene, tick // step + 1, step),
                     tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))))
     frames = frames or end // step + 1  # type: ignore[operator]  # where frames is unknown, end is known
-    columns = {name: np.ascontiguousarray(log[name]) for name in ROW.names}
+    columns = {name: np.ascontiguousarray(log[name]) for name, *_ in COLUMNS}
     reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint").astype(int)
     columns["position"] += origin
     messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
@@ -196,7 +196,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
         tell: Called with the tick.
 
     Returns:
-        A `ROW` of each tick, and the tick at which the course ended, if it did.
+        A row of `COLUMNS` for each tick, and the tick at which the course ended, if it did.
     """
     state, end, tick, log = State(q=guidance.start), None, 0, array("d")
     while rows is None or tick < rows:
@@ -219,7 +219,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
                                  remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
                                         "vehicle the thrust to get there")
     _check_finite(state)
-    return np.frombuffer(log, ROW)[:rows], end  # the course may end well after the last frame
+    return np.frombuffer(log, COLUMNS)[:rows], end  # the course may end well after the last frame
 
 
 def _check_finite(state: State) -> None:
