@@ -23,7 +23,7 @@ def test_unknown_names_and_numbers_too_low_are_bad_input_that_names_the_option(k
 
 
 def test_an_unknown_option_is_refused_and_those_that_are_there_are_named():
-    with pytest.raises(TypeError, match=r"samples; there are: spp, tolerance,.* denoised_only"):
+    with pytest.raises(TypeError, match=r"samples; there are: spp, spp_b,.* denoised_only"):
         options_of(SCENE, {"spp": 3, "samples": 3})
 
 
@@ -41,12 +41,6 @@ def test_bounds_and_layers_of_the_scene_hold_unless_others_are_given():
     assert options_of(scene, {}) == RenderOptions(spp=12, spp_b=5, integrator="path", **asked)
     given = {"max_scatterings": 3, "max_bounces": 0, "layers": ("single",)}
     assert options_of(scene, given) == RenderOptions(spp=12, spp_b=5, integrator="path", **given)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, -0.1, float("nan")])
-def test_a_tolerance_must_be_above_0(tolerance):
-    with pytest.raises(InputError, match=r"^tolerance = .*: must be above 0"):
-        RenderOptions(tolerance=tolerance)
 
 
 def test_functions_of_the_renderer_have_at_most_ten_arguments():

@@ -24,8 +24,6 @@ import varos_warp
 from varos_warp.errors import InputError, warn
 
 Arrays = dict[str, np.ndarray]
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
-"""What reading a file raises that is not whole, or not ours."""
 LIMIT_MB = 2000.0
 """Size limit where ``$VAROS_WARP_CACHE_MB`` says nothing."""
 ENTRY, PARTIAL = re.compile(r"\w+-[0-9a-f]{32}\.npz"), re.compile(r"\w+-[0-9a-f]{32}-\w+\.partial")
@@ -113,13 +111,7 @@ def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Pat
 
 @functools.cache
 def code_hash(module: str, within: tuple[str, ...], package: Path = Path(varos_warp.__file__).parent) -> str:
-    """Hash of the code of a module and of all that it imports; comments and docstrings do not count.
-
-    Args:
-        module: Its name.
-        within: Of imports only those below these names count.
-        package: Folder of varos_warp.
-    """
+    """Hash of a module's code and of what it imports that is ``within``; comments and docstrings do not count."""
     code, unread = {}, [module]
     while unread:
         name = unread.pop()
@@ -133,15 +125,10 @@ def code_hash(module: str, within: tuple[str, ...], package: Path = Path(varos_w
                 unread += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
             elif isinstance(node, ast.Import):
                 unread += [alias.name for alias in node.names]
-            if isinstance(getattr(node, "body", None), list):
-                node.body = [line for line in node.body if not _is_text(line)]
+            elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                node.value.value = None
         code[name] = ast.dump(tree)
     return hashlib.sha256(json.dumps(code, sort_keys=True).encode()).hexdigest()
-
-
-def _is_text(line: ast.stmt) -> bool:
-    """Whether a line of code is nothing but a string."""
-    return isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and isinstance(line.value.value, str)
 
 
 def _read(path: Path, text: str) -> Arrays | None:
@@ -151,7 +138,7 @@ def _read(path: Path, text: str) -> Arrays | None:
             arrays = {name: file[name] for name in file.files}
         if str(arrays.pop("depends_on")) != text:
             return None
-    except DAMAGED:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):  # not whole, or not ours
         return None
     with contextlib.suppress(OSError):  # a folder that may only be read
         os.utime(path)
@@ -196,8 +183,7 @@ def _by_use(folder: Path, pattern: re.Pattern) -> list[tuple[float, int, Path]]:
 
 def _delete(path: Path) -> bool:
     """Whether a file could be deleted; some systems keep what another process reads."""
-    try:
+    with contextlib.suppress(OSError):
         path.unlink()
-    except OSError:
-        return False
-    return True
+        return True
+    return False

@@ -23,11 +23,7 @@ class RenderOptions:
     """
 
     spp: int | None = None
-    """Samples per pixel of A; absent: the scene's, or 64."""
-    tolerance: float | None = None
-    """Of A by paths: tiles of 8 x 8 pixels stop once their standard error, relative to the mean of the image, is below
-    it, between a quarter of ``spp`` (8 at least) and four times that (render/image/adapt.py); absent: all take ``spp``.
-    With the field samples are always shared out by noise."""
+    """Samples per pixel of A, with the field on average over the image; absent: the scene's, or 64."""
     spp_b: int | None = None
     """Samples per pixel of B; absent: the scene's."""
     max_scatterings: int | None = None
@@ -55,8 +51,6 @@ class RenderOptions:
             number = getattr(self, key)
             if number is not None and number < least:
                 raise InputError(f"must be at least {least}", key=key, value=number)
-        if self.tolerance is not None and not self.tolerance > 0.0:
-            raise InputError("must be above 0", key="tolerance", value=self.tolerance)
 
 
 OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integrator")

@@ -18,7 +18,7 @@ from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_ke
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
 from varos_warp.render.field.open_water import OpenWater, along_camera
-from varos_warp.render.image.adapt import FEWEST_FIRST_SHARED, first_samples, more_samples, other_noise, share_out
+from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
@@ -50,13 +50,7 @@ class Shot(NamedTuple):
 
 
 class RadianceRenderer:
-    """Renders A and B of one scene on one device.
-
-    Args:
-        scene: The scene.
-        world: The same on the device.
-        films: Of that device.
-    """
+    """Renders A and B of one scene on one device."""
 
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
@@ -98,16 +92,17 @@ class RadianceRenderer:
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
         # a single pixel has no other side to decide for it
-        shares = (with_field or options.tolerance is not None) and tuple(view.resolution) != (1, 1)
-        spp = options.spp
-        first = min(spp, first_samples(spp, FEWEST_FIRST_SHARED)) if with_field else first_samples(spp)
+        shares = with_field and tuple(view.resolution) != (1, 1)
+        first = first_samples(options.spp) if shares else options.spp
         film = self.films.black(view.resolution, adapts=shares)
         before = [scene, world.camera(view, shot.T_w_v)]
         after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
-        self.films.take(film, kernels, before, after, first if shares else spp, queued=True)
-        if shares and (first < spp or not with_field):
-            more = yield from self._more_samples(film, options, first, with_field)
-            self.films.take(film, kernels, before, after, more, queued=True)
+        self.films.take(film, kernels, before, after, first, queued=True)
+        if first < options.spp:
+            # by the noise of the first, of which a denoiser takes most
+            denoised = (options.denoise or self.scene.render.denoise) != "none"
+            noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if denoised else 1.0)))
+            self.films.take(film, kernels, before, after, share_out(noise, first, options.spp), queued=True)
         # plain reflectances need no guides (render/image/denoise.py)
         guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
@@ -119,14 +114,6 @@ class RadianceRenderer:
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
         apart = self.apart and with_field and world.has_surfaces  # without surfaces there are no subpaths
         return [make_path_kernel(part) for part in (spec.apart() if apart else [spec])]
-
-    def _more_samples(self, film: Film, options: RenderOptions, first: int, with_field: bool) -> Steps[np.ndarray]:
-        """Samples of each tile after the ``first``, by the noise of these."""
-        filtered = with_field and (options.denoise or self.scene.render.denoise) != "none"
-        noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if filtered else 1.0)))
-        if with_field:
-            return share_out(noise, first, options.spp)
-        return more_samples(noise, first, options.tolerance, options.spp)
 
     def _virtual_lights(self, scene, view, key: int) -> wp.array:
         """Virtual point lights of a frame."""

@@ -38,9 +38,9 @@ class FrameRenderer:
     Several frames may be under way (`steps`), from several threads too, but of these only one at a time may use it.
 
     Args:
-        scene: the scene.
+        scene: The scene.
         device: ``auto``, ``cpu`` or ``cuda:N``.
-        parts: its geometry, where it is built already.
+        parts: Its geometry, where it is built already.
         threads: CPU threads; absent: all that the process may use. Does not change a byte of the result.
     """
 
@@ -67,12 +67,12 @@ class FrameRenderer:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
-            T_w_v: pose of the vehicle in the world.
-            camera: id of a camera of the scene, or a camera that is not in it; absent: the first.
-            outputs: any of A, B, C, D and S.
-            seed: of the random numbers; absent: the scene's.
-            frame: number of the frame, which keys the random numbers too.
-            options: spp, integrator, denoise and all others that `RenderOptions` has (render/options.py).
+            T_w_v: Pose of the vehicle in the world.
+            camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
+            outputs: Any of A, B, C, D and S.
+            seed: Of the random numbers; absent: the scene's.
+            frame: Number of the frame; the random numbers follow from it too.
+            options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
 
         Raises:
             InputError: If something unknown is asked for.

@@ -1,5 +1,6 @@
 """What a person should know about a course before and after it was driven: messages in plain words, never errors."""
 
+from collections.abc import Iterator
 from math import isclose, pi
 
 import numpy as np
@@ -17,25 +18,38 @@ SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""
 
 
-def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> list[str]:
+def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> Iterator[str]:
     """What can be foreseen: legs beyond the vehicle's powers, half turns, slow thrusters, a current that pushes it."""
-    messages = []
     for i, leg in enumerate(course.legs):
-        texts = [*_speed(leg, body), *_needs(leg, body), *_half_turn(leg)]
-        messages += [f"waypoint {course.target + i}: {text}" for text in texts]
-    return messages + _actuator(scene, body) + _steady_force(scene, course, body, gains, current)
+        yield from (f"waypoint {course.target + i}: {text}" for text in _on_leg(leg, body))
+    controller = scene.vehicle.controller
+    fastest = max(controller.translation_q[0], controller.rotation_q[0]) / controller.r
+    if is_slow(body.actuator_frequency, fastest**0.5):
+        yield (f"vehicle.actuator_frequency = {body.actuator_frequency:.3g} rad/s is slow for the controller's weights "
+               f"(at least {5.0 * fastest**0.25:.3g} is wanted); the regulator allows for it, but is sluggish")
+    drift = float(np.linalg.norm(current.drift))
+    if drift > body.max_speed:
+        yield (f"the current of {drift:.2f} m/s is faster than the vehicle ({body.max_speed:.2f} m/s): "
+               "it will be swept away")
+    if abs(body.net_buoyancy) > body.max_force:
+        yield (f"vehicle.net_buoyancy = {body.net_buoyancy:g} N is more than vehicle.max_force = "
+               f"{body.max_force:g} N: it will {'rise' if body.net_buoyancy > 0.0 else 'sink'}")
+    push = body.drag_force(drift) * (current.drift / drift if drift else 0.0) * np.ones(3)
+    if controller.feed_forward != "full":
+        push[2] += body.net_buoyancy
+    offset = steady_offset(body, gains.translation, float(np.linalg.norm(push)))
+    radius = min(gate.radius for gate in course.gates)
+    if controller.integral == 0.0 and offset > radius:
+        yield (f"a steady force keeps the vehicle {offset:.3f} m off its waypoints, more than the {radius:g} m at "
+               "which it goes on; waypoints will time out (set vehicle.controller.integral, e.g. 0.05, or raise "
+               "trajectory.handover_radius_m)")
 
 
-def _speed(leg: Leg, body: Sphere) -> list[str]:
-    if leg.peak_speed <= body.max_speed:
-        return []
-    return [f"asked for {leg.peak_speed:.2f} m/s, but the vehicle cannot go faster than {body.max_speed:.2f} m/s; "
-            f"it will lag behind and the hand-over will wait (lower the speed or raise vehicle.max_force)"]
-
-
-def _needs(leg: Leg, body: Sphere) -> list[str]:
-    """Thrust and moment that a leg on its own takes, where they exceed the limits."""
-    messages = []
+def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
+    """Speed, thrust and moment that a leg on its own takes, where they exceed the limits; a turn with two ways."""
+    if leg.peak_speed > body.max_speed:
+        yield (f"asked for {leg.peak_speed:.2f} m/s, but the vehicle cannot go faster than {body.max_speed:.2f} m/s; "
+               "it will lag behind and the hand-over will wait (lower the speed or raise vehicle.max_force)")
     _, rate, acceleration = weight(SHARES)
     for change, inertia, drag, limit, name in (
             (leg.step, body.virtual_mass, body.drag_force, body.max_force, "vehicle.max_force"),
@@ -43,76 +57,40 @@ def _needs(leg: Leg, body: Sphere) -> list[str]:
         size = np.linalg.norm(change)
         need = np.abs(inertia * size / leg.duration**2 * acceleration + drag(size / leg.duration * rate)).max()
         if need > limit:
-            messages.append(f"the leg to it takes {need:.3g}, more than {name} = {limit:.3g}; expect overshoot "
-                            "(lower the speed, max_acceleration or max_angular_speed_deg)")
-    return messages
+            yield (f"the leg to it takes {need:.3g}, more than {name} = {limit:.3g}; expect overshoot "
+                   "(lower the speed, max_acceleration or max_angular_speed_deg)")
+    if _is_half(leg.turn):
+        axis = ", ".join(f"{x:.3f}" for x in leg.turn / float(np.linalg.norm(leg.turn)) + 0.0)
+        yield (f"exactly half a turn, both ways are equally short; turns about ({axis}) in vehicle axes "
+               "(+180 and -180 deg turn opposite ways)")
 
 
-def _half_turn(leg: Leg) -> list[str]:
-    angle = float(np.linalg.norm(leg.turn))
-    if not isclose(angle, pi, rel_tol=1e-9):
-        return []
-    axis = ", ".join(f"{x:.3f}" for x in leg.turn / angle + 0.0)
-    return [f"exactly half a turn, both ways are equally short; turns about ({axis}) in vehicle axes "
-            "(+180 and -180 deg turn opposite ways)"]
+def _is_half(turned: np.ndarray) -> bool:
+    return isclose(float(np.linalg.norm(turned)), pi, rel_tol=1e-9)
 
 
-def _actuator(scene: Scene, body: Sphere) -> list[str]:
-    controller = scene.vehicle.controller
-    fastest = max(controller.translation_q[0], controller.rotation_q[0]) / controller.r
-    if not is_slow(body.actuator_frequency, fastest**0.5):
-        return []
-    return [f"vehicle.actuator_frequency = {body.actuator_frequency:.3g} rad/s is slow for the controller's weights "
-            f"(at least {5.0 * fastest**0.25:.3g} is wanted); the regulator allows for it, but is sluggish"]
-
-
-def _steady_force(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> list[str]:
-    """A current and a trim that push all the time, against what the thrusters and the regulator can do."""
-    drift, controller = float(np.linalg.norm(current.drift)), scene.vehicle.controller
-    messages = []
-    if drift > body.max_speed:
-        messages.append(f"the current of {drift:.2f} m/s is faster than the vehicle ({body.max_speed:.2f} m/s): "
-                        "it will be swept away")
-    if abs(body.net_buoyancy) > body.max_force:
-        messages.append(f"vehicle.net_buoyancy = {body.net_buoyancy:g} N is more than vehicle.max_force = "
-                        f"{body.max_force:g} N: it will {'rise' if body.net_buoyancy > 0.0 else 'sink'}")
-    push = body.drag_force(drift) * (current.drift / drift if drift else 0.0) * np.ones(3)
-    if controller.feed_forward != "full":
-        push[2] += body.net_buoyancy
-    offset = steady_offset(body, gains.translation, float(np.linalg.norm(push)))
-    radius = min(gate.radius for gate in course.gates)
-    if controller.integral == 0.0 and offset > radius:
-        messages.append(f"a steady force keeps the vehicle {offset:.3f} m off its waypoints, more than the "
-                        f"{radius:g} m at which it goes on; waypoints will time out (set "
-                        "vehicle.controller.integral, e.g. 0.05, or raise trajectory.handover_radius_m)")
-    return messages
-
-
-def on_poses(poses: list[Pose], last_frame_s: float) -> list[str]:
+def on_poses(poses: list[Pose], last_frame_s: float) -> Iterator[str]:
     """Where exact poses make the sensors read something odd."""
-    messages, turned = [], attitudes(poses)
+    turned = attitudes(poses)
     if len(poses) > 1 and poses[0].time_s > 0.0:
-        messages.append(f"trajectory.poses: stands still until the first pose at {poses[0].time_s:g} s; "
-                        "the speed jumps there")
+        yield (f"trajectory.poses: stands still until the first pose at {poses[0].time_s:g} s; "
+               "the speed jumps there")
     if len(poses) > 1 and last_frame_s > poses[-1].time_s + 0.5 * TICK_S:
-        messages.append(f"trajectory.poses: stands still after the last pose at {poses[-1].time_s:g} s; "
-                        "the speed jumps there")
+        yield (f"trajectory.poses: stands still after the last pose at {poses[-1].time_s:g} s; "
+               "the speed jumps there")
     for i in range(1, len(poses)):
-        if isclose(float(np.linalg.norm(turn(turned[i - 1], turned[i]))), pi, rel_tol=1e-9):
-            messages.append(f"trajectory.poses.{i}: exactly half a turn from the pose before it; "
-                            "which way it turns is arbitrary (add a pose between)")
-    return messages
+        if _is_half(turn(turned[i - 1], turned[i])):
+            yield (f"trajectory.poses.{i}: exactly half a turn from the pose before it; "
+                   "which way it turns is arbitrary (add a pose between)")
 
 
-def on_run(scene: Scene, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> list[str]:
+def on_run(scene: Scene, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> Iterator[str]:
     """What happened: the sequence was too short or longer than the course, thrusters were at their limit."""
-    messages, waypoints = [], scene.trajectory.waypoints
-    if end is None and len(waypoints) > 1:
-        messages.append(f"the sequence ends after trajectory.duration_s = {scene.trajectory.duration_s:g} s on the way "
-                        f"to waypoint {guidance.target} of {len(waypoints) - 1}")
-    if end is not None and len(waypoints) > 1 and scene.trajectory.duration_s and ticks > end:
-        messages.append(f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until "
-                        f"{scene.trajectory.duration_s:g} s")
+    several, asked = len(scene.trajectory.waypoints) > 1, scene.trajectory.duration_s
+    if end is None and several:
+        yield (f"the sequence ends after trajectory.duration_s = {asked:g} s on the way "
+               f"to waypoint {guidance.target} of {len(scene.trajectory.waypoints) - 1}")
+    if end is not None and several and asked and ticks > end:
+        yield f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until {asked:g} s"
     if saturated:
-        messages.append(f"the thrusters were at their limit for {saturated * TICK_S:.2f} s")
-    return messages
+        yield f"the thrusters were at their limit for {saturated * TICK_S:.2f} s"

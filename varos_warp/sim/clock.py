@@ -26,21 +26,15 @@ def ticks_per_sample(rate_hz: float, key: str) -> int:
         raise InputError("is less than a sample a day", key=key, value=rate_hz,
                          remedy=f"Give at least {1.0 / LONGEST_S:.3g} Hz; sequences are no longer than {LONGEST_S} s")
     if not math.isclose(step * rate_hz, TICK_RATE_HZ, rel_tol=1e-9):
-        faster = TICK_RATE_HZ / max(1, math.floor(TICK_RATE_HZ / rate_hz))
-        slower = TICK_RATE_HZ / max(1, math.ceil(TICK_RATE_HZ / rate_hz))
-        near = " or ".join(f"{rate:.10g}" for rate in dict.fromkeys((slower, faster)))
+        steps = (max(1, whole(TICK_RATE_HZ / rate_hz)) for whole in (math.ceil, math.floor))
+        near = " or ".join(f"{TICK_RATE_HZ / step:.10g}" for step in dict.fromkeys(steps))
         raise InputError(f"must divide the simulator's {TICK_RATE_HZ} Hz", key=key, value=rate_hz,
                          remedy=f"Use 200, 100, 50, 40, 25, 20, 10, 8, 5, 4, 2, 1 ... Hz; the nearest is {near}")
     return step
 
 
 def check_length(seconds: float, key: str, what: str) -> None:
-    """Refuse a sequence that would last longer than `LONGEST_S`.
-
-    Args:
-        seconds: How long it lasts.
-        key: What in the scene makes it last so long.
-        what: Words for it, "the course takes".
+    """Refuse a sequence that would last longer than `LONGEST_S`, by the ``key`` of the scene that makes it so long.
 
     Raises:
         InputError: It lasts longer.

@@ -62,19 +62,16 @@ def turn(first: Rotation, second: Rotation) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Leg:
-    """The way from one waypoint to the next.
-
-    Attributes:
-        step: P_{i+1} - P_i [3] [m].
-        turn: phi_i [3] [rad], in the axes of the attitude that it starts from.
-        duration: T_i [s].
-        speed: Asked peak speed [m/s].
-    """
+    """The way from one waypoint to the next."""
 
     step: np.ndarray
+    """P_{i+1} - P_i [3] [m]."""
     turn: np.ndarray
+    """phi_i [3] [rad], in the axes of the attitude that it starts from."""
     duration: float
+    """T_i [s]."""
     speed: float
+    """Asked peak speed [m/s]."""
 
     @property
     def peak_speed(self) -> float:
@@ -84,25 +81,21 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gate:
-    """What must hold before the leg that leaves a waypoint may start.
-
-    Attributes:
-        overlap: Time before the end of the leg to the waypoint [s]; negative is a rest.
-        radius: Distance of the vehicle to the waypoint [m].
-        angle: Angle between their attitudes [rad].
-    """
+    """What must hold before the leg that leaves a waypoint may start."""
 
     overlap: float
+    """Time before the end of the leg to the waypoint [s]; negative is a rest."""
     radius: float
+    """Distance of the vehicle to the waypoint [m]."""
     angle: float = inf
+    """Angle between their attitudes [rad]."""
 
 
 @dataclass(frozen=True)
 class Course:
     """Waypoints, the legs between them and a gate behind each leg; the last gate ends the course.
 
-    A single waypoint makes a leg of no length, from itself to itself. ``target`` is the scene's index of the waypoint
-    that the first leg leads to.
+    A single waypoint makes a leg of no length, from itself to itself.
     """
 
     positions: np.ndarray
@@ -111,6 +104,7 @@ class Course:
     gates: list[Gate]
     timeout: float
     target: int = 1
+    """The scene's index of the waypoint that the first leg leads to."""
 
     @property
     def duration(self) -> float:
@@ -180,27 +174,22 @@ class Reference(NamedTuple):
     alpha: Vector
 
 
-@dataclass(frozen=True)
-class Window:
-    """A stretch of reference, one row per tick; after its last row it stays at rest.
-
-    Attributes:
-        position, velocity, acceleration: [n, 3], world axes.
-        attitude: n rotations, vehicle to world.
-        omega, alpha: Angular velocity and acceleration [n, 3], vehicle axes.
-    """
+class Window(NamedTuple):
+    """A stretch of reference, one row per tick; after its last row it stays at rest."""
 
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+    """[n, 3], world axes, like the two before it."""
     attitude: Rotation
+    """n rotations, vehicle to world."""
     omega: np.ndarray
     alpha: np.ndarray
+    """Angular velocity and acceleration [n, 3], vehicle axes."""
 
     def rows(self) -> list[Reference]:
         """The same as plain floats."""
-        q = self.attitude.as_quat(scalar_first=True)
-        columns = (self.position, self.velocity, self.acceleration, q, self.omega, self.alpha)
+        columns = self._replace(attitude=self.attitude.as_quat(scalar_first=True))
         return [Reference(*map(tuple, row)) for row in zip(*(c.tolist() for c in columns), strict=True)]
 
 
@@ -216,7 +205,7 @@ def add_leg(before: Window, leg: Leg, ticks: np.ndarray, h: float = TICK_S) -> W
     Rates: with E = exp(w phi), omega <- E'omega + dw phi and alpha <- E'alpha + ddw phi + (E'omega) x (dw phi).
 
     Args:
-        before: The earlier ones at these ticks; after its last row it stays at rest.
+        before: The earlier ones at these ticks.
         leg: The leg.
         ticks: Since the leg started [n].
         h: Length of a tick [s].
@@ -237,21 +226,18 @@ def add_leg(before: Window, leg: Leg, ticks: np.ndarray, h: float = TICK_S) -> W
 
 
 class Guidance:
-    """Walks through a course: starts each leg when its gate lets the vehicle pass.
-
-    Attributes:
-        leg: Index of the newest leg.
-        finished: The last gate has been passed.
-        messages: Gates that the vehicle did not pass in time.
-        start: Attitude at the first waypoint.
-    """
+    """Walks through a course: starts each leg when its gate lets the vehicle pass."""
 
     def __init__(self, course: Course, h: float = TICK_S):
-        self.leg, self.finished, self.messages = -1, False, []
+        self.leg, self.finished = -1, False
+        """Index of the newest leg, and whether the last gate has been passed."""
+        self.messages: list[str] = []
+        """Gates that the vehicle did not pass in time."""
         self._course, self._h = course, h
         self._targets = [tuple(p) for p in course.positions.tolist()]
         self._attitudes = [tuple(a.as_quat(scalar_first=True).tolist()) for a in course.attitudes]
         self.start = self._attitudes[0]
+        """Attitude at the first waypoint."""
         self._behind = at_rest(course.positions[0], course.attitudes[0])  # the legs that have ended
         self._active: list[tuple[int, Leg]] = []  # first tick, leg; in order
         self._first, self._rows = 0, []  # the block of references
@@ -270,15 +256,11 @@ class Guidance:
             else:
                 self.finished = True
         if tick - self._first >= len(self._rows):
-            self._first, self._rows = tick, self._block(np.arange(tick, tick + BLOCK_TICKS)).rows()
+            window, ticks = self._behind, np.arange(tick, tick + BLOCK_TICKS)
+            for start, leg in self._active:
+                window = add_leg(window, leg, ticks - start, self._h)
+            self._first, self._rows = tick, window.rows()
         return self._rows[tick - self._first]
-
-    def _block(self, ticks: np.ndarray) -> Window:
-        """The reference at some ticks [n]."""
-        window = self._behind
-        for start, leg in self._active:
-            window = add_leg(window, leg, ticks - start, self._h)
-        return window
 
     def _start_leg(self, tick: int) -> None:
         self.leg += 1

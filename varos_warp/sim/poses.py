@@ -38,29 +38,21 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
     """
     times, turned = pose_times(poses), attitudes(poses)
     positions = np.array([pose.position for pose in poses], float)
+    q = np.array([attitude.as_quat(scalar_first=True) for attitude in turned])
     tick = np.arange(ticks, dtype=float)
-    moving = (tick >= times[0]) & (tick <= times[-1]) & (len(poses) > 1)
     clamped = np.clip(tick, times[0], times[-1])
-    columns = _splines(times * TICK_S, positions, turned, clamped * TICK_S) if len(poses) > 1 else _rest(ticks)
-    for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration"):
-        columns[name][~moving] = 0.0
-    nearest = np.where(tick <= times[0], 0, np.where(tick >= times[-1], len(poses) - 1, -1))
-    inner = (times == np.round(times)) & (times < ticks)
-    nearest[times[inner].astype(int)] = np.flatnonzero(inner)
-    exact = nearest >= 0
-    q = np.array([a.as_quat(scalar_first=True) for a in turned])
-    columns["position"][exact], columns["quaternion"][exact] = positions[nearest[exact]], q[nearest[exact]]
+    pose = np.searchsorted(times, clamped)
+    columns = {"position": positions[pose], "quaternion": q[pose]}
+    columns |= {name: np.zeros((ticks, 3))
+                for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration")}
+    if len(poses) > 1:
+        between, moving = times[pose] != clamped, tick == clamped
+        path = CubicSpline(times * TICK_S, positions - positions[0], bc_type="natural")
+        attitude = RotationSpline(times * TICK_S, Rotation.concatenate(turned))
+        t = clamped * TICK_S
+        columns["position"][between] = (path(t) + positions[0])[between]
+        columns["quaternion"][between] = attitude(t).as_quat(scalar_first=True)[between]
+        for order, names in ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration"))):
+            for name, spline in zip(names, (path, attitude), strict=True):
+                columns[name][moving] = spline(t, order)[moving]
     return columns
-
-
-def _rest(ticks: int) -> dict[str, np.ndarray]:
-    names = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
-    return {name: np.zeros((ticks, 3)) for name in names} | {"quaternion": np.zeros((ticks, 4))}
-
-
-def _splines(times, positions, turned, t) -> dict[str, np.ndarray]:
-    path = CubicSpline(times, positions - positions[0], bc_type="natural")
-    attitude = RotationSpline(times, Rotation.concatenate(turned))
-    return {"position": path(t) + positions[0], "velocity": path(t, 1), "acceleration": path(t, 2),
-            "quaternion": attitude(t).as_quat(scalar_first=True),
-            "angular_velocity": attitude(t, 1), "angular_acceleration": attitude(t, 2)}

@@ -3,7 +3,6 @@
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import floor, isfinite
 from typing import NamedTuple
 
@@ -28,59 +27,49 @@ REPORT_TICKS = 200
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Motion of the vehicle, one row per tick of 5 ms, float64.
-
-    Attributes:
-        time_ns: int64 [N], from 0.
-        position: [N, 3] [m], world axes, as are velocity and acceleration.
-        velocity: [N, 3] [m/s].
-        acceleration: [N, 3] [m/s^2], from the force balance, never from differences.
-        quaternion: [N, 4] Hamilton (w, x, y, z), vehicle to world, w >= 0.
-        angular_velocity: [N, 3] [rad/s], vehicle axes.
-        angular_acceleration: [N, 3] [rad/s^2], vehicle axes.
-    """
+    """Motion of the vehicle, one row per tick of 5 ms, float64."""
 
     time_ns: np.ndarray
+    """int64 [N], from 0."""
     position: np.ndarray
+    """[N, 3] [m], world axes, as are velocity and acceleration."""
     velocity: np.ndarray
+    """[N, 3] [m/s]"""
     acceleration: np.ndarray
+    """[N, 3] [m/s^2], from the force balance, never from differences."""
     quaternion: np.ndarray
+    """[N, 4] Hamilton (w, x, y, z), vehicle to world, w >= 0."""
     angular_velocity: np.ndarray
+    """[N, 3] [rad/s], vehicle axes."""
     angular_acceleration: np.ndarray
+    """[N, 3] [rad/s^2], vehicle axes."""
 
     def rotation(self) -> Rotation:
         """Attitude of all rows, vehicle to world."""
-        return self._rotation
-
-    @cached_property
-    def _rotation(self) -> Rotation:
         return Rotation.from_quat(self.quaternion, scalar_first=True)
 
     def T_w_v(self, k: int) -> np.ndarray:
         """Pose [4, 4] at row ``k``, vehicle to world."""
-        return transform(self._rotation[k].as_matrix(), self.position[k])
+        return transform(Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix(), self.position[k])
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A trajectory, the ticks of its frames and what the sensors read.
-
-    Attributes:
-        trajectory: Motion of the vehicle, up to one IMU sample after the last frame.
-        frame_ticks: Rows of the trajectory at which frames are taken, int [n_frames], from tick 0.
-        imu, depth_gauge: Readings, or None where the vehicle has none.
-        messages: Warnings and events in plain words.
-        reference_position: What the controller was asked to follow [N, 3] [m]; the position itself for exact poses.
-        waypoint: Index of the waypoint (or pose) that the reference heads for, int [N].
-    """
+    """A trajectory, the ticks of its frames and what the sensors read."""
 
     trajectory: Trajectory
+    """Motion of the vehicle, up to one IMU sample after the last frame."""
     frame_ticks: np.ndarray
+    """Rows of the trajectory at which frames are taken, int [n_frames], from tick 0."""
     imu: Imu | None
     depth_gauge: DepthGauge | None
+    """Readings, or None where the vehicle has none."""
     messages: list[str]
+    """Warnings and events in plain words."""
     reference_position: np.ndarray
+    """What the controller was asked to follow [N, 3] [m]; the position itself for exact poses."""
     waypoint: np.ndarray
+    """Index of the waypoint (or pose) that the reference heads for, int [N]."""
 
 
 class PathSamples(NamedTuple):
@@ -128,30 +117,20 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
     """
     check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
     step = ticks_per_sample(scene.render.frame_rate_hz, "render.frame_rate_hz")
-    run = _follow_poses(scene, step) if scene.trajectory.waypoints is None else _follow_waypoints(scene, step, progress)
+    tell = progress or (lambda share: None)
+    run = _follow_poses(scene, step) if scene.trajectory.waypoints is None else _follow_waypoints(scene, step, tell)
     vehicle, trajectory = scene.vehicle, run.trajectory
-    if progress is not None:
-        progress(1.0)
-    return Simulation(
-        trajectory, np.arange(run.frames) * step,
-        measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
-        measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge else None,
-        run.messages, run.reference, run.waypoint)
+    tell(1.0)
+    return replace(
+        run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
+        depth_gauge=measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge
+        else None)
 
 
-class Run(NamedTuple):
-    """What either way of moving hands to `simulate`."""
-
-    trajectory: Trajectory
-    frames: int
-    messages: list[str]
-    reference: np.ndarray
-    waypoint: np.ndarray
-
-
-COLUMNS = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
-           "angular_acceleration": 3, "reference": 3, "waypoint": 1}
-"""What the loop writes down at each tick, in this order."""
+COLUMNS: list[tuple] = [
+    ("position", float, 3), ("velocity", float, 3), ("acceleration", float, 3), ("quaternion", float, 4),
+    ("angular_velocity", float, 3), ("angular_acceleration", float, 3), ("reference", float, 3), ("waypoint", float)]
+"""What the loop writes down at each tick."""
 
 
 def _rows(scene: Scene, frames: int, step: int) -> int:
@@ -167,7 +146,7 @@ def _trajectory(columns: dict[str, np.ndarray]) -> Trajectory:
     return Trajectory(times_ns(len(q)), **columns)
 
 
-def _follow_poses(scene: Scene, step: int) -> Run:
+def _follow_poses(scene: Scene, step: int) -> Simulation:
     poses, duration = scene.trajectory.poses or [], scene.trajectory.duration_s
     times = pose_times(poses)
     last = times[-1] if len(poses) > 1 else 0.0
@@ -177,10 +156,11 @@ def _follow_poses(scene: Scene, step: int) -> Run:
     rows = _rows(scene, frames, step)
     trajectory = _trajectory(through_poses(poses, rows))
     pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
-    return Run(trajectory, frames, advice.on_poses(poses, (frames - 1) * step * TICK_S), trajectory.position, pose)
+    messages = list(advice.on_poses(poses, (frames - 1) * step * TICK_S))
+    return Simulation(trajectory, np.arange(frames) * step, None, None, messages, trajectory.position, pose)
 
 
-def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
+def _follow_waypoints(scene: Scene, step: int, tell: Callable[[float], None]) -> Simulation:
     course, duration = plan(scene.trajectory), scene.trajectory.duration_s
     if not duration:
         check_length(course.duration, f"trajectory.waypoints.{course.longest}", "the course takes")
@@ -195,15 +175,14 @@ def _follow_waypoints(scene: Scene, step: int, progress) -> Run:
     log, end = _fly(guidance, regulator, dynamics,
                     rows=_rows(scene, frames, step) if frames else None,
                     rows_after=lambda tick: _rows(scene, tick // step + 1, step),
-                    tell=_teller(progress, duration or course.duration))
+                    tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))))
     frames = frames or end // step + 1  # type: ignore[operator]  # where frames is unknown, end is known
-    columns = dict(zip(COLUMNS, np.split(log, np.cumsum(list(COLUMNS.values()))[:-1], axis=1), strict=True))
-    reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint")[:, 0].astype(int)
-    columns = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    columns = {name: np.ascontiguousarray(log[name]) for name, *_ in COLUMNS}
+    reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint").astype(int)
     columns["position"] += origin
     messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
                 *advice.on_run(scene, guidance, end, frames * step, regulator.saturated_ticks)]
-    return Run(_trajectory(columns), frames, messages, reference, waypoint)
+    return Simulation(_trajectory(columns), np.arange(frames) * step, None, None, messages, reference, waypoint)
 
 
 def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: int | None,
@@ -211,15 +190,13 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
     """The loop: guidance, control, thrusters, body. From rest at the first waypoint.
 
     Args:
-        guidance: Walks through the course.
-        regulator: Commands the thrusters.
-        dynamics: Moves the vehicle.
+        guidance, regulator, dynamics: Where to go, what to tell the thrusters, what that does.
         rows: How many ticks to simulate; None to go on until the course ends.
         rows_after: Ticks to simulate in all when the course ends at this one.
         tell: Called with the tick.
 
     Returns:
-        Table [rows, 23] with the columns of `COLUMNS`, and the tick at which the course ended, if it did.
+        A row of `COLUMNS` for each tick, and the tick at which the course ended, if it did.
     """
     state, end, tick, log = State(q=guidance.start), None, 0, array("d")
     while rows is None or tick < rows:
@@ -242,11 +219,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
                                  remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
                                         "vehicle the thrust to get there")
     _check_finite(state)
-    return np.frombuffer(log).reshape(tick, -1)[:rows], end  # the course may end well after the last frame
-
-
-def _teller(progress: Callable[[float], None] | None, expected_s: float) -> Callable[[int], None]:
-    return lambda tick: progress(min(1.0, tick * TICK_S / expected_s)) if progress is not None else None
+    return np.frombuffer(log, COLUMNS)[:rows], end  # the course may end well after the last frame
 
 
 def _check_finite(state: State) -> None:

@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 
 from varos_warp.kernels.field.open_water import Field, LightField
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
-from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.cache import cached, code_hash
@@ -34,6 +33,7 @@ CAMERA_PIXELS = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 CAMERA_NEAREST_M, CAMERA_FARTHEST_M = 0.02, 200.0
 """First and last of these distances; nearer, in-scattering is in proportion."""
+CAMERA_LOG_STEP = float(np.log(CAMERA_FARTHEST_M / CAMERA_NEAREST_M) / (CAMERA_NODES[0] - 1))
 MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions that the field serves. Of Henyey and Greenstein g = 0.8, 0.924, 0.95 and 0.98 agree
 with paths in one scene (docs/transport.md); at -0.3 the matrix of scattering is 4 % off."""
@@ -105,7 +105,7 @@ class OpenWater:
             arrays = cached("camera", depends_on, lambda: {"radiance": self._along_rays(view)})
             self._cameras[key] = self._array(arrays["radiance"])
         field.in_scattering = self._cameras[key]
-        field.nearest, field.log_step = CAMERA_NEAREST_M, _log_step()
+        field.nearest, field.log_step = CAMERA_NEAREST_M, CAMERA_LOG_STEP
         return field
 
     @cached_property
@@ -140,23 +140,16 @@ class OpenWater:
 
     def _along_rays(self, view: Camera) -> np.ndarray:
         """Radiance [CAMERA_NODES, 3] of multiple in-scattering up to each distance, of a vehicle at rest."""
-        scene, camera, size = self._at_rest(view)
+        T_w_v, origin = np.eye(4), np.zeros(3)
+        records = [light_record(light, T_w_v, origin) for light in self.scene.vehicle.lights]
+        scene = SceneData()
+        scene.medium = medium_record(self.water, self.device)
+        scene.lights = wp.array(records, dtype=LightData, device=self.device)
+        camera, size = camera_record(view, T_w_v, origin, pinhole=True), wp.vec2(*map(float, view.resolution))
         radiance = wp.empty(CAMERA_NODES, dtype=wp.vec3, device=self.device)
-        before = [scene, self._lights, camera, size, CAMERA_NEAREST_M, _log_step()]
+        before = [scene, self._lights, camera, size, CAMERA_NEAREST_M, CAMERA_LOG_STEP]
         self.launcher.rows(tabulate_in_scattering, CAMERA_NODES[1:], before, [radiance], tile_rows=1)
         return radiance.numpy()
-
-    def _at_rest(self, view: Camera) -> tuple[SceneData, CameraData, wp.vec2]:
-        """Water and lights, a camera and the size of its image, of a vehicle at rest."""
-        scene = SceneData()
-        scene.medium, scene.lights = medium_record(self.water, self.device), self._lights_at_rest
-        camera = camera_record(view, np.eye(4), np.zeros(3), pinhole=True)
-        return scene, camera, wp.vec2(*map(float, view.resolution))
-
-    @cached_property
-    def _lights_at_rest(self) -> wp.array:
-        records = [light_record(light, np.eye(4), np.zeros(3)) for light in self.scene.vehicle.lights]
-        return wp.array(records, dtype=LightData, device=self.device)
 
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(values, dtype=wp.vec3, device=self.device)
@@ -177,7 +170,3 @@ def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
 def _kind(light: Light) -> tuple:
     """What lights have in common that share a field."""
     return ("everywhere",) if shines_everywhere(light) else (light.cone_deg, light.blend)
-
-
-def _log_step() -> float:
-    return float(np.log(CAMERA_FARTHEST_M / CAMERA_NEAREST_M) / (CAMERA_NODES[0] - 1))

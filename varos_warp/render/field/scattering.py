@@ -27,16 +27,14 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
     between, fit = leaving.fit(BETWEEN)
     s, weights = _rings(phase)
     shape = _shape(phase)
-    knots, collocation = _spline(arriving)
-    far, near = [], []
+    spline = make_interp_spline(arriving.s, np.eye(len(arriving.s)), k=3)  # its coefficients, of values there
     series = np.cos(np.outer(np.arange(len(arriving.phi)), arriving.phi))
     series[1:] *= 2.0
-    for w in between.vectors:
-        far.append(_far(phase, w, arriving))
-        near.append(_near(w, s, weights, shape, arriving, knots))
-    near = np.einsum("jbm,bi,mk->jik", np.array(near), collocation, series / len(arriving.phi), optimize=True)
+    far = np.array([_far(phase, w, arriving) for w in between.vectors])
+    near = np.array([_near(w, s, weights, shape, arriving, spline.t) for w in between.vectors])
+    near = np.einsum("jbm,bi,mk->jik", near, spline.c, series / len(arriving.phi), optimize=True)
     near /= shape(arriving.gamma)[:, None]
-    return fit @ (np.array(far) + near.reshape(len(far), -1))
+    return fit @ (far + near.reshape(len(far), -1))
 
 
 def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
@@ -71,12 +69,6 @@ def shape_of_twice(phase: PhaseFunction, matrix: np.ndarray, arriving: Direction
     return lambda gamma: np.exp(np.interp(np.sqrt(gamma), np.sqrt(leaving.gamma), values))
 
 
-def _spline(arriving: Directions) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of splines in s, and the matrix from values at the directions to their coefficients."""
-    spline = make_interp_spline(arriving.s, np.eye(len(arriving.s)), k=3)
-    return spline.t, spline.c
-
-
 def _share_far(s: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Share of the part that is summed over the quadrature of directions."""
     return s * s / np.maximum(s * s + c * c, 1e-300)
@@ -94,15 +86,12 @@ def _far(phase: PhaseFunction, w: np.ndarray, arriving: Directions) -> np.ndarra
 def _near(w, s, weights, shape, arriving: Directions, knots) -> np.ndarray:
     """Coefficients [splines, cosines] of what comes from rings around ``w``."""
     chi = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
-    sideways = np.array([0.0, 1.0, 0.0])
-    if abs(w[1]) > 0.9:
-        sideways = np.array([1.0, 0.0, 0.0])
-    a = np.cross(w, sideways)
+    a = np.cross(w, np.eye(3)[0 if abs(w[1]) > 0.9 else 1])
     a /= np.linalg.norm(a)
     b = np.cross(w, a)
     sin_psi = 2.0 * np.sqrt(s * (1.0 - s))
-    v = w + (-2.0 * s)[:, None, None] * w + sin_psi[:, None, None] * (np.outer(np.cos(chi), a)
-                                                                       + np.outer(np.sin(chi), b))
+    around = np.outer(np.cos(chi), a) + np.outer(np.sin(chi), b)
+    v = w + (-2.0 * s)[:, None, None] * w + sin_psi[:, None, None] * around
     v = v.reshape(-1, 3)
     c = (v[:, 0] ** 2 + v[:, 1] ** 2 + (1.0 - v[:, 2]) ** 2) / 4.0
     gamma = 2.0 * np.arcsin(np.sqrt(np.minimum(c, 1.0)))

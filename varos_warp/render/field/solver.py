@@ -158,11 +158,9 @@ class LightFieldSolver:
     def _launch(self, kernel, grid: NodeGrid, directions: Directions, inputs) -> np.ndarray:
         shape = (grid.distances, grid.inside + grid.outside + 1, len(directions.pairs))
         radiance = wp.empty(shape, dtype=wp.vec3, device=self.device)
-        self.launcher.rows(kernel, shape, [*inputs, self._pairs(directions)], [radiance], tile_rows=1)
+        pairs = wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
+        self.launcher.rows(kernel, shape, [*inputs, pairs], [radiance], tile_rows=1)
         return radiance.numpy()
-
-    def _pairs(self, directions: Directions) -> wp.array:
-        return wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
 
     def _light_alone(self) -> SceneData:
         """The light at the origin, along z, in the water."""
@@ -181,10 +179,10 @@ class Refinement:
     """From values at the nodes of a coarse grid to those of a fine one, by splines.
 
     Args:
-        coarse: the one grid.
-        fine: the other.
-        like: radiance [coarse..., n, 3] of the order of what is to be refined.
-        sigma_t: extinction [1/m], float64 [3].
+        coarse: The one grid.
+        fine: The other.
+        like: Radiance [coarse..., n, 3] of the order of what is to be refined.
+        sigma_t: Extinction [1/m], float64 [3].
     """
 
     def __init__(self, coarse: NodeGrid, fine: NodeGrid, like: np.ndarray, sigma_t: np.ndarray):
@@ -196,7 +194,8 @@ class Refinement:
         last = (depth <= FARTHEST_DEPTH).sum(axis=0, keepdims=True) - 1
         nodes = np.arange(len(d))[:, None, None, None]
         amplitude = np.take_along_axis(amplitude, np.minimum(nodes, last), axis=0)
-        self._splines = [_spline_matrix(*places) for places in zip(_places(coarse), _places(fine), strict=True)]
+        self._splines = [make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others).astype(np.float32)
+                         for at, others in zip(_places(coarse), _places(fine), strict=True)]
         self.amplitude = amplitude.astype(np.float32)
         """How large values are about at each distance; splines and errors are of what is left without it."""
         self._fine_amplitude = np.exp(np.tensordot(self._splines[0], np.log(amplitude), 1)).astype(np.float32)
@@ -235,8 +234,3 @@ def _places(grid: NodeGrid) -> tuple[np.ndarray, np.ndarray]:
     """Places of nodes that grids of any fineness share: distances from 0 to 1, angles to 1 at the edge and on to 2."""
     outside = 1.0 + np.arange(grid.outside + 1) / max(grid.outside, 1)
     return np.linspace(0.0, 1.0, grid.distances), np.concatenate([np.arange(grid.inside) / grid.inside, outside])
-
-
-def _spline_matrix(at: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Matrix from values at some places to those of their spline at others."""
-    return make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others).astype(np.float32)

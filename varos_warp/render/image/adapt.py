@@ -5,8 +5,8 @@ bright samples would stop early, and stay too dark. So the pixels of every tile 
 a chessboard. All take a few samples first; how many more those of one side take is decided from the first samples of
 the other side alone, which know nothing of theirs. So the mean of every pixel is unbiased.
 
-Paths go on until each tile has the standard error asked for (`more_samples`). With the field there are so many samples
-to spend, in proportion to the noise of one, which is how they leave the least error in all (`share_out`; Neyman 1934).
+The samples of an image are shared out in proportion to the noise of one, which is how they leave the least error in all
+(Neyman 1934).
 """
 
 from functools import reduce
@@ -16,10 +16,8 @@ from scipy.ndimage import uniform_filter
 
 DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
-FIRST_SHARE = 4
-"""One sample in so many of those planned for the pixel is taken before anything is decided,"""
-FEWEST_FIRST, FEWEST_FIRST_SHARED = 8, 2
-"""but never fewer than so many; the second where samples are shared out."""
+FIRST_SHARE, FEWEST_FIRST = 4, 2
+"""One sample in so many of those of the pixel is taken before anything is decided, but never fewer than the second."""
 GOLDEN = 0.6180339887
 """Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 64
@@ -27,9 +25,9 @@ MOST_SHARED = 64
 that many."""
 
 
-def first_samples(spp: float, fewest: int = FEWEST_FIRST) -> int:
+def first_samples(spp: int) -> int:
     """Samples per pixel that are taken before anything is decided."""
-    return max(fewest, int(spp) // FIRST_SHARE)
+    return min(spp, max(FEWEST_FIRST, spp // FIRST_SHARE))
 
 
 def brightness(mean: np.ndarray) -> np.ndarray:
@@ -56,20 +54,6 @@ def other_noise(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
 def worst_channel(images: np.ndarray) -> np.ndarray:
     """The largest of the channels [..., 3]; numpy's ``max`` over so short an axis takes ten times longer."""
     return reduce(np.maximum, np.moveaxis(images, -1, 0))
-
-
-def more_samples(noise: np.ndarray, taken: int, tolerance: float, spp: int) -> np.ndarray:
-    """Further samples per pixel of each side and tile, int32 [2, rows, columns], to a standard error.
-
-    Args:
-        noise: Relative variance of one sample, of `other_noise`.
-        taken: Samples that every pixel has.
-        tolerance: Relative standard error asked.
-        spp: Samples per pixel that are planned to be needed; no tile takes more than four times that.
-    """
-    with np.errstate(over="ignore"):  # a tiny tolerance asks for all that a tile may take
-        needed = np.ceil(noise / max(tolerance**2, np.finfo(float).tiny))
-    return (np.clip(needed, taken, max(4 * spp, taken)) - taken).astype(np.int32)
 
 
 def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:

@@ -30,22 +30,20 @@ class DeviceDenoiser:
         # before the arrays that the filters point to, and before the interpreter takes the library down
         self._release = weakref.finalize(self, _release, self._networks, self._oidn)
 
-    def denoise(self, radiance, correction=None, base_variance=None, albedo=None, normal=None) -> wp.array:
+    def denoise(self, radiance, correction=None, base_variance=None, **guides) -> wp.array:
         """Linear radiance with less noise, not negative; all arrays are of vec3 [H, W] on this device.
 
         Args:
             radiance: The image.
             correction: What is denoised apart from the rest, the base; may be negative.
             base_variance: Of all but the correction, given with it: what is mixed by.
-            albedo: Guide for what is denoised, in [0, 1].
-            normal: Guide for it; given with ``albedo`` or not at all.
+            guides: For what is denoised: ``albedo`` in [0, 1] and ``normal``, or neither.
 
         Raises:
             RuntimeError: If Open Image Denoise reports a failure.
         """
         with wp.ScopedDevice(self.device):
             result = wp.zeros_like(radiance)
-            guides = {} if albedo is None or normal is None else {"albedo": albedo, "normal": normal}
             if correction is None:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:

@@ -30,11 +30,7 @@ MOST_LISTED = 1 << 28
 
 
 class Films:
-    """The films of one device.
-
-    Args:
-        launcher: of the device.
-    """
+    """The films of one device."""
 
     def __init__(self, launcher: Launcher):
         self.launcher, self.device = launcher, launcher.device

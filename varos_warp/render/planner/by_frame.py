@@ -20,23 +20,21 @@ from varos_warp.render.planner import errors
 from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw
 
 SHARE = 0.04
-"""Of all samples of a sequence, at most about so many are spent on trying its poses."""
+"""Share of a sequence's samples that trying its poses may cost, about."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
-"""Stretches between evenly spread poses: with fewer, or with samples that are few anyway, all frames take the same."""
+"""Stretches between evenly spread poses; with fewer, or where few samples are needed, all frames take the same."""
 UNLIKE = 1.5
-"""The ends of a stretch are unlike if one needs more than so many times what the other needs."""
+"""The ends of a stretch are unlike if one needs more than so many times the samples of the other."""
 HALVINGS, HALVED = 2, 0.25
-"""Then it is halved, so often, and at a time at most as many as that share of the poses."""
-FEWER = (4, 2, 1)
-"""A pose is tried with so many times fewer samples than it may need,"""
-ESTIMATES = 2
-"""against so many independent estimates with as many."""
+"""How often stretches with unlike ends are halved, at a time at most as many as this share of the poses."""
+FEWER, ESTIMATES = (4, 2, 1), 2
+"""A pose is tried with the samples that it may need over each of these, against so many independent estimates."""
 FIRST = 8
-"""The first poses may need as many, or a `REACH`-th of what the noisiest view needs, if that is more."""
+"""Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, ROUNDS = 1.5, 4
-"""If it needs more than so many times what it was tried with, it is tried again with that, up to so often in all."""
+"""A pose that needs more than so many times what it was tried with is tried again, so often at most."""
 THREADS = 2
-"""That compare images while others are rendered."""
+"""Threads that compare images while others are rendered."""
 
 PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """Options that a plan says for all frames alike."""
@@ -107,12 +105,11 @@ def trial(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Trial:
 
 def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: dict[Place, int], target: float,
                    steepest: float) -> dict[Place, int]:
-    """Samples per pixel that each view needs.
+    """Samples per pixel that each view needs; ``target`` and ``steepest`` as in `Trial.needs`.
 
     Args:
         image: Makes the radiance of a view, the first argument, as in `trial`.
         views: The views, and what they may need, `FEWER[0]` at least.
-        target: As in `Trial.needs`, like ``steepest``.
     """
     needed, tried = {}, views
     for _ in range(ROUNDS):

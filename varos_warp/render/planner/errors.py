@@ -78,7 +78,8 @@ def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray])
     for image in np.asarray(images):
         level = image.mean((0, 1), dtype=np.float64)
         (square, deviation), sane_means = _against_sane(image, estimates, level)
-        (offset, chance), (sane_offset, sane_chance) = (_offset(level, of) for of in (means, sane_means))
+        both = np.array([means, sane_means])
+        (offset, sane_offset), (chance, sane_chance) = level - both.mean(1), both.var(axis=1, ddof=1) / len(means)
         rare = offset**2 - chance - (sane_offset**2 - sane_chance)
         squares.append(square + rare)
         unsure.append(np.hypot(deviation / np.sqrt(image[..., 0].size),
@@ -102,11 +103,6 @@ def _against_sane(image: np.ndarray, estimates: np.ndarray, level: np.ndarray) -
         means += sane.sum((1, 2))
     mean, mean_square = sums / image[..., 0].size
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), means / image[..., 0].size
-
-
-def _offset(level: np.ndarray, means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far the mean of an image [3] is from the ``means`` [n, 3] of estimates, and the variance of theirs."""
-    return level - means.mean(0), means.var(axis=0, ddof=1) / len(means)
 
 
 def relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:

@@ -67,14 +67,9 @@ def pixels_tried(camera: Camera, frames: int) -> int:
     return max(PIXELS, round(min(1.0, frames / LONG) * np.prod(camera.resolution)))
 
 
-def pilot_frames(count: int) -> list[int]:
-    """A few frames of ``count``, evenly spread and with the first and the last."""
-    return np.unique(np.linspace(0, count - 1, POSES).round().astype(int)).tolist()
-
-
 def pilot_views(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]:
-    """A few poses through every camera."""
-    for frame in pilot_frames(len(poses)):
+    """A few poses, evenly spread and with the first and the last, through every camera."""
+    for frame in np.unique(np.linspace(0, len(poses) - 1, POSES).round().astype(int)).tolist():
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
             how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame}

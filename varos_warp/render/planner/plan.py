@@ -25,43 +25,36 @@ from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
 
-CHANNELS = ("red", "green", "blue")
-
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
-"""Samples are chosen for an error smaller by this factor: what a pilot says of it is not exact. The second is for
-images that are denoised, for what a denoiser makes of little noise varies most from image to image. That is of images
-with `pilot.PIXELS`; of larger ones the mean square of all pixels varies less, with the root of their number."""
+"""Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
+images of `pilot.PIXELS`, whose errors vary most; of larger ones they vary less, with the root of the pixels."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 1.7, "path": 1.0}
-"""Time of a sample of the one integrator over that of the other: about as measured in unlike scenes, and the same on
-every machine, so that machines that share the work choose alike."""
+"""Relative time of a sample, about as measured in unlike scenes; constant, so that machines that share the work choose
+alike."""
 PATHS_PAY = 0.8
-"""Paths alone are taken where they need at most this share of the work: two images tell it only so well, and of about
-equal ones those with the field have fewer rare bright samples."""
+"""Paths alone are taken where they need at most this share of the work: two images tell it only so well, and with the
+field there are fewer rare bright samples."""
 COMPARED_SPP, RARE_COUNTS = 8, 2.0
-"""Samples per pixel of the images by which integrators are compared; and how many times less the work that noise before
-denoising asks for counts, for a denoiser takes most of it."""
+"""Samples per pixel of the images by which integrators are compared; and how many times less the work by noise before
+denoising counts than that by noise after it, for a denoiser takes most of it."""
 NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 50e-9}
-"""Of a sample of a pixel with the field, two cores or a large GPU: what `max_seconds_per_frame` is told by, for the
-same reason."""
+"""Time of a sample of a pixel with the field, on two cores or a large GPU; constant for the same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 """`max_seconds_per_frame` where the scene says nothing."""
 FIRST_GUESS = {"field": 2, "path": 4, "reference": 16}
 """Samples per pixel of the first test images; if far from what is needed, others are made."""
-LEVELS = (1, 2, 4)
-"""Test images have so many times as many samples,"""
-ESTIMATE_LEVEL = 8
-"""the estimates that tell their errors so many times as many,"""
+LEVELS, ESTIMATE_LEVEL = (1, 2, 4), 8
+"""Samples of the test images, and of the estimates that tell their errors, as multiples of that guess."""
 FEWEST_ESTIMATES, MOST_ESTIMATES, MOST_ESTIMATING = 2, 16, 512
-"""and there are more of these until they tell the square of an error (`errors.PRECISE`), or have so many samples per
-pixel together."""
+"""Estimates are added until they tell the square of an error (`errors.PRECISE`), or are as many as the second, or have
+as many samples per pixel together as the third."""
 IMAGES = 4
-"""Test images of each level, of which the worst counts: what rare bright samples and a denoiser leave varies from one
-to the next, and a tolerance is to hold for nearly all."""
-MOST_TRIED = 32
-"""Samples per pixel of the first test image, at most."""
-ROUNDS = 3
+"""Test images of each level. The worst counts: what rare bright samples and a denoiser leave varies from one image to
+the next, and a tolerance is to hold for nearly all."""
+MOST_TRIED, ROUNDS = 32, 3
+"""Most samples per pixel of the first test image, and how often a guess is made."""
 
 
 def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False) -> Plan:
@@ -162,7 +155,12 @@ class Planner:
         asked, found = self.render.integrator, self.integrators
         words, why = " and ".join(sorted(found)), "given"
         if "field" not in found:
-            return self.decide("integrator", words, why if asked == words else self.why_no_field(), np.zeros(3))
+            if asked != words and self.render.max_scatterings is not None:
+                why = "the field holds all orders of scattering, and a bound is given"
+            elif asked != words:
+                reasons = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
+                why = "; ".join(sorted(reasons))
+            return self.decide("integrator", words, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
@@ -197,13 +195,6 @@ class Planner:
         noise = np.array([pair.noise(method, rare=0.0).max() for method in (self.denoiser, "none")])
         return noise**2 * images[0].spp * SAMPLE_COST[name]
 
-    def why_no_field(self) -> str:
-        """In words."""
-        if self.render.max_scatterings is not None:
-            return "the field holds all orders of scattering, and a bound is given"
-        why = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
-        return "; ".join(sorted(why))
-
     # -------------------------------------------------------------------------------------------------------- samples
 
     def choose_samples(self) -> int:
@@ -216,14 +207,15 @@ class Planner:
             self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
             return FEWEST_SPP
         known = max(self.decisions[-1].error)
-        target = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
-        law = self.error_law(target / self.margin)
-        spp, needed, most = law.whole_samples(target / self.margin), law.samples(target / self.margin), self.most_spp()
+        left = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
+        target = left / self.margin
+        law = self.error_law(target)
+        spp, needed, most = law.whole_samples(target), law.samples(target), self.most_spp()
         if max(spp, needed) > most:
             spp = min(spp, most)
             self.tell_shortfall(self.margin * law.error(spp).max(), needed)
-        self.decide("spp", spp, self.why_spp(law, needed, target), self.margin * law.error(spp))
-        return self.choose_by_frame(spp, target / self.margin)
+        self.decide("spp", spp, self.why_spp(law, needed, left), self.margin * law.error(spp))
+        return self.choose_by_frame(spp, target)
 
     @property
     def margin(self) -> float:
@@ -315,10 +307,10 @@ class Planner:
                     break
         return made
 
-    def why_spp(self, law: ErrorLaw, needed: int, target: float) -> str:
+    def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
         """The choice in words."""
-        channel = CHANNELS[int(np.argmax(law.measured[-1]))]
-        left = f" after {self.denoiser}" if self.denoiser != "none" else ""
-        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{left} ({channel}, "
-                 f"{self.worst.label}), and {target:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
+        channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
+        after = f" after {self.denoiser}" if self.denoiser != "none" else ""
+        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
+                 f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
         return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words

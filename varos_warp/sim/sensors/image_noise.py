@@ -37,13 +37,6 @@ def vignette(model: Vignetting | None, K: np.ndarray, shape: tuple[int, int]) ->
     return np.maximum(1.0 + sum(a * r2 ** (i + 1) for i, a in enumerate(model.coefficients)), 0.0)
 
 
-def electrons_at_white(model: CameraNoise, gain: float) -> float:
-    """Electrons that fill the converter in a frame that is exposed with ``gain``."""
-    if model.electrons_per_dn is not None:
-        return model.electrons_per_dn * _levels(model)
-    return model.electrons_per_radiance / gain
-
-
 def _levels(model: CameraNoise) -> int:
     """DN between black and white."""
     return 2**model.bits - 1 - model.black_level
@@ -60,7 +53,8 @@ def expose(model: CameraNoise, radiance: np.ndarray, gain: float, rng: np.random
         rng: Of the frame.
         share: Of the light that reaches each pixel [H, W].
     """
-    white = electrons_at_white(model, gain)
+    per_dn, levels = model.electrons_per_dn, _levels(model)
+    white = model.electrons_per_radiance / gain if per_dn is None else per_dn * levels  # electrons
     signal = np.asarray(radiance, np.float64) * (gain * white) * np.asarray(share)[..., None]
     well = model.full_well_electrons or np.inf
     # Poisson numbers need a bound: so far above white and above the well, noise does not lead back
@@ -68,7 +62,7 @@ def expose(model: CameraNoise, radiance: np.ndarray, gain: float, rng: np.random
     electrons = np.minimum(rng.poisson(signal) if model.shot_noise else signal, well)
     electrons += model.read_noise_electrons * rng.standard_normal(signal.shape)
     electrons += model.row_noise_electrons * rng.standard_normal((len(signal), 1, 1))
-    number = np.rint(model.black_level + electrons * (_levels(model) / white))
+    number = np.rint(model.black_level + electrons * (levels / white))
     return np.clip(number, 0, 2**model.bits - 1).astype(np.int32)
 
 

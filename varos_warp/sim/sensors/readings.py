@@ -12,24 +12,20 @@ from varos_warp.sim.sensors.noise import imu_noise
 
 @dataclass(frozen=True)
 class Imu:
-    """Readings of the IMU in its own axes, instantaneous, one row per sample.
-
-    Attributes:
-        time_ns: int64 [M].
-        acceleration: Specific force [M, 3] [m/s^2]: +9.81 along the up axis at rest.
-        angular_velocity: [M, 3] [rad/s].
-        acceleration_bias, angular_velocity_bias: The slowly varying part of the noise in the readings [M, 3]; zero
-            unless the scene asks for noise.
-        true_acceleration, true_angular_velocity: What they would be without noise [M, 3].
-    """
+    """Readings of the IMU in its own axes, instantaneous, one row per sample."""
 
     time_ns: np.ndarray
+    """int64 [M]"""
     acceleration: np.ndarray
+    """Specific force [M, 3] [m/s^2]: +9.81 along the up axis at rest."""
     angular_velocity: np.ndarray
+    """[M, 3] [rad/s]"""
     acceleration_bias: np.ndarray
     angular_velocity_bias: np.ndarray
+    """The slowly varying part of the noise in the readings [M, 3]; zero unless the scene asks for noise."""
     true_acceleration: np.ndarray
     true_angular_velocity: np.ndarray
+    """The readings without noise [M, 3]."""
 
 
 @dataclass(frozen=True)

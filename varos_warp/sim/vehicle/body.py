@@ -164,8 +164,6 @@ def sphere(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:
         InputError: The vehicle weighs more under water than in air.
     """
     displaced_volume(vehicle.mass_kg, vehicle.net_buoyancy, gravity)  # refuses what has none
-    values = {}
-    for name in Sphere.__dataclass_fields__:
-        value = gravity if name == "gravity" else getattr(vehicle, name)
-        values[name] = preset(name, vehicle.mass_kg) if value is None else value
-    return Sphere(**values)
+    given = {name: getattr(vehicle, name) for name in Sphere.__dataclass_fields__ if name != "gravity"}
+    return Sphere(gravity=gravity, **{name: preset(name, vehicle.mass_kg) if value is None else value
+                                      for name, value in given.items()})

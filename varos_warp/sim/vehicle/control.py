@@ -5,8 +5,8 @@ actuator delivers. The gain comes from the discrete Riccati equation with the ex
 when the actuator or the weights are fast compared with the tick.
 """
 
-from dataclasses import dataclass
 from math import ceil, log2, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, expm, solve_discrete_are
@@ -107,8 +107,7 @@ def is_slow(frequency: float, k1: float) -> bool:
 # --------------------------------------------------------------------------------------------------------- operation
 
 
-@dataclass(frozen=True)
-class Gains:
+class Gains(NamedTuple):
     """(k_integral, k1, k2, k3, k4) of translation and of rotation."""
 
     translation: tuple[float, ...]

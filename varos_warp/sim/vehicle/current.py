@@ -19,12 +19,6 @@ BLOCK_TICKS = 1000
 class Current:
     """Velocity of the water, the same everywhere, as a function of time.
 
-    Attributes:
-        drift: Mean velocity [3] [m/s].
-        amplitude: Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed.
-        frequency: [WAVES] [rad/s], within an octave of the asked period on either side.
-        phase: [WAVES] [rad]
-
     Raises:
         InputError: It would change faster than the simulator's clock can follow.
     """
@@ -37,8 +31,11 @@ class Current:
         direction = rng.normal(size=(WAVES, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         self.drift = np.asarray(current.velocity, float)
+        """Mean velocity [3] [m/s]."""
         self.amplitude = current.fluctuation * np.sqrt(2.0 / WAVES) * direction
+        """Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed."""
         self.frequency = 2.0 * np.pi / max(current.period_s, SHORTEST_PERIOD_S) * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
+        """[WAVES] [rad/s], within an octave of the asked period on either side."""
         self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
 
     def velocity(self, t) -> np.ndarray:
@@ -48,11 +45,6 @@ class Current:
     def acceleration(self, t) -> np.ndarray:
         """Its time derivative [n, 3] [m/s^2]."""
         return (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
-
-    @property
-    def is_steady(self) -> bool:
-        """No fluctuation at all."""
-        return not self.amplitude.any()
 
     @property
     def max_speed(self) -> float:
@@ -65,21 +57,14 @@ class SampledCurrent:
 
     def __init__(self, current: Current, tick_s: float, per_tick: int):
         self._current, self._dt, self._per_tick = current, tick_s / per_tick, per_tick
-        self._first, self._rows = -1, []
-        still = (tuple(current.drift.tolist()), (0.0, 0.0, 0.0))
-        self._constant = [still] * (per_tick + 1) if current.is_steady else None
+        self._first, self._rows = -BLOCK_TICKS, []
 
     def stages(self, tick: int) -> list[tuple[Vector, Vector]]:
         """(velocity, acceleration) at ``per_tick + 1`` evenly spaced times, from this tick to the next."""
-        if self._constant is not None:
-            return self._constant
-        if not 0 <= tick - self._first < BLOCK_TICKS or self._first < 0:
-            self._fill(tick)
+        if not 0 <= tick - self._first < BLOCK_TICKS:
+            self._first = tick
+            t = (tick * self._per_tick + np.arange(BLOCK_TICKS * self._per_tick + 1)) * self._dt
+            both = self._current.velocity(t).tolist(), self._current.acceleration(t).tolist()
+            self._rows = [(tuple(v), tuple(a)) for v, a in zip(*both, strict=True)]
         start = (tick - self._first) * self._per_tick
         return self._rows[start:start + self._per_tick + 1]
-
-    def _fill(self, tick: int) -> None:
-        self._first = tick
-        t = (tick * self._per_tick + np.arange(BLOCK_TICKS * self._per_tick + 1)) * self._dt
-        velocity, acceleration = self._current.velocity(t), self._current.acceleration(t)
-        self._rows = [(tuple(v), tuple(a)) for v, a in zip(velocity.tolist(), acceleration.tolist(), strict=True)]
