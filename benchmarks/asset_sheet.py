@@ -100,7 +100,7 @@ def tiles():
 
 
 def scene_of(objects, scatter):
-    """One tile's scene: sand, the objects, two lamps, the paper's water."""
+    """One tile's scene: sand, the objects, two lights, the paper's water."""
     lamps = [{"position": [x, -0.1, 0.0], "direction": [0, 1, 0], "cone_deg": 65, "blend": 0.15} for x in (-0.15, 0.15)]
     return scene_from_dict({
         "terrain": {"kind": "procedural", "size_m": 16, "resolution": 257, "relief_m": 0.5 if scatter else 0.0,

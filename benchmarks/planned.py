@@ -68,7 +68,7 @@ CASES = {
     "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
     "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
     "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": Case("lamps a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
+    "boom": Case("lights a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
                                                        enumerate((-1.0, 1.0))))),
     "peaked": Case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
     "fixed_camera": Case("a camera in the world", CLEAR,

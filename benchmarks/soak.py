@@ -30,7 +30,7 @@ COUNTED = ("rss_mb", "handles", "threads")
 
 
 def small_scene(frames: int, size: tuple[int, int], **render):
-    """Two lamps and a camera that turn over a rough floor; as many frames as asked for."""
+    """Two lights and a camera that turn over a rough floor; as many frames as asked for."""
     seconds = (frames - 1) / 10.0
     poses = [{"time_s": t, "position": [0, 0, 0], "rotation_euler_deg": [-20, 0, 40 * (k % 2)]}
              for k, t in enumerate(np.linspace(0.0, seconds, 2 + frames // 100))]
