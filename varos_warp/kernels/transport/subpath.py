@@ -225,8 +225,8 @@ class Subpath:
 def light_reach(scene: SceneData, hit: Hit):
     """Distance from the lights up to which roulette ignores the distance [m]; ``hit`` ends the camera's ray.
 
-    It is the distance of that hit, within which surfaces pass light back and forth, or three mean free paths of the
-    clearest channel, up to three times that distance. No length is a constant, so the scale of a scene does not matter.
+    Three mean free paths of the clearest channel, but between one and three times the hit's distance from the lights,
+    within which surfaces pass light back and forth. No length is a constant, so the scale of a scene does not matter.
     """
     sigma = scene.medium.sigma_t
     free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
@@ -291,7 +291,7 @@ def light_share(path: Subpath, most: float):
 
 @wp.func
 def lobe_reaches_lights(scene: SceneData, vertex: Vertex):
-    """X / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
+    """The value x / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
 
     The water is brightest around the lights, but a metal whose lobe hardly points there does not reflect that light.
     """
