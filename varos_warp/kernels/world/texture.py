@@ -32,7 +32,7 @@ class Layer:
 
     image: Image
     offset: wp.vec3
-    """The material's origin, minus whole multiples of ``tiling.PERIOD`` tiles."""
+    """The material's offset, minus whole multiples of ``tiling.PERIOD`` tiles."""
     size: float
     """Width of the tile [m]."""
     ripple: float

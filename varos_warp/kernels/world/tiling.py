@@ -1,7 +1,7 @@
 """Images on surfaces, filtered to the footprint of a ray, and endless tiling without visible repetition.
 
-Hexagonal patches are cut from random places of a tile (Heitz and Neyret 2018, "High-performance by-example noise using a
-histogram-preserving blending operator"; Deliot and Heitz 2019). Texels hold Gaussian values: a blend of independent
+Hexagonal patches are cut from random places of a tile (Heitz and Neyret 2018, "High-performance by-example noise using
+a histogram-preserving blending operator"; Deliot and Heitz 2019). Texels hold Gaussian values: a blend of independent
 ones, divided by the root of the sum of its squared weights, has the same distribution, and a table maps it to colours
 with the histogram of the tile. Most points lie in a single patch: patches blend only over a narrow edge, which keeps
 features sharp and is cheap (cf. Mikkelsen 2022, "Practical real-time hex-tiling").
