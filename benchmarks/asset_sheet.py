@@ -1,8 +1,8 @@
-"""A contact sheet of every asset and material, evenly lit (B) and under water (A).
+"""A contact sheet of every object and material, in uniform light (B) and under water (A).
 
     python -m benchmarks.asset_sheet [-o docs/images/assets.png] [--device auto] [--spp 32] [--only valve,rust]
 
-Minutes on two CPU cores. Every tile is a scene of its own, rendered larger than the sheet shows it.
+Takes minutes on two CPU cores. Every tile is its own scene, rendered larger than the sheet shows it.
 """
 
 import argparse

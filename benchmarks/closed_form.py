@@ -1,4 +1,4 @@
-"""Light scattered once in open water, by quadrature: no random numbers, and no code shared with the kernels."""
+"""Single scattering in open water, by quadrature: no random numbers, and no code shared with the kernels."""
 
 import numpy as np
 

@@ -1,12 +1,11 @@
-"""The planner held to its word: on many scenes, is the error within what it predicts, and the time near the best?
+"""Are plans kept? On many scenes, is the error within the predicted one, and is the time near the best?
 
     python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
 
-For each scene: the plan, an image with it, its error by independent estimates of far more samples, and its time; and
-the same for settings picked by hand (integrator and samples), of which the fastest that keeps the tolerance is the
-best; where the plan could not keep it, the fastest that is as good as the plan's image. The field takes its building
-time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come, and a chart beside the
-JSON.
+For each scene: the plan, an image rendered by it, its error measured with independent estimates of far more samples,
+and its time; and the same for settings picked by hand (integrator and samples). The best of these is the fastest that
+keeps the tolerance or, if the plan could not keep it, the fastest with an error no larger than the plan's. The field
+and the kernels are made before the clock starts. Writes a row per scene as they come, and a chart beside the JSON.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What rays alone cost on a device: the queries of a path kernel with nothing around them.
+"""Cost of rays alone on a device: the queries of a path kernel with nothing around them.
 
     python -m benchmarks.ray_ceiling SCENE [--device cuda:0] [--resolution 1280x720]
 

@@ -1,4 +1,4 @@
-"""The scenes that methods are compared on, and their references: radiance that is known better than any of them."""
+"""Scenes for comparing methods, and their references: radiance known better than any method computes it."""
 
 import json
 from collections.abc import Callable

@@ -1,6 +1,6 @@
-"""Unlike scenes for the light of image A: what is near and far, open and closed, clear and turbid.
+"""Dissimilar scenes for image A: near and far, open and closed, clear and turbid.
 
-Every scene is a function of the resolution, built in memory; `build` finds it by name.
+Each scene is a function of the resolution, built in memory; `build` finds it by name.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Surfaces, lights and waters that the scenes are put together from."""
+"""Surfaces, lights and waters from which the scenes are built."""
 
 import numpy as np
 import trimesh

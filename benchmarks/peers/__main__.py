@@ -1,4 +1,4 @@
-"""``python -m benchmarks.peers``: export scenes to other renderers, and measure those on the reference scene."""
+"""``python -m benchmarks.peers``: export scenes to other renderers, and measure these on the reference scene."""
 
 from pathlib import Path
 from typing import Annotated

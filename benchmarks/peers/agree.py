@@ -1,8 +1,8 @@
-"""Do all programs mean the same light? Image means of this project and of the peers, channel by channel.
+"""Do all programs compute the same light? Image means of this project and of the peers, channel by channel.
 
-Three scenes (soft tilted lights, a thin lens, real meshes), each in several waters; once bounded to one event, direct
-light and single scattering, and once with light of all orders. A peer agrees if it differs from each of our integrators
-by no more than a tolerance and three standard errors of both, in every channel.
+Three scenes (soft tilted lights, a thin lens, real meshes), each in several waters; once bounded to one event (direct
+light and single scattering), and once with light of all orders. A peer agrees if in every channel it differs from each
+of our integrators by no more than a tolerance plus three standard errors of the difference.
 """
 
 import json

@@ -1,8 +1,8 @@
-"""A plain scene as Mitsuba 3 reads it: a dictionary of plugins, its meshes and light masks as files beside it.
+"""A plain scene for Mitsuba 3: a dictionary of plugins, with meshes and light masks in files beside it.
 
 What makes the two equal: radiometric units throughout; ``intensity`` is W/sr; a spot whose beam is as wide as its
-cutoff has a hard edge; a box filter of one pixel; a depth of d counts d - 1 events. The water is the medium that the
-camera is in, and fills the world.
+cutoff has a hard edge; a box filter of one pixel; a depth of d means d - 1 events. The water is the camera's medium and
+fills the world.
 """
 
 import shutil

@@ -1,7 +1,7 @@
-"""One view of a scene in plain arrays, local to the camera: what the exporters to other renderers write out.
+"""One view of a scene in plain arrays, local to the camera, for the exporters to other renderers.
 
-Here is the one place that says what the peers cannot render and how a bound on paths translates; the exporters only
-translate names.
+Only this module knows what the peers cannot render and how a bound on paths translates; the exporters merely translate
+names.
 """
 
 from dataclasses import dataclass

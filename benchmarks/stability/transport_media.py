@@ -121,7 +121,8 @@ def phase_function_over_g() -> Sweep:
     """Towards a mirror and a pencil."""
     values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
     return Sweep(
-        key="phase_function_over_g", title="phase function, |g| to 1", method="hg_eval, hg_sample_one_minus_cos (float32)",
+        key="phase_function_over_g", title="phase function, |g| to 1",
+        method="hg_eval, hg_sample_one_minus_cos (float32)",
         parameter="1 - |g|", values=values,
         errors={"value, g > 0": [phase_value_error(1 - x) for x in values],
                 "value, g < 0": [phase_value_error(x - 1) for x in values],
