@@ -1,1 +1,1 @@
-"""Speed against accuracy: scenes, methods, errors, charts; run from a checkout, `python -m benchmarks.bench`."""
+"""Speed and accuracy: scenes, methods, errors, charts. Run in a checkout, for example `python -m benchmarks.bench`."""

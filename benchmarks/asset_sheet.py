@@ -1,8 +1,8 @@
-"""A contact sheet of every asset and material, evenly lit (B) and under water (A).
+"""A contact sheet of every object and material, in uniform light (B) and under water (A).
 
     python -m benchmarks.asset_sheet [-o docs/images/assets.png] [--device auto] [--spp 32] [--only valve,rust]
 
-Minutes on two CPU cores. Every tile is a scene of its own, rendered larger than the sheet shows it.
+Takes minutes on two CPU cores. Every tile is its own scene, rendered larger than the sheet shows it.
 """
 
 import argparse
@@ -100,7 +100,7 @@ def tiles():
 
 
 def scene_of(objects, scatter):
-    """One tile's scene: sand, the objects, two lamps, the paper's water."""
+    """One tile's scene: sand, the objects, two lights, the paper's water."""
     lamps = [{"position": [x, -0.1, 0.0], "direction": [0, 1, 0], "cone_deg": 65, "blend": 0.15} for x in (-0.15, 0.15)]
     return scene_from_dict({
         "terrain": {"kind": "procedural", "size_m": 16, "resolution": 257, "relief_m": 0.5 if scatter else 0.0,

@@ -1,10 +1,10 @@
-"""Every method on named scenes, error against time.
+"""Error against time for every method, on named scenes.
 
     python -m benchmarks.bench [SCENE-NAMES...] [--methods ...] [--outputs A,sensors] [--device cuda:0] [--quick]
                                [-o OUT]
 
-Writes bench.json, a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is on
-disk as soon as it is known.
+Writes bench.json, and a CSV file and charts for each output; docs/benchmarks.md says what is measured. Every row is
+written as soon as it is known.
 """
 
 import argparse

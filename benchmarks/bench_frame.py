@@ -1,9 +1,9 @@
-"""Speed and error of one frame of image A, by each integrator in the same run.
+"""Speed and error of one image A with each integrator, in the same run.
 
     python -m benchmarks.bench_frame SCENE [--device cpu] [--spp 16] [--integrators path reference] [-o results.json]
 
-Prints paths/s, rays/s, ms/frame, peak memory, and the work to an error: relative variance times seconds. Compile time
-is reported apart. A path is one camera sample with the walk that follows it.
+Prints paths/s, rays/s, ms/frame, peak memory, and the work: relative variance times seconds. Compile time is reported
+separately. A path is one camera sample with everything that follows from it.
 """
 
 import argparse

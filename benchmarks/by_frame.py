@@ -1,11 +1,11 @@
-"""A sequence held to its word: are frames that no plan has looked at within the tolerance, and with how many samples?
+"""Is the plan of a sequence kept? Errors of frames that the plan did not try, and their samples.
 
     python -m benchmarks.by_frame [--scene examples/munkholmen/scene.yaml] [--set KEY=VALUE ...] [--device cuda:0]
         [--frames 24] [--seed 1] [-o benchmarks/results/by_frame]
 
-Plans the sequence, takes frames of it at random, renders A as a run would and tells its error by independent estimates
-of far more samples, whose noise is taken off (render/planner/errors.py). Writes the errors and a chart of them along
-the sequence.
+Plans the sequence, picks random frames, renders A as a run would, and measures its error with independent estimates of
+far more samples, whose noise is subtracted (render/planner/errors.py). Writes the errors and a chart of them along the
+sequence.
 """
 
 import argparse

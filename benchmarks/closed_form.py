@@ -1,4 +1,4 @@
-"""Light scattered once in open water, by quadrature: no random numbers, and no code shared with the kernels."""
+"""Single scattering in open water, by quadrature: no random numbers, and no code shared with the kernels."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ DISTANCES_M = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 def single_scattering_image(scene: Scene, nodes: int = 16, points: int = 2) -> np.ndarray:
-    """Radiance [H, W, 3] of the first camera, a pinhole, of what its lamps send through water without surfaces.
+    """Radiance [H, W, 3] of the first camera, a pinhole, of what its lights send through water without surfaces.
 
     Integral of sigma_s p(cos) I exp(-sigma_t (t + d)) / d^2 along the ray, in the equiangular variable (Kulla and
     Fajardo 2012), by Gauss-Legendre in pieces with ends where the ray crosses the cone.
@@ -39,7 +39,7 @@ def single_scattering_image(scene: Scene, nodes: int = 16, points: int = 2) -> n
 
 
 def along_rays(scene: Scene, lamp, origin: np.ndarray, rays: np.ndarray, nodes: int = 16) -> np.ndarray:
-    """Radiance [n, 3] that one lamp sends along unit ``rays`` [n, 3] from ``origin``, vehicle axes."""
+    """Radiance [n, 3] that one light sends along unit ``rays`` [n, 3] from ``origin``, vehicle axes."""
     water, v = optical_properties(scene), origin - np.asarray(lamp.position, float)
     nearest = -rays @ v
     h = np.sqrt(np.maximum(v @ v - nearest**2, 1e-24))

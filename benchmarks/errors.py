@@ -1,6 +1,6 @@
-"""How far an image is from a reference that has noise of its own, and what that reference cannot tell.
+"""Errors of an image against a reference that is noisy itself, and what that reference cannot resolve.
 
-Rows of numbers are per channel; a single number is that of the worst channel.
+Rows of numbers are per channel; a single number is for the worst channel.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,11 @@
-"""Where the time of a frame goes on a GPU, kernel by kernel, and what error its samples leave.
+"""Time of a frame on a GPU, kernel by kernel, and the error that its samples leave.
 
     python -m benchmarks.frame_cost [--scene examples/munkholmen/scene.yaml] [--device cuda:0] [--frames 60,150]
         [--spp 2,4,8,12,16,24] [--spp-b 2,4,6,8,20] [-o benchmarks/results/frame_cost.json]
 
-Times are of A, of B and of C, D and S by themselves, as a run renders them: denoised on the device, the results copied
-to the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel
-after denoising, told by two estimates of ``--estimate-spp`` samples, with their noise taken off
+Times are for A, for B, and for C, D and S separately, as in a run: denoised on the device, with the results copied to
+the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel after
+denoising, measured with two estimates of ``--estimate-spp`` samples, whose noise is subtracted
 (render/planner/errors.py).
 """
 

@@ -1,4 +1,4 @@
-"""What a measurement was made on, and the clocks it was made with."""
+"""The machine of a measurement, and its clocks."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""The table of methods: every way of ours to make image A, and those of other programs that are installed."""
+"""The table of methods: all of ours for image A, and those of other programs that are installed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

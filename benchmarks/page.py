@@ -1,7 +1,7 @@
 """Tables and charts of docs/benchmarks.md from the results of runs: `python -m benchmarks.page [cpu=OUT] [gpu=OUT]`.
 
-``cpu=OUT`` takes over bench.json of a run in folder OUT as benchmarks/results/bench_cpu.json first; the page shows
-whatever runs there are.
+``cpu=OUT`` first copies bench.json of a run in folder OUT to benchmarks/results/bench_cpu.json; the page shows all runs
+that there are.
 """
 
 import re

@@ -1,12 +1,11 @@
-"""The planner held to its word: on many scenes, is the error within what it predicts, and the time near the best?
+"""Are plans kept? On many scenes, is the error within the predicted one, and is the time near the best?
 
     python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
 
-For each scene: the plan, an image with it, its error by independent estimates of far more samples, and its time; and
-the same for settings picked by hand (integrator and samples), of which the fastest that keeps the tolerance is the
-best; where the plan could not keep it, the fastest that is as good as the plan's image. The field takes its building
-time, and kernels their compiling, before the clock starts. Writes a row per scene, as they come, and a chart beside the
-JSON.
+For each scene: the plan, an image rendered by it, its error measured with independent estimates of far more samples,
+and its time; and the same for settings picked by hand (integrator and samples). The best of these is the fastest that
+keeps the tolerance or, if the plan could not keep it, the fastest with an error no larger than the plan's. The field
+and the kernels are made before the clock starts. Writes a row per scene as they come, and a chart beside the JSON.
 """
 
 import argparse
@@ -68,7 +67,7 @@ CASES = {
     "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
     "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
     "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": Case("lamps a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
+    "boom": Case("lights a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
                                                        enumerate((-1.0, 1.0))))),
     "peaked": Case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
     "fixed_camera": Case("a camera in the world", CLEAR,

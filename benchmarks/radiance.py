@@ -1,4 +1,4 @@
-"""Image A of one scene by many methods: error against time, as far as a budget of seconds goes."""
+"""Image A of one scene by many methods: error against time, within a budget of seconds."""
 
 import os
 import tempfile

@@ -1,9 +1,9 @@
-"""What rays alone cost on a device: the queries of a path kernel with nothing around them.
+"""Cost of rays alone on a device: the queries of a path kernel with nothing around them.
 
     python -m benchmarks.ray_ceiling SCENE [--device cuda:0] [--resolution 1280x720]
 
 Rays/s of `wp.mesh_query_ray` for camera rays (coherent) and for rays that leave their hits in cosine directions
-(incoherent), and of `wp.mesh_query_ray_anyhit` from those hits to the lamps.
+(incoherent), and of `wp.mesh_query_ray_anyhit` from those hits to the lights.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Whether a change to the code leaves every byte that the package writes as it was.
+"""Check that a change to the code leaves every byte that the package writes as it was.
 
     python -m benchmarks.same_bytes REVISION [NAME ...]
 
-runs the same commands with this working tree and with a checkout of REVISION, and lists the files whose bytes differ.
-Left out is what tells of the run itself: logs, checksums, reports, and the versions that dataset.json names.
+runs the same commands with this working tree and with a checkout of REVISION, and lists the files whose bytes differ,
+except what describes the run itself: logs, checksums, reports, and the versions that dataset.json names.
 """
 
 import argparse

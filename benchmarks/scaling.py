@@ -1,12 +1,11 @@
-"""Strong scaling: the same frames with 1, 2, 4 ... workers of this host, one for each GPU; writes numbers and a chart.
+"""Strong scaling: the same frames with 1, 2, 4 ... workers on this host, one per GPU; writes numbers and a chart.
 
     python -m benchmarks.scaling [--scene examples/munkholmen/scene.yaml] [--frames 200] [--step 1] [--workers 1,2,4]
         [--device auto] [--set KEY=VALUE ...] [-o benchmarks/results/scaling]
 
-Each run is the whole job, with all its files written. The rate is that between the first image and the last one, once
-kernels are compiled (a run before the others does that), scenes loaded and the plan made, which is told apart.
-0 workers are a run in one process. Workers on a CPU share its cores, so more of them are no faster: there, only the
-machinery is measured.
+Each run is the whole job, with all files written. The rate is that between the first and the last image; compiling
+(done by an extra run), loading and planning are listed separately. 0 workers means one process. Workers on a CPU share
+its cores, so more of them are no faster: there only the overhead is measured.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The scenes that methods are compared on, and their references: radiance that is known better than any of them."""
+"""Scenes for comparing methods, and their references: radiance known better than any method computes it."""
 
 import json
 from collections.abc import Callable
@@ -81,7 +81,7 @@ class BenchScene:
 SCENES = {scene.name: scene for scene in (
     BenchScene("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water",
                HERE / "scenes/ref1/scene.yaml"),
-    BenchScene("open_water", "the paper's water, the glow of two lamps, no surfaces", HERE / "scenes/open_water.yaml"),
+    BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
     *(BenchScene(name, unlike.SCENES[name][0]) for name in
       ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")),
     BenchScene("demo", "the scene of varos-warp demo: textures, depth of field", demo_scene_path(),

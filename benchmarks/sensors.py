@@ -1,9 +1,9 @@
 """Poses and IMU readings: error against the integration step, and against the rate of the samples.
 
-One course is flown with the thrusters' commands held over 80 ms, so that every step up to that length integrates the
-same problem. Within a step the thrusters are exact and the rest is smooth, so RK4 and RKMK4 converge with the fourth
-power of the step (Hairer, Norsett and Wanner 1993, II.2; Munthe-Kaas 1999). Trapezoids through IMU samples, as an
-estimator integrates them, converge with the second power of their interval.
+In one course the thrusters' commands are held over 80 ms, so that every step up to that length integrates the same
+problem. Within a step the thrusters are exact and the rest is smooth, so RK4 and RKMK4 converge with the fourth power
+of the step (Hairer, Norsett and Wanner 1993, II.2; Munthe-Kaas 1999). The trapezoidal rule on IMU samples, as in an
+estimator, converges with the second power of their interval.
 """
 
 from dataclasses import dataclass

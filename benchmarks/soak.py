@@ -1,10 +1,11 @@
-"""A long run of small frames: does anything grow? Memory, open files and threads, sampled as it goes; writes a chart.
+"""A long run of small frames: does anything grow? Samples memory, open files and threads, and writes a chart.
 
     python -m benchmarks.soak [--frames 10000] [--size 16x9] [--integrator path] [--device cpu]
         [-o benchmarks/results/soak_cpu]
 
-The whole job runs (simulation, rendering of A, B, C and D, denoising, writing, exposure), over a small scene that keeps
-turning. The rates are those of a straight line through the samples after the first fifth, when all buffers are there.
+The whole job runs (simulation, rendering of A, B, C and D, denoising, writing, exposure), with a camera that keeps
+turning in a small scene. The rates are the slopes of straight lines through the samples after the first fifth of the
+run, when all buffers are allocated.
 """
 
 import argparse
@@ -30,7 +31,7 @@ COUNTED = ("rss_mb", "handles", "threads")
 
 
 def small_scene(frames: int, size: tuple[int, int], **render):
-    """Two lamps and a camera that turn over a rough floor; as many frames as asked for."""
+    """Two lights and a camera that turn over a rough floor; as many frames as asked for."""
     seconds = (frames - 1) / 10.0
     poses = [{"time_s": t, "position": [0, 0, 0], "rotation_euler_deg": [-20, 0, 40 * (k % 2)]}
              for k, t in enumerate(np.linspace(0.0, seconds, 2 + frames // 100))]

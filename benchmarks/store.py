@@ -1,4 +1,4 @@
-"""Rows of a measurement on disk as they come: a run that is killed leaves whole files of what was done."""
+"""Writes the rows of a measurement as they come: a run that is killed leaves complete files of what was done."""
 
 import csv
 import io

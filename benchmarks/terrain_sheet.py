@@ -1,8 +1,8 @@
-"""The Munkholmen sea floor before and after: as surveyed, wrapped, decimated; and the example's plot with its relief.
+"""The Munkholmen sea floor as surveyed, wrapped and decimated; and the example's plot with its added relief.
 
     python -m benchmarks.terrain_sheet [--device cpu] [--width 640] [-o docs/images/terrain.png]
 
-Normals from image C, seen from the air and shaded by a low sun; each label says what the mesh costs and what it is off.
+Normals from image C, seen from above and shaded by a low sun; each label gives the size of the mesh and its error.
 """
 
 import argparse

@@ -1,1 +1,1 @@
-"""Unlike scenes, and how right, how noisy and how honest an integrator is in them."""
+"""Dissimilar scenes, and an integrator's bias, noise and error bars in them."""

@@ -1,4 +1,4 @@
-"""What only many seeds tell: holes, whether error bars hold, whether two integrators mean the same, and which is best.
+"""What takes many seeds: outliers, whether error bars hold, whether two integrators agree, and which is better.
 
     python -m benchmarks.light.many_seeds holes --scenes coastal,closed_room --seeds 1000 [--device cuda:0] [--json F]
     python -m benchmarks.light.many_seeds bars --seeds 64
@@ -7,7 +7,7 @@
     python -m benchmarks.light.many_seeds tolerance --resolution 320x180 --seeds 100 --tolerance 0.03
     python -m benchmarks.light.many_seeds rate --scenes paper_pipes --resolution 1280x720 --seeds 8
 
-Every subject prints a line a scene. All images are of `field` and ``--spp`` samples a pixel unless said otherwise.
+Every subject prints a line per scene. Images are by `field` with ``--spp`` samples per pixel unless stated otherwise.
 """
 
 import argparse

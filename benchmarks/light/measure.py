@@ -1,20 +1,20 @@
-"""How right, how noisy and how honest integrators are in unlike scenes (benchmarks/light/scenes.py).
+"""Bias, noise and error bars of integrators in dissimilar scenes (benchmarks/light/scenes.py).
 
     python -m benchmarks.light.measure [--scenes coastal,canyon] [--integrators auto,path] [--spp 8,32] [--seeds 20]
         [--device cpu] [--references DIR] [--reference-integrator path] [--json out.json] [--png DIR]
     python -m benchmarks.light.measure --make-references --spp 2048 --seeds 8 [--seconds 60]
 
-A row of the table is an integrator in a scene:
-    CPU s, s    of an image with denoising, median over the seeds
-    noise       of a raw pixel, R G B: RMS standard deviation over seeds, in % of the image's mean
-    RMSE        of denoised images from the reference, worst channel
-    worst, 99%  block of 8 x 8 pixels of a denoised image; halved: share of the images with one that is off by half
-    var z       of (pixel - mean) / stderr, and of its central 98 %: 1 where stderr holds; >4: share of z beyond 4
-    spread      of the images' means over the claimed one, worst channel
-    bias z      largest block difference from the reference, in standard errors (raw images): beyond 5 is a bias, or
-                tails too heavy for so few images
-    mean        off by, and its standard error, the channel where that tells most
-    ref         RMS standard error of the reference's blocks: errors of blocks below twice that are the reference's
+A row of the table is one integrator in one scene:
+    CPU s, s    time of an image with denoising, median over seeds
+    noise       RMS standard deviation of a raw pixel over seeds, R G B, in % of the image's mean
+    RMSE        error of denoised images against the reference, worst channel
+    worst, 99%  error of blocks of 8 x 8 pixels of a denoised image; halved: share of images with a block off by half
+    var z       variance of z = (pixel - mean) / stderr, and of its central 98 %: 1 if stderr holds; >4: share beyond 4
+    spread      standard deviation of the images' means over the claimed one, worst channel
+    bias z      largest difference of a block from the reference, in standard errors (raw images): beyond 5 is a bias,
+                or tails too heavy for so few images
+    mean        error of the mean and its standard error, in the most significant channel
+    ref         RMS standard error of the reference's blocks: block errors below twice that are the reference's own
 """
 
 import argparse

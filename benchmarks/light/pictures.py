@@ -1,4 +1,4 @@
-"""Images for the eye: denoised ones beside the reference, and where blocks are off."""
+"""Images to look at: denoised ones beside the reference, and the errors of blocks."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""References: many independent renderings of a scene, kept in a folder, so that more can be added later."""
+"""References: many independent renderings of a scene, kept in a folder so that more can be added later."""
 
 import hashlib
 import json

@@ -1,6 +1,6 @@
-"""Unlike scenes for the light of image A: what is near and far, open and closed, clear and turbid.
+"""Dissimilar scenes for image A: near and far, open and closed, clear and turbid.
 
-Every scene is a function of the resolution, built in memory; `build` finds it by name.
+Each scene is a function of the resolution, built in memory; `build` finds it by name.
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ TERRAIN = {"kind": "procedural", "size_m": 40, "resolution": 129, "relief_m": 2.
 # ------------------------------------------------------------------------------------------------- the paper's water
 
 
-@_named("paper's water, a far rough floor, a pole beside a lamp")
+@_named("paper's water, a far rough floor, a pole beside a light")
 def paper_far(resolution=RESOLUTION) -> Built:
     parts = [ground(20.0, -2.5, 0.25), pole("pole", (0.3, 0.25, -2.5), (0.3, 0.25, 1.0))]
     return _assemble(resolution, PAPER, paper_lamps(), parts, target=(0, 8, -1.5))
@@ -126,12 +126,12 @@ def paper_pipes(resolution=RESOLUTION) -> Built:
 # --------------------------------------------------------------------------------------------------------- coastal
 
 
-@_named("rough floor and boxes, four tilted soft lamps, sigma_t 0.7, g 0.87")
+@_named("rough floor and boxes, four tilted soft lights, sigma_t 0.7, g 0.87")
 def coastal(resolution=RESOLUTION) -> Built:
     return _assemble(resolution, water(0.7, 0.87), soft_lamps(), [ground(), *_boxes()], (0, 0, 1.1), (0, 3, 0.2))
 
 
-@_named("the same with a pole beside a lamp, sigma_t 0.4, g 0.86")
+@_named("the same with a pole beside a light, sigma_t 0.4, g 0.86")
 def coastal_pole(resolution=RESOLUTION) -> Built:
     parts = [ground(), *_boxes(), pole("pole", (0.5, 0.35, -0.2), (0.5, 0.35, 2.0))]
     return _assemble(resolution, water(0.4, 0.86), soft_lamps(), parts, (0, 0, 1.1), (0, 3, 0.2))
@@ -146,7 +146,7 @@ def canyon(resolution=RESOLUTION) -> Built:
     return _assemble(resolution, water(0.5, 0.85), paper_lamps(), parts, target=(0, 4, -0.4))
 
 
-@_named("four lamps of four colours, coastal water")
+@_named("four lights of four colours, coastal water")
 def coloured(resolution=RESOLUTION) -> Built:
     colours = [(150.0, 15.0, 15.0), (15.0, 150.0, 15.0), (15.0, 15.0, 150.0), (120.0, 120.0, 15.0)]
     return _assemble(resolution, water(0.6, 0.85), soft_lamps(colours), [ground(seed=6), *_boxes()], (0, 0, 1.1),
@@ -169,7 +169,7 @@ def closed_room(resolution=RESOLUTION) -> Built:
 
 
 def _sheets(resolution, sigma_t: float) -> Built:
-    """A lamp 0.3 m from a wall, one behind a blind, one outside behind a hole."""
+    """A light 0.3 m from a wall, one behind a blind, one outside behind a hole."""
     lamps = [spot((0.7, 0.5, 0.1), (0.2, 1, 0), 90.0), spot((-0.4, 1.3, 0.0), (-0.3, 1, 0.1), 100.0),
              spot((0.3, 2.25, 0.2), (0, -1, 0), 80.0)]
     parts = [*room((-1, -0.5, -0.8), (1, 2, 0.8), hole=(0.15, 0.45, 0.05, 0.35)),
@@ -177,7 +177,7 @@ def _sheets(resolution, sigma_t: float) -> Built:
     return _assemble(resolution, water(sigma_t, 0.85, 0.9), lamps, parts)
 
 
-@_named("a closed box of sheets: lamps by a wall, behind a blind and a hole; sigma_t 4")
+@_named("a closed box of sheets: lights by a wall, behind a blind and a hole; sigma_t 4")
 def sheets_turbid(resolution=RESOLUTION) -> Built:
     return _sheets(resolution, 4.0)
 
@@ -187,17 +187,17 @@ def sheets(resolution=RESOLUTION) -> Built:
     return _sheets(resolution, 1.0)
 
 
-# ------------------------------------------------------------------------------------------------ cameras and lamps
+# ------------------------------------------------------------------------------------------------ cameras and lights
 
 
-@_named("paper's water, a lamp that faces the camera")
+@_named("paper's water, a light that faces the camera")
 def facing_lamp(resolution=RESOLUTION) -> Built:
     lamps = [*paper_lamps(), spot((0.35, 2.5, 0.2), (-0.1, -1, -0.1), 80.0)]
     parts = [ground(12.0, -1.0), box("box.0", (0.6, 0.6, 0.8), (-0.6, 3, -0.6), RED)]
     return _assemble(resolution, PAPER, lamps, parts)
 
 
-@_named("a camera that stands in the world, a vehicle with lamps passes it, sigma_t 0.3")
+@_named("a camera that stands in the world, a vehicle with lights passes it, sigma_t 0.3")
 def standing_camera(resolution=RESOLUTION) -> Built:
     view = {"mount": "world", "position": (0.2, -2.6, 1.0), "look_at": (0.0, 0.5, 0.5)}
     hull = box("hull", (0.7, 0.35, 0.35), (-1.0, 0.3, 0.8), BLUE)

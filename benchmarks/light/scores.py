@@ -1,6 +1,6 @@
-"""What images of one scene with different random numbers tell: noise, errors, and whether ``stderr`` holds.
+"""Noise and errors of images of one scene with different seeds, and whether their ``stderr`` holds.
 
-Images are float [n, H, W, 3] with independent seeds first; rows of three numbers are per channel.
+Images are float [n, H, W, 3], one per seed; rows of three numbers are per channel.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Surfaces, lamps and waters that the scenes are put together from."""
+"""Surfaces, lights and waters from which the scenes are built."""
 
 import numpy as np
 import trimesh
@@ -23,7 +23,7 @@ def water(sigma_t: float, g: float, albedo=(0.62, 0.81, 0.75)) -> dict:
                              "phase": {"g": g}}}
 
 
-# -------------------------------------------------------------------------------------------------------------- lamps
+# -------------------------------------------------------------------------------------------------------------- lights
 
 
 def spot(position, direction=(0, 1, 0), cone_deg=65.0, blend=0.15, intensity=(100.0, 100.0, 100.0)) -> dict:

@@ -1,6 +1,6 @@
-"""Other renderers on the same scenes: Mitsuba 3 and Blender's Cycles, photometrically equal (README.md says how).
+"""Other renderers on the same scenes: Mitsuba 3 and Blender's Cycles, in equal units (README.md says how).
 
-Importing this imports neither; each rendering runs in a process of its own, so that times are clean.
+Importing this imports neither; each rendering runs in its own process, so that times are not distorted.
 """
 
 import importlib.util

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.peers``: export scenes to other renderers, and measure those on the reference scene."""
+"""``python -m benchmarks.peers``: export scenes to other renderers, and measure these on the reference scene."""
 
 from pathlib import Path
 from typing import Annotated
@@ -53,7 +53,7 @@ def agree(
     light: Annotated[list[str] | None, typer.Option(help="'one event' or 'all'; absent: both")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="JSON; absent: ../results")] = None,
 ):
-    """Compare image means by this project and by the peers: soft lamps, a lens and real meshes, in several waters."""
+    """Compare image means by this project and by the peers: soft lights, a lens and real meshes, in several waters."""
     from benchmarks.peers.agree import CASES, RESULTS, TOLERANCE, measure
 
     known = {":".join(case): case for case in CASES}

@@ -1,8 +1,8 @@
-"""Do all programs mean the same light? Image means of this project and of the peers, channel by channel.
+"""Do all programs compute the same light? Image means of this project and of the peers, channel by channel.
 
-Three scenes (soft tilted lamps, a thin lens, real meshes), each in several waters; once bounded to one event, direct
-light and single scattering, and once with light of all orders. A peer agrees if it differs from each of our integrators
-by no more than a tolerance and three standard errors of both, in every channel.
+Three scenes (soft tilted lights, a thin lens, real meshes), each in several waters; once bounded to one event (direct
+light and single scattering), and once with light of all orders. A peer agrees if in every channel it differs from each
+of our integrators by no more than a tolerance plus three standard errors of the difference.
 """
 
 import json
@@ -31,7 +31,7 @@ WATERS = {
              "{kind: rayleigh, weight: 0.3}, {kind: henyey_greenstein, g: 0.8, weight: 0.2}]}",
 }
 """Phase functions. ff3.6 is sea water as Petzold measured it: 25 % of the light within 1 degree, 7 % within 0.1. Paths
-that scatter so towards a lamp are rare and bright, and few samples miss them; ff4.0 has 6 % within 1 degree, ff4.5 2.
+that scatter so towards a light are rare and bright, and few samples miss them; ff4.0 has 6 % within 1 degree, ff4.5 2.
 """
 CASES = tuple((scene, water) for scene in SCENES for water in WATERS)
 TOLERANCE = {"one event": 1e-3, "all": 5e-3}

@@ -1,9 +1,8 @@
-"""A plain scene as Blender's Cycles renders it, through ``bpy``.
+"""A plain scene for Blender's Cycles, through ``bpy``.
 
 What makes the two equal: a spot of radius 0 radiates energy / (4 pi) W/sr whatever its cone, and its soft edge is
-ours; the water is the world's volume with its coefficients given directly; flat faces, a box filter of one pixel, no
-clamping, no tone mapping. A bound of n on Cycles' bounces is one of n + 1 events, for it counts none where a lamp is
-looked for.
+ours; the water is the world's volume, with the same coefficients; flat faces, a box filter of one pixel, no clamping,
+no tone mapping. A bound of n on Cycles' bounces is one of n + 1 events, because a connection to a light is no bounce.
 """
 
 import tempfile

@@ -1,14 +1,14 @@
-"""Phase functions as sums of the ones that other renderers have.
+"""Phase functions as sums of those that other renderers have.
 
-Three serve: those of Henyey and Greenstein, of Fournier and Forand, and Rayleigh's without depolarisation,
+Three are used: Henyey and Greenstein's, Fournier and Forand's, and Rayleigh's without depolarisation,
 3 (1 + cos^2) / (16 pi). Cycles has all of them; Mitsuba has no Fournier-Forand.
 
 Cycles' Fournier-Forand (kernel/closure/volume_util.h) is the same formula of 1999. Its IOR is the index of the
 particles relative to the water, our n, not that of a material; it takes no mu, but the backscatter fraction B, and
 inverts B(n, mu) = 1 - [1 - d^(nu+1) - (1 - d^nu)/2] / ((1 - d) d^nu), d = 2 / (3 (n-1)^2), nu = (3 - mu)/2, to
-nu = -log(1 + 2 B (d - 1)) / log(d). So B of our n and mu gives mu back. B alone, our ``backscatter_fraction``, is a
-member of the family of Mobley, Sundman and Boss (2002), which Cycles does not know: there B at another IOR is another
-function.
+nu = -log(1 + 2 B (d - 1)) / log(d). So B of our n and mu recovers mu. B alone, our ``backscatter_fraction``, selects
+from the family of Mobley, Sundman and Boss (2002), which Cycles does not know: there the same B with another IOR is
+another function.
 """
 
 from dataclasses import dataclass, replace

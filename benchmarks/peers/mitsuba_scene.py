@@ -1,8 +1,8 @@
-"""A plain scene as Mitsuba 3 reads it: a dictionary of plugins, its meshes and lamp masks as files beside it.
+"""A plain scene for Mitsuba 3: a dictionary of plugins, with meshes and light masks in files beside it.
 
 What makes the two equal: radiometric units throughout; ``intensity`` is W/sr; a spot whose beam is as wide as its
-cutoff has a hard edge; a box filter of one pixel; a depth of d counts d - 1 events. The water is the medium that the
-camera is in, and fills the world.
+cutoff has a hard edge; a box filter of one pixel; a depth of d means d - 1 events. The water is the camera's medium and
+fills the world.
 """
 
 import shutil
@@ -24,7 +24,7 @@ MASK_HALF_ANGLE = np.radians(80.0)
 
 
 def write_mitsuba(plain: PlainScene, folder: Path, spp: int = 64, called: str | None = None) -> dict:
-    """Dictionary for ``mitsuba.load_dict``; meshes (PLY) and lamp masks (EXR) are written into ``folder``.
+    """Dictionary for ``mitsuba.load_dict``; meshes (PLY) and light masks (EXR) are written into ``folder``.
 
     Args:
         plain: the scene.
@@ -156,7 +156,7 @@ def _light(light: PlainLight, mask: str):
 
 
 def _towards(light):
-    """Pose [4, 4] whose z is the axis of the lamp."""
+    """Pose [4, 4] whose z is the axis of the light."""
     z = light.axis
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
@@ -185,7 +185,7 @@ def mask_pixels(half_angle: float, blend: float) -> int:
 
 
 def _write_mask(light, path):
-    """The soft edge as a picture that the lamp throws, for Mitsuba's own edge is linear in the angle."""
+    """The soft edge as a picture that the light throws, for Mitsuba's own edge is linear in the angle."""
     import mitsuba
 
     pixels = mask_pixels(light.half_angle, light.blend) if light.half_angle <= MASK_HALF_ANGLE else 0

@@ -1,7 +1,7 @@
-"""One view of a scene in plain arrays, local to the camera: what the exporters to other renderers write out.
+"""One view of a scene in plain arrays, local to the camera, for the exporters to other renderers.
 
-Here is the one place that says what the peers cannot render and how a bound on paths translates; the exporters only
-translate names.
+Only this module knows what the peers cannot render and how a bound on paths translates; the exporters merely translate
+names.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class PlainMesh:
 
 @dataclass(frozen=True)
 class PlainLight:
-    """A point lamp with a cone; ``half_angle`` [rad] is pi for one that shines everywhere."""
+    """A point light with a cone; ``half_angle`` [rad] is pi for one that shines everywhere."""
 
     position: np.ndarray
     axis: np.ndarray
@@ -88,7 +88,7 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
     """A scene as a camera sees it from the vehicle's pose ``T_w_v`` [4, 4].
 
     Args:
-        scene: gives the water and the lamps.
+        scene: gives the water and the lights.
         parts: its geometry; copies are expanded.
         camera: a camera, of the scene or not.
         T_w_v: pose of the vehicle in the world.
@@ -158,7 +158,7 @@ def _mesh(part, origin, reflects):
 
 
 def _light(light, T_w_v, origin):
-    """A lamp of the vehicle, in the local world."""
+    """A light of the vehicle, in the local world."""
     position = T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin
     axis, half, blend = np.array([0.0, 0.0, 1.0]), np.pi, 0.0
     if light.kind == "spot" and light.cone_deg < 360.0:

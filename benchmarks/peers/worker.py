@@ -1,7 +1,7 @@
-"""What one peer is asked for, in a process of its own: ``python -m benchmarks.peers.worker FOLDER``.
+"""One task of a peer, in its own process: ``python -m benchmarks.peers.worker FOLDER``.
 
-FOLDER holds ``request.pickle`` (written by ``benchmarks.peers``): a task, a plain scene, and how. What comes of it goes
-to ``result.npz``, and what the user did wrong to ``refused.pickle``.
+FOLDER holds ``request.pickle`` (written by ``benchmarks.peers``): a task, a plain scene, and options. The result goes
+to ``result.npz``, an error of the user to ``refused.pickle``.
 """
 
 import pickle

@@ -23,7 +23,7 @@ RESULTS = ROOT / "benchmarks" / "results" / "stability.json"
 PAGE = ROOT / "docs" / "stability.md"
 GROUPS = {
     "transport_media": "Light transport: water and phase functions",
-    "transport_lamps": "Light transport: lamps",
+    "transport_lamps": "Light transport: lights",
     "transport_surfaces": "Light transport: surfaces and coordinates",
     "transport_images": "Light transport: cameras, films and images",
     "dynamics": "Vehicle dynamics, control and sensors",

@@ -16,11 +16,10 @@ SMALLEST = 1e-12
 
 HEAD = """# Where the methods fail
 
-Made by `python -m benchmarks.stability`: each method was swept over a parameter until it failed, or until the values
-had left what a scene file can say. An entry states the error that was measured, where that ends, what fails beyond, and
-what the program does there; a test guards every boundary on either side. In the figures a vertical line is the
-boundary, a horizontal one the error that is promised within it, and a cross at the top a value that is refused or came
-to nothing.
+Each method is swept over a parameter until it fails, or until the values leave what a scene file may contain. An entry
+states the measured error, where the method ends, what fails beyond, and what the program does there; a test guards each
+boundary on both sides. In the figures a vertical line is the boundary, a horizontal one the error promised within it,
+and a cross at the top a value that is refused or gives no result. `python -m benchmarks.stability` makes this page.
 """
 TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
 

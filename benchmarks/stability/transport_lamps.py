@@ -1,4 +1,4 @@
-"""Sweeps of light transport over the lamps: near the ray, near a surface, narrow, wide, weak and strong."""
+"""Sweeps of light transport over the lights: near the ray, near a surface, narrow, wide, weak and strong."""
 
 import numpy as np
 import warp as wp
@@ -27,7 +27,7 @@ TESTS = "tests/stability/test_lamp_limits.py::"
 
 
 def beside_error(side: float, ahead: float, integrator: str, spp: int = 256) -> float:
-    """Relative error of single scattering with a point lamp ``side`` from the ray and ``ahead`` of the camera [m]."""
+    """Relative error of single scattering with a point light ``side`` from the ray and ``ahead`` of the camera [m]."""
     spp = 2 if integrator == "field" else spp
     lamp = (side, 0.0, ahead)
     scene = one_ray_scene([point(lamp)], water(0.05, 0.1, 0.8), pixels=8)
@@ -39,15 +39,15 @@ SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
 
 
 def lamp_beside_the_ray() -> Sweep:
-    """A lamp in view, 2 m ahead."""
+    """A light in view, 2 m ahead."""
     return Sweep(
-        key="lamp_beside_the_ray", title="a lamp in view", method="field, path, reference",
-        parameter="distance of the lamp from the ray [m]", values=SIDES,
+        key="lamp_beside_the_ray", title="a light in view", method="field, path, reference",
+        parameter="distance of the light from the ray [m]", values=SIDES,
         errors={name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS},
-        measure="Relative error of single scattering, a point lamp 2 m ahead, g = 0.8, against quadrature in float64. "
+        measure="Relative error of single scattering, a point light 2 m ahead, g = 0.8, against quadrature in float64. "
                 "Noise of path 5e-4.",
         limit="3e-6 m (5e-4; the camera's own rays differ by 1e-7 m there)",
-        fails="the truth grows as 1/distance without end; reference: its shadow rays find the lamp's surroundings by "
+        fails="the truth grows as 1/distance without end; reference: its shadow rays find the light's surroundings by "
               "chance, 29 % off at 1e-4 m with its noise",
         program="distances below 1e-6 m count as 1e-6 m: bright, finite, the same in all integrators",
         test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
@@ -56,12 +56,12 @@ def lamp_beside_the_ray() -> Sweep:
 
 
 def lamp_on_the_camera() -> Sweep:
-    """A lamp beside the lens, down to on it."""
+    """A light beside the lens, down to on it."""
     return Sweep(
-        key="lamp_on_the_camera", title="a lamp on the camera", method="field, path, reference",
-        parameter="distance of the lamp from the camera [m]", values=SIDES,
+        key="lamp_on_the_camera", title="a light on the camera", method="field, path, reference",
+        parameter="distance of the light from the camera [m]", values=SIDES,
         errors={name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS},
-        measure="As before, the lamp straight beside the camera.",
+        measure="As before, the light straight beside the camera.",
         limit="1e-6 m (7e-7)", fails="as before",
         program="as before; reference is too noisy to judge below 0.01 m",
         test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
@@ -70,14 +70,14 @@ def lamp_on_the_camera() -> Sweep:
 
 
 def lit_error(distance: float, size: float, integrator: str) -> float:
-    """Relative error of direct light off a plate ``distance`` from camera and lamp, without water."""
+    """Relative error of direct light off a plate ``distance`` from camera and light, without water."""
     scene = one_ray_scene([point((0.0, 0.0, 0.0))], None, pixels=4)
     mean, _ = estimate(scene, [floor(distance, 0.5, size)], layer="direct", integrator=integrator, spp=4)
     return off(mean, 0.5 / np.pi / distance**2)
 
 
 def distance_to_a_lit_surface() -> Sweep:
-    """Lamp and camera against a wall."""
+    """Light and camera against a wall."""
     values = [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8]
     sizes = {"20 distances": 0.0, "at least 400 m": 200.0}
     return Sweep(
@@ -86,7 +86,7 @@ def distance_to_a_lit_surface() -> Sweep:
         errors={f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
                 for name in ("path", "reference")
                 for label, least in sizes.items()},
-        measure="Relative error of direct light off a grey plate with lamp and camera in one place, against the "
+        measure="Relative error of direct light off a grey plate with light and camera in one place, against the "
                 "inverse "
                 "square.",
         limit="1e-6 .. 1e8 m (2e-7)", fails="below 1e-6 m the inverse square is cut off; no ray is longer than 1e9 m",
@@ -127,7 +127,7 @@ CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 27
 
 
 def power_of_a_cone() -> Sweep:
-    """From a laser to a lamp without a cone."""
+    """From a laser to a light without a cone."""
     return Sweep(
         key="power_of_a_cone", title="power of a spot", method="falloff (float32)", parameter="cone [degrees]",
         values=CONES,
@@ -174,7 +174,7 @@ def cone_across_the_view() -> Sweep:
 
 
 def intensity_error(exponent: int, integrator: str) -> float:
-    """How far the image of a lamp of 10^exponent W/sr, divided by that, is from the one of 1 W/sr, in all layers."""
+    """How far the image of a light of 10^exponent W/sr, divided by that, is from the one of 1 W/sr, in all layers."""
     def layers(intensity):
         light = point((0.15, 0.0, -0.1), 1.0)
         scene = one_ray_scene([light], water(0.05, 0.1, 0.8), pixels=4)
@@ -191,14 +191,14 @@ def intensity() -> Sweep:
     """From a glow-worm's ghost to a star."""
     exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
     return Sweep(
-        key="intensity", title="intensity of a lamp", method="field, path, reference",
+        key="intensity", title="intensity of a light", method="field, path, reference",
         parameter="intensity [W/sr]", values=[10.0**p for p in exponents],
         errors={name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS},
-        measure="How far an image divided by the lamp's intensity is from the one of 1 W/sr with the same random "
+        measure="How far an image divided by the light's intensity is from the one of 1 W/sr with the same random "
                 "numbers, "
                 "in all layers (field: direct and single).",
         limit="1e-20 .. 1e20 W/sr (1e-7)",
-        fails="path: below 1e-25 W/sr the weights of its lamps drown in the number that keeps them from 0 (2 % at "
+        fails="path: below 1e-25 W/sr the weights of its lights drown in the number that keeps them from 0 (2 % at "
               "1e-28, "
               "83 % at 1e-30), above 1e36 they overflow",
         program="refuses intensities outside 1e-20 .. 1e20 W/sr, but for 0 (vehicle.lights.N.intensity)",

@@ -14,7 +14,7 @@ from varos_warp.scene.description import Scene
 
 TESTS = "tests/stability/test_media_limits.py::"
 BESIDE = (0.15, 0.0, -0.1)
-"""A lamp beside the camera, like the paper's."""
+"""A light beside the camera, like the paper's."""
 
 
 # ------------------------------------------------------------------------------------------------- single scattering
@@ -35,12 +35,12 @@ def single_over_sigma_t() -> Sweep:
         key="single_over_sigma_t", title="single scattering, thin to thick", method="field, path, reference",
         parameter="sigma_t [1/m]", values=values,
         errors={name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS},
-        measure="Relative error of the layer single of a ray to the horizon, a point lamp 0.18 m from the camera, "
+        measure="Relative error of the layer single of a ray to the horizon, a point light 0.18 m from the camera, "
                 "g = 0.8, albedo 0.5, against adaptive quadrature in float64. The field integrates; path and reference "
                 "have "
                 "noise (64 pixels of 256 samples).",
         limit="1e-7 .. 100 1/m (field: 1.8e-3 at worst, at 0.01)",
-        fails="field: at an optical distance of more than 40 from lamp to camera the ten nodes miss the shortest way, "
+        fails="field: at an optical distance of more than 40 from light to camera the ten nodes miss the shortest way, "
               "where no light is left (1e-17 at 200 1/m); reference: noise below 1e-3 1/m, where hardly any flight "
               "ends",
         program="nothing: the radiance is below 1e-9 of what it is in clear water",
@@ -49,13 +49,13 @@ def single_over_sigma_t() -> Sweep:
 
 
 def single_over_optical_distance() -> Sweep:
-    """The lamp moves away sideways in thick water."""
+    """The light moves away sideways in thick water."""
     values = [0.01, 0.1, 0.3, 1.0, 3.0, 8.0, 12.0, 20.0, 30.0, 40.0]
     return Sweep(
-        key="single_over_optical_distance", title="single scattering, lamp aside", method="field, path",
-        parameter="distance of the lamp from the ray x sigma_t", values=values,
+        key="single_over_optical_distance", title="single scattering, light aside", method="field, path",
+        parameter="distance of the light from the ray x sigma_t", values=values,
         errors={name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")},
-        measure="As before, sigma_t = 1/m, a point lamp straight beside the camera.",
+        measure="As before, sigma_t = 1/m, a point light straight beside the camera.",
         limit="to 20 mean free paths (field 1.2e-5)",
         fails="field: 1e-3 at 30, 1e-2 at 40; the radiance there is 1e-19",
         program="nothing: no image shows it",
@@ -64,13 +64,13 @@ def single_over_optical_distance() -> Sweep:
 
 
 def single_over_g() -> Sweep:
-    """All phase functions that a scene may name, and lamps beside and before the camera."""
+    """All phase functions that a scene may name, and lights beside and before the camera."""
     values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
     errors = {name: [_worst_over_lamps(g, name) for g in values] for name in ("field", "path")}
     return Sweep(
         key="single_over_g", title="single scattering over g", method="field, path", parameter="g", values=values,
         errors=errors, scale="linear",
-        measure="As before, sigma_t = 0.1/m; the worse of two point lamps, 0.18 m from the camera and in view 0.5 m "
+        measure="As before, sigma_t = 0.1/m; the worse of two point lights, 0.18 m from the camera and in view 0.5 m "
                 "ahead. "
                 "The noise of path is below 4e-3.",
         limit="field 0 .. 0.98; path -0.99 .. 0.999",
@@ -121,7 +121,8 @@ def phase_function_over_g() -> Sweep:
     """Towards a mirror and a pencil."""
     values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
     return Sweep(
-        key="phase_function_over_g", title="phase function, |g| to 1", method="hg_eval, hg_sample (float32)",
+        key="phase_function_over_g", title="phase function, |g| to 1",
+        method="hg_eval, hg_sample_one_minus_cos (float32)",
         parameter="1 - |g|", values=values,
         errors={"value, g > 0": [phase_value_error(1 - x) for x in values],
                 "value, g < 0": [phase_value_error(x - 1) for x in values],
@@ -236,8 +237,8 @@ def field_over_g() -> Sweep:
     spots, points = (np.array([multiple_errors(0.3, g, lamps) for g in values]).T.tolist() for lamps in LAMPS)
     return Sweep(
         key="field_over_g", title="the field, all orders, over g", method="field", parameter="g", values=values,
-        errors={"spots of 65 degrees": spots[0], "stderr of path, spots": spots[1], "point lamp": points[0],
-                "stderr of path, point lamp": points[1]}, scale="linear",
+        errors={"spots of 65 degrees": spots[0], "stderr of path, spots": spots[1], "point light": points[0],
+                "stderr of path, point light": points[1]}, scale="linear",
         measure="As before, sigma_t = 0.3/m.",
         limit="0 .. 0.98, within the noise of path",
         fails="sharper phase functions, and those that scatter more light back than ahead, are not resolved by the "

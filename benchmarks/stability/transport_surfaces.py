@@ -61,7 +61,7 @@ def depth() -> Sweep:
 
 
 def grazing_errors(elevation: float) -> tuple[float, float]:
-    """Relative errors of range and of direct light on the ground, seen at an angle [rad], the lamp at the camera."""
+    """Relative errors of range and of direct light on the ground, seen at an angle [rad], the light at the camera."""
     height, distance = 0.5, 0.5 / np.tan(elevation)
     half = 3 * distance + 10
     eye = np.array([0.3, 0.0, height])
@@ -82,7 +82,7 @@ def grazing() -> Sweep:
         key="grazing",
         title="grazing light", method="path (direct), first hits", parameter="angle to the surface [rad]",
         values=values, errors={"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()},
-        measure="Relative error of direct light and range of ground below camera and lamp, on average over 16 pixels "
+        measure="Relative error of direct light and range of ground below camera and light, on average over 16 pixels "
                 "1e-6 "
                 "of a field wide, against the closed form.",
         limit="1e-5 rad (1e-3)", fails="nothing found", program="nothing to do",
@@ -155,7 +155,7 @@ def scale() -> Sweep:
     return Sweep(
         key="scale", title="tiny and huge triangles", method="path", parameter="size of the world / 1 m", values=values,
         errors={"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()},
-        measure="A box of half a metre on 40 m of ground, scaled with camera and lamp: relative error of direct light "
+        measure="A box of half a metre on 40 m of ground, scaled with camera and light: relative error of direct light "
                 "with "
                 "its shadow and of light reflected more than once, on average over the image, against the size of 1 "
                 "with the same random numbers.",

@@ -1,1 +1,1 @@
-"""Device code: Warp functions, structs and kernels; nothing of the host."""
+"""Device code: Warp functions, structs and kernels; no host code."""

@@ -1,8 +1,8 @@
 """Numerical tools: interpolation between the nodes of tables, and Gauss-Legendre quadrature.
 
-All tables of the package are read by the functions here, but for images, whose texels are packed (world/tiling.py), and
-the cumulative table of world/phase.py, which keeps its slopes. Places are counted in nodes, from 0 to their number less
-one.
+All tables of the package are read by the functions here, except images, whose texels are packed (world/tiling.py), and
+the cumulative table of world/phase.py, which stores its slopes. Positions are counted in nodes, from 0 to their number
+minus one.
 """
 
 from functools import cache
@@ -36,7 +36,7 @@ def bilinear(values: wp.array2d(dtype=Any), x: float, y: float):
 
 @wp.func
 def node_weight(x: float, i: int, after: int):
-    """Weight at ``x`` of node ``i``, or with ``after`` = 1 of the next one."""
+    """Weight at ``x`` of node ``i``, or of the next one if ``after`` is 1."""
     return wp.where(after == 1, x - float(i), 1.0 - x + float(i))
 
 
@@ -74,7 +74,7 @@ def quadrilinear(values: wp.array4d(dtype=wp.vec3), x: float, y: float, z: float
 def make_gauss_legendre(count: int):
     """The function ``node(k)``: node ``k`` in [0, 1] and weight of the quadrature with ``count`` nodes, an even number.
 
-    The nodes are constants in the code: a GPU would wait for those of a table in memory.
+    The nodes are constants in the code, because a GPU would wait for a table in memory.
     """
     x, w = np.polynomial.legendre.leggauss(count)
     first = [(float(0.5 + 0.5 * a), float(0.5 * b)) for a, b in zip(x, w, strict=True)][:count // 2]

@@ -1,4 +1,4 @@
-"""Random numbers and the distributions drawn from them. Functions take ``u`` and return values; none has a state."""
+"""Random numbers and distributions. Functions take uniform numbers ``u`` and return values; none has state."""
 
 import warp as wp
 
@@ -38,18 +38,18 @@ def to_unit(x: wp.uint32):
 
 @wp.func
 def uniforms(key: wp.uint32, pixel: int, sample: int, dimension: int):
-    """Four numbers in [0, 1) that depend on nothing but the arguments; ``key`` holds seed, frame and camera."""
+    """Four numbers in [0, 1) that depend only on the arguments; ``key`` combines seed, frame and camera."""
     x, y, z, w = pcg4d(wp.uint32(pixel), wp.uint32(sample), wp.uint32(dimension), key)
     return wp.vec4(to_unit(x), to_unit(y), to_unit(z), to_unit(w))
 
 
 HALF = wp.constant(wp.uint32(0x9E3779B9))
-"""Between the keys of the two halves."""
+"""Difference between the keys of the two halves."""
 
 
 @wp.func
 def half_key(key: wp.uint32, half: int):
-    """Key of the random numbers of one of the two independent halves, 0 and 1, that an image is made of."""
+    """Key of the random numbers of one of the two independent halves (0 and 1) of an image's samples."""
     return key + HALF * wp.uint32(half)
 
 
@@ -85,7 +85,7 @@ def sample_disk(u: float, v: float):
 
 @wp.func
 def asinh(x: float):
-    """Area hyperbolic sine, odd and without cancellation for negative x."""
+    """Inverse hyperbolic sine, odd and without cancellation for negative x."""
     a = wp.abs(x)
     return wp.sign(x) * wp.log(a + wp.sqrt(1.0 + a * a))
 
@@ -94,7 +94,7 @@ def asinh(x: float):
 def equiangular_angle(h: float, ya: float, yb: float):
     """Angle [rad] over h [m] under which a point at distance ``h`` from a line sees the line from ya to yb.
 
-    It is the integral of 1/(h^2 + y^2), and it stays finite as h -> 0 while ya and yb have one sign.
+    It is the integral of 1/(h^2 + y^2), and stays finite as h -> 0 if ya and yb have the same sign.
     """
     small = h * (yb - ya)
     large = h * h + ya * yb
@@ -107,7 +107,7 @@ def equiangular_angle(h: float, ya: float, yb: float):
 def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
     """Point y in [ya, yb] with density 1/(h^2 + y^2) / equiangular_angle, the given ``angle`` (Kulla and Fajardo 2012).
 
-    The rational form keeps its digits as h -> 0; the usual one is used where the foot of the light is in between.
+    The rational form is accurate as h -> 0; the usual one is used if the light's foot lies between ya and yb.
     """
     if ya * yb < 0.0:
         y = h * wp.tan(wp.atan2(ya, h) + u * angle * h)
@@ -131,10 +131,10 @@ def one_minus_cos_at(y: float, h: float, distance: float):
 def joint_pdf(chord: float):
     """Density [1/sr] of directions around a light, proportional to (pi - gamma)/sin(gamma).
 
-    That is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et al. 2013): sampling it and
-    then the point on the ray equiangularly leaves no singularity in double scattering. It takes the distance between
-    the two unit vectors: from their cosine, gamma < 1e-3 has no digits in float32, and rays close to a light become
-    thousands of times too bright.
+    That is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et al. 2013): drawing a
+    direction from it and then an equiangular point on the ray leaves no singularity in double scattering. The argument
+    is the distance between the two unit vectors, because their cosine has no float32 digits left for gamma < 1e-3, and
+    rays close to a light would become thousands of times too bright.
     """
     gamma = 2.0 * wp.asin(wp.min(0.5 * chord, 1.0))
     sine = wp.max(chord * wp.sqrt(wp.max(1.0 - 0.25 * chord * chord, 0.0)), 1.0e-7)
@@ -149,7 +149,7 @@ def sample_joint(to_light: wp.vec3, u: float, v: float):
 
 
 LARGEST = wp.constant(1.0 - 2.0**-24)
-"""The number before 1."""
+"""The largest float32 below 1."""
 
 
 @wp.struct
@@ -157,7 +157,7 @@ class Reservoir:
     """A choice among weighted candidates in one pass (reservoir sampling, Chao 1982)."""
 
     u: float
-    """Uniform number, stretched again after each decision."""
+    """Uniform number, rescaled to [0, 1) after each decision."""
     index: int
     """The candidate held, -1 for none, and its weight."""
     weight: float
@@ -167,7 +167,7 @@ class Reservoir:
 
 @wp.func
 def make_reservoir(u: float):
-    """An empty reservoir that decides by the uniform number ``u``."""
+    """An empty reservoir that decides with the uniform number ``u``."""
     reservoir = Reservoir()
     reservoir.u = u
     reservoir.index = -1
@@ -176,12 +176,12 @@ def make_reservoir(u: float):
 
 @wp.func
 def offer(reservoir: Reservoir, index: int, weight: float):
-    """Take candidate ``index`` with the probability of its weight over the total that includes it."""
+    """Take candidate ``index`` with a probability of its weight over the total that includes it."""
     after = reservoir
     after.total += weight
     if weight <= 0.0:
         return after
-    # compared without a division: an approximate one may reject the only candidate
+    # without a division, since an approximate one might reject the only candidate
     share = reservoir.u * after.total
     if share < weight:
         after.u = wp.min(share / weight, LARGEST)

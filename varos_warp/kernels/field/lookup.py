@@ -1,4 +1,4 @@
-"""How paths use the precomputed field of open water: light that surfaces reflect, and in-scattering along a ray."""
+"""How paths use the precomputed field of open water: its light off surfaces, and its in-scattering along a ray."""
 
 import warp as wp
 
@@ -12,12 +12,12 @@ from varos_warp.kernels.world.medium import transmittance
 wp.set_module_options({"enable_backward": False})
 
 STRAIGHT_SHARE = wp.constant(0.5)
-"""Share of points of a ray that are drawn evenly on the way to the light."""
+"""Fraction of points on a ray that are drawn uniformly on the way to the light."""
 
 
 @wp.func
 def reflected_field(scene: SceneData, field: Field, vertex: Vertex):
-    """Radiance that a matte surface reflects of the field, reflectance E_F / pi; none for a metal."""
+    """Radiance of the field reflected by a matte surface, reflectance E_F / pi; 0 for a metal."""
     E = wp.vec3(0.0)
     if vertex.surface.metal > 0.0:
         return E
@@ -28,12 +28,12 @@ def reflected_field(scene: SceneData, field: Field, vertex: Vertex):
 
 @wp.struct
 class NearLight:
-    """A ray in the measure asinh(y/h), y from the foot of a light, in which the inverse distance from it is even."""
+    """A ray in the measure asinh(y/h), y from a light's foot, whose density is the inverse distance from the light."""
 
     foot: float
     h: float
     low: float
-    """Where the ray begins, and where it or the field ends; the difference is the integral of the inverse distance."""
+    """Start of the ray, and end of it or of the field; their difference is the integral of the inverse distance."""
     high: float
 
 
@@ -52,9 +52,9 @@ def near_light(field: LightField, light: Light, o: wp.vec3, d: wp.vec3, t_max: f
 
 @wp.func
 def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
-    """Distance on the ray and the inverse of its density: even in NearLight's measure, or on the way to the light.
+    """Distance on the ray and its inverse density: uniform in NearLight's measure, or on the way to the light.
 
-    Light that is hardly deflected comes straight from the light and does not fall off on that way.
+    Light that is hardly deflected comes straight from the light and does not fall off on the way there.
     """
     ahead = wp.min(ray.foot, t_max)
     share = wp.where(ahead > 0.0, STRAIGHT_SHARE, 0.0)
@@ -71,10 +71,10 @@ def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
 
 @wp.func
 def sample_field(scene: SceneData, field: Field, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """Multiple in-scattering of open water along a ray up to ``t_max``, estimated by one sample.
+    """One-sample estimate of the multiple in-scattering of open water along a ray up to ``t_max``.
 
-    One light is chosen by its intensity over the distance, and one point of the ray as the field falls off or on the
-    way to the light, so that the weights are bounded.
+    One light is chosen in proportion to intensity over distance, and one point on the ray, in proportion to the field's
+    fall-off or uniformly on the way to the light, so that the weights are bounded.
     """
     chosen = make_reservoir(u)
     ray = NearLight()

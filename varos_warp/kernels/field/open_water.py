@@ -1,6 +1,6 @@
 """The precomputed radiance field of open water: scattered light around each light, and its look-ups.
 
-Surfaces are not in it; paths subtract what they take away (kernels/transport/path.py).
+It ignores surfaces; paths subtract what they block (kernels/transport/path.py).
 
 The field around a light has the symmetry of the light's cone. At a point it depends on the distance from the light, the
 angle to its axis, and a direction: gamma, its angle to the direction to the light, and phi, its azimuth about that
@@ -22,26 +22,26 @@ class NodeGrid:
 
     distances: int
     nearest: float
-    """Distance of the first node [m]; the logarithms of the distances are evenly spaced."""
+    """Distance of the first node [m]; distances are evenly spaced in the logarithm."""
     log_step: float
     half_angle: float
-    """Half angle of the cone [rad]; pi for lights that shine everywhere."""
+    """Half angle of the cone [rad]; pi for lights that shine in all directions."""
     inside: int
-    """Steps of the angle to the axis inside the cone, and outside; they narrow towards its edge."""
+    """Number of steps of the angle to the axis inside the cone, and outside; they narrow towards its edge."""
     outside: int
     decay: wp.vec3
-    """Rate at which the light falls off, about, beside the inverse distance [1/m]."""
+    """Approximate rate at which the light falls off, apart from the inverse distance [1/m]."""
 
 
 @wp.struct
 class LightField:
-    """Scattered light around lights of one kind, of intensity 1. Values are divided by ``scale_at``."""
+    """Scattered light around one kind of light, for intensity 1. Values are divided by ``scale_at``."""
 
     grid: NodeGrid
     irradiance: wp.array4d(dtype=wp.vec3)
-    """Irradiance of planes: [distance, angle, gamma of the normal in even steps, phi in even steps]."""
+    """Irradiance of planes: [distance, angle, gamma of the normal, phi], gamma and phi in even steps."""
     source: wp.array4d(dtype=wp.vec3)
-    """Source function of multiple scattering: [distance, angle, gamma in even steps of its root, phi]."""
+    """Source function of multiple scattering: [distance, angle, gamma, phi], gamma in even steps of its square root."""
 
 
 @wp.struct
@@ -49,11 +49,11 @@ class Field:
     """The field of open water around all lights; the host's render/field/open_water.py owns it."""
 
     lights: wp.array(dtype=LightField)
-    """One for each light."""
+    """One per light."""
     in_scattering: wp.array3d(dtype=wp.vec3)
     """Radiance of multiple in-scattering along a camera's rays, [distance, row, column]."""
     nearest: float
-    """First of these distances [m]; their logarithms are evenly spaced."""
+    """First of these distances [m]; they are evenly spaced in the logarithm."""
     log_step: float
 
 
@@ -84,7 +84,7 @@ def node_angle(grid: NodeGrid, node: int):
 
 @wp.func
 def grid_place(grid: NodeGrid, d: float, theta: float):
-    """Fractional row and column of a place among the nodes; inverse of node_distance and node_angle."""
+    """Fractional row and column of a point among the nodes; inverse of node_distance and node_angle."""
     row = wp.clamp(wp.log(d / grid.nearest) / grid.log_step, 0.0, float(grid.distances - 1) - 1.0e-3)
     col = float(grid.inside)
     if theta < grid.half_angle:
@@ -99,11 +99,11 @@ def grid_place(grid: NodeGrid, d: float, theta: float):
 
 @wp.struct
 class LightFrame:
-    """A point as a light sees it: the coordinates and axes in which the field is tabulated."""
+    """A point in a light's frame: the coordinates and axes in which the field is tabulated."""
 
     distance: float
     theta: float
-    """Angle of the point to the light's axis [rad]."""
+    """Angle between the light's axis and the direction to the point [rad]."""
     to_light: wp.vec3
     across: wp.vec3
     """The component of the light's axis perpendicular to ``to_light``, normalised."""
@@ -125,7 +125,7 @@ def light_frame(light: Light, p: wp.vec3):
 
 @wp.func
 def gamma_phi(frame: LightFrame, d: wp.vec3):
-    """Angles (gamma, phi) of a direction, as shares of pi; from the chord, which keeps the digits of small angles."""
+    """Angles (gamma, phi) of a direction, as fractions of pi; by the chord, which is accurate for small angles."""
     gamma = 2.0 * wp.asin(wp.min(0.5 * wp.length(d - frame.to_light), 1.0))
     cos_phi = wp.dot(d, frame.across) / wp.max(wp.sin(gamma), 1.0e-6)
     return wp.vec2(gamma, wp.acos(wp.clamp(cos_phi, -1.0, 1.0))) / wp.pi
@@ -133,7 +133,7 @@ def gamma_phi(frame: LightFrame, d: wp.vec3):
 
 @wp.func
 def look_up(values: wp.array4d(dtype=wp.vec3), grid: NodeGrid, frame: LightFrame, u: float, v: float):
-    """Value of a table at a point, for a direction given by its shares (u, v) of the last two axes."""
+    """Value of a table at a point; (u, v) in [0, 1] are the places of the direction on the last two axes."""
     place = grid_place(grid, frame.distance, frame.theta)
     x = wp.clamp(u, 0.0, 1.0) * (float(values.shape[2] - 1) - 1.0e-3)
     y = wp.clamp(v, 0.0, 1.0) * (float(values.shape[3] - 1) - 1.0e-3)
@@ -142,7 +142,7 @@ def look_up(values: wp.array4d(dtype=wp.vec3), grid: NodeGrid, frame: LightFrame
 
 @wp.func
 def scattered_irradiance(field: LightField, light: Light, p: wp.vec3, n: wp.vec3):
-    """Irradiance [W/m^2] by scattered light of a plane at ``p`` with normal ``n``."""
+    """Irradiance [W/m^2] from scattered light on a plane at ``p`` with normal ``n``."""
     frame = light_frame(light, p)
     normal = gamma_phi(frame, n)
     E = wp.cw_mul(look_up(field.irradiance, field.grid, frame, normal[0], normal[1]), light_intensity(light))
@@ -151,7 +151,7 @@ def scattered_irradiance(field: LightField, light: Light, p: wp.vec3, n: wp.vec3
 
 @wp.func
 def source_function(field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
-    """Radiance per metre [W/sr/m^3] that scattered light adds to a ray along ``d`` at ``p`` by another scattering."""
+    """Radiance per metre [W/sr/m^3] that scattered light, scattered once more, adds at ``p`` to a ray along ``d``."""
     frame = light_frame(light, p)
     ray = gamma_phi(frame, d)
     return wp.cw_mul(look_up(field.source, field.grid, frame, wp.sqrt(ray[0]), ray[1]), light_intensity(light))
@@ -164,7 +164,7 @@ def source_function(field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
 def multiple_in_scattering(field: Field, x: float, y: float, t: float):
     """Radiance of light scattered twice or more before ``t`` along the camera's ray through (x, y) in [0, 1]^2."""
     steps = wp.log(wp.max(t, 1.0e-9) / field.nearest) / field.log_step
-    # nearer than the first node it is in proportion to the distance
+    # closer than the first node it is proportional to the distance
     share = float(1.0)
     if steps < 0.0:
         share = wp.exp(steps * field.log_step)

@@ -1,4 +1,4 @@
-"""Single scattering of a light along a ray, without obstacles, by quadrature."""
+"""Single scattering of a light along an unobstructed ray, by quadrature."""
 
 import warp as wp
 
@@ -13,18 +13,18 @@ wp.set_module_options({"enable_backward": False})
 NODES, SHORT_NODES, SLIVER_NODES = wp.constant(10), wp.constant(6), wp.constant(4)
 SHORT_DEPTH, SLIVER_DEPTH, SLIVER_RAD = wp.constant(0.2), wp.constant(0.1), wp.constant(0.2)
 """Nodes of the quadrature: the error is at most 0.1 % over rays of any length in the paper's water (measured). On
-optically short intervals, and on slivers such as a soft edge, fewer do as well."""
+optically short intervals, and on slivers such as a soft edge, fewer suffice."""
 GROWTH, CORE, BACKWARD = wp.constant(4.0), wp.constant(5.0), wp.constant(64.0)
-"""Where the phase function is sharp, the tangent of half the scattering angle grows at most GROWTH times within an
-interval. That of Henyey and Greenstein is smooth where the tangent is less than CORE (1 - g); for g < 0 intervals are
-divided up to BACKWARD times the light's distance from the ray."""
+"""Where the phase function is sharp, the tangent of half the scattering angle grows by at most GROWTH within an
+interval. Henyey and Greenstein's is smooth where the tangent is below CORE (1 - g); for g < 0 intervals are divided up
+to BACKWARD times the light's distance from the ray."""
 
 node, short_node, sliver_node = (make_gauss_legendre(count) for count in (NODES, SHORT_NODES, SLIVER_NODES))
 
 
 @wp.func
 def smooth_below(phase: Phase):
-    """Tangent of half the angle within which a phase function is smooth; beyond, it is a power of the angle."""
+    """Tangent of half the angle up to which a phase function is smooth; beyond, it is a power of the angle."""
     if phase.log_p.shape[0] > 0:
         return wp.exp(0.5 * phase.log_first)
     return CORE * (1.0 - wp.abs(phase.g))
@@ -32,7 +32,7 @@ def smooth_below(phase: Phase):
 
 @wp.func
 def peak_break(phase: Phase, h: float, y: float):
-    """Where to divide an interval that begins at ``y`` from a light's foot, as the phase function is sharp beyond.
+    """Where to divide an interval that starts at ``y`` from a light's foot, because the phase function is sharp.
 
     The tangent of half the scattering angle is exp(asinh(y/h)); a backward peak is a forward peak seen from behind.
     """
@@ -52,7 +52,7 @@ def peak_break(phase: Phase, h: float, y: float):
 
 @wp.func
 def segment_nodes(medium: Medium, h: float, ya: float, yb: float, angle: float):
-    """How many nodes an interval needs."""
+    """Number of nodes that an interval needs."""
     depth = brightest(medium.sigma_t) * (yb - ya + wp.sqrt(h * h + yb * yb) - wp.sqrt(h * h + ya * ya))
     q = h / (wp.sqrt(h * h + ya * ya) - wp.min(ya, 0.0))
     if depth < SLIVER_DEPTH and angle * h < SLIVER_RAD * wp.min(wp.max(q, smooth_below(medium.phase)), 1.0):
@@ -76,7 +76,7 @@ def segment_node(k: int, count: int):
 def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit: LitInterval, ya: float, yb: float):
     """Radiance that single scattering between ya and yb adds to a ray, by quadrature in the equiangular angle.
 
-    In that angle the inverse square of the distance is a constant, and the rest is smooth.
+    In that angle the inverse square of the distance is constant, and the rest is smooth.
     """
     L = wp.vec3(0.0)
     angle = equiangular_angle(lit.h, ya, yb)
@@ -95,16 +95,16 @@ def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit:
 
 @wp.func
 def next_break(y: float, candidate: float, so_far: float):
-    """The nearer of two places beyond ``y`` where an interval may be divided."""
+    """The nearer of two points beyond ``y`` where an interval may be divided."""
     return wp.where(candidate > y and candidate < so_far, candidate, so_far)
 
 
 @wp.func
 def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Radiance that single scattering of a light adds to a ray up to ``t_max``, without obstacles.
+    """Radiance that single scattering of a light adds to an unobstructed ray up to ``t_max``.
 
-    The lit interval is divided at the light's foot, before which the phase function peaks, as often as the peak
-    requires, and where the soft edge begins, which is a kink.
+    The lit interval is divided at the light's foot, before which the phase function peaks; as often as that peak
+    requires; and where the soft edge begins, which is a kink.
     """
     L = wp.vec3(0.0)
     lit = light_beam(light, o, d, t_max)

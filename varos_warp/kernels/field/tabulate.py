@@ -1,8 +1,8 @@
-"""Kernels that compute the field of kernels/field/open_water.py, one order of scattering after the other.
+"""Kernels that compute the field of kernels/field/open_water.py, order by order of scattering.
 
-Light that arrives at a node is kept in directions (gamma, phi), as explained there. Scattering from direction to
-direction is a matrix that all nodes share and the host applies (render/field/solver.py); the kernels here carry light
-from one scattering to the next.
+Light that arrives at a node is stored by direction (gamma, phi), as explained there. Scattering between directions is a
+matrix that all nodes share and the host applies (render/field/solver.py); the kernels here carry light from one
+scattering to the next.
 """
 
 import warp as wp
@@ -27,14 +27,14 @@ from varos_warp.kernels.world.medium import Medium, transmittance
 wp.set_module_options({"enable_backward": False})
 
 PANEL = wp.constant(3.0)
-"""Longest panel of a ray with eight nodes, in units of the logarithm of the distance from the light."""
+"""Longest stretch of a ray with eight nodes, in the logarithm of the distance from the light."""
 
 legendre_node = make_gauss_legendre(8)
 
 
 @wp.func
 def node_point(grid: NodeGrid, row: int, col: int):
-    """Where a node lies; the light is at the origin and its axis along z."""
+    """Position of a node; the light is at the origin and its axis along z."""
     theta = node_angle(grid, col)
     return node_distance(grid, row) * wp.vec3(wp.sin(theta), 0.0, wp.cos(theta))
 
@@ -71,8 +71,8 @@ def tabulate_single_scattering(
 def next_order(medium: Medium, field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
     """Radiance that the source function of a field adds to an infinite ray.
 
-    It falls off roughly as the inverse of the distance from the light, so it is even in the area hyperbolic sine. The
-    ray is divided at the light's foot, where the light changes sides.
+    The source falls off roughly as the inverse distance from the light, so it is nearly constant in asinh(y/h). The ray
+    is divided at the light's foot, where the light passes from ahead to behind.
     """
     to_light = light_centre(light) - p
     foot = wp.dot(to_light, d)

@@ -1,1 +1,1 @@
-"""Samples to pixels: sums, adaptive sampling, what a denoiser needs."""
+"""From samples to pixels: sums, adaptive sampling, input for a denoiser."""

@@ -24,14 +24,14 @@ def pixel_statistics(
     mean: wp.array2d(dtype=wp.vec3d),
     variance: wp.array2d(dtype=wp.vec3d),  # of one sample
 ):
-    """Mean of a pixel's samples, and an estimate of the variance of one.
+    """Mean of a pixel's samples, and an estimate of the variance of one sample.
 
-    Denoising is taken to divide the variance of the correction by ``denoised``.
+    Denoising is assumed to divide the variance of the correction by ``denoised``.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
-    # one difference for both: base and correction share the place in the pixel and the surface's reflectance
+    # one difference for both: base and correction share the image point and the surface's reflectance
     off = base_difference(sums, count)
     off += half_difference(sums.correction, sums.odd_correction, count) / wp.sqrt(wp.float64(denoised))
     mean[row, col] = total_radiance(sums) / wp.float64(count)
@@ -44,7 +44,7 @@ def average_tiles(
     # out
     tiles: wp.array3d(dtype=wp.vec3d),  # [side, tile row, tile column]
 ):
-    """Mean over the pixels of each side of a tile; 0 where there are none."""
+    """Mean over the pixels of each side of a tile; 0 if there are none."""
     side, tile_row, tile_col = wp.tid()
     total = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)

@@ -1,4 +1,4 @@
-"""Kernels that prepare images for an external denoiser, and finish what it returns."""
+"""Kernels that prepare images for an external denoiser and finish what it returns."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def unit_scale(total: wp.vec3, pixels: int):
-    """The power of two that brings an image with a sum of ``total`` to a mean near 1; 0 for a black image."""
+    """The power of two that scales an image with the sum ``total`` to a mean near 1; 0 for a black image."""
     mean = (total[0] + total[1] + total[2]) / (3.0 * float(pixels))
     if mean <= 0.0:
         return 0.0
@@ -44,7 +44,7 @@ def subtract(
     # out
     rest: wp.array2d(dtype=wp.vec3),
 ):
-    """An image less a part of it."""
+    """Subtract a part of an image from it."""
     row, col = wp.tid()
     rest[row, col] = image[row, col] - part[row, col]
 
@@ -57,7 +57,7 @@ def add_scaled(
     # in and out
     image: wp.array2d(dtype=wp.vec3),
 ):
-    """Add ``sign`` times what `scale_to_unit` has scaled; nothing if it was black."""
+    """Add ``sign`` times an image that `scale_to_unit` scaled, with its scale undone; nothing if it was black."""
     row, col = wp.tid()
     scale = unit_scale(total[0], image.shape[0] * image.shape[1])
     if scale > 0.0:
@@ -103,7 +103,7 @@ def add_mixed(
     # in and out
     image: wp.array2d(dtype=wp.vec3),
 ):
-    """Add what `render.denoise.mix` makes of the two, over squares with the sides ``near`` and ``far``."""
+    """Add the mix of two images as in render/image/denoise.py, over squares with sides ``near`` and ``far``."""
     row, col = wp.tid()
     apart = square_around(smooth, noisy, near, row, col)
     noise = wp.max(mean_around(variance, near, row, col), mean_around(variance, far, row, col))

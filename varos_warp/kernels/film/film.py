@@ -1,6 +1,6 @@
 """Sums of radiance samples in float64, and the means and standard errors that follow from them.
 
-In float32 a running mean stalls: after 100 000 samples it is off by a hundred standard errors, without any sign of it.
+In float32 a running mean stalls: after 100 000 samples it is silently off by a hundred standard errors.
 """
 
 import warp as wp
@@ -8,37 +8,37 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Width of a tile [pixels]. All pixels of a tile, or of each of its two sides, get the same number of samples."""
+"""Width of a tile [pixels]. All pixels of a tile, or of each of its two sides, get equally many samples."""
 
 SHARE_AROUND = wp.constant(0.1)
-"""Share of the surrounding tiles in a tile's variance. Where single samples light a dark image, they miss whole tiles:
-without this share the squared errors over the variance are 1.5 to 1.8 there, with a tenth 0.9 to 1.1."""
+"""Weight of the surrounding tiles in a tile's variance. If rare samples light a dark image, whole tiles miss them: the
+squared errors there are 1.5 to 1.8 times the variance without this weight, 0.9 to 1.1 times with a tenth."""
 
 SUMS = 6
-"""Sums of a pixel: those of `Sums`, but for ``lost``."""
+"""Sums per pixel: those of `Sums` except ``lost``."""
 
 
 @wp.struct
 class Sums:
-    """Sums over samples of one pixel: radiance [W/sr/m^2]."""
+    """Sums of radiance [W/sr/m^2] over samples of one pixel."""
 
     direct: wp.vec3d
     single: wp.vec3d
     multiple: wp.vec3d
     """The layers."""
     correction: wp.vec3d
-    """The part of their sum that subpaths carry, and the blocked single scattering: all that is noisy but edges."""
+    """The part of their sum that subpaths carry, and blocked single scattering: all noise except that of edges."""
     odd: wp.vec3d
     odd_correction: wp.vec3d
-    """Total and correction of every second sample. Those have random numbers of their own, so the two halves are
-    independent images, and their difference shows the error, however evenly samples are spread within each."""
+    """Total and correction of every second sample. The two halves have their own random numbers, so they are
+    independent images, and their difference shows the error, however evenly the samples are spread within each."""
     lost: int
-    """How many samples were infinite or not a number."""
+    """Number of samples that were infinite or not a number."""
 
 
 @wp.struct
 class PixelPart:
-    """Samples ``begin`` to ``end`` of a pixel, which one thread takes."""
+    """Samples ``begin`` to ``end`` of a pixel, taken by one thread."""
 
     row: int
     col: int
@@ -50,29 +50,29 @@ class PixelPart:
 class Film:
     """Sums over the samples of one image.
 
-    Pixels belong to one side, or to two that alternate like the fields of a chessboard and may take different numbers
-    of samples (render/image/adapt.py). Samples are taken in parts of a few each, as a GPU would otherwise wait for the
-    threads of noisy pixels in the end; the sums of parts are added up in a fixed order.
+    Pixels form one side, or two that alternate like the squares of a chessboard and may take different numbers of
+    samples (render/image/adapt.py). Samples are taken in parts of a few each, since otherwise a GPU would finally wait
+    for the threads of noisy pixels; the sums of parts are added up in a fixed order.
     """
 
     wanted: wp.array3d(dtype=int)
-    """Samples that pixels are to take next [side, tile row, tile column]."""
+    """Samples that each pixel is to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
-    """Samples that they have, in the same layout."""
+    """Samples that each pixel has, in the same layout."""
     parts: wp.array(dtype=PixelPart)
     part_sums: wp.array2d(dtype=wp.vec3d)
-    """The work of single threads, and its sums [SUMS, parts]."""
+    """The parts, and their sums [SUMS, parts]."""
     next: wp.array(dtype=int)
-    """One number: the first part that no thread has begun; empty where each thread takes one part."""
+    """One number: the first part that no thread has started; empty if each thread takes one part."""
     sums: wp.array3d(dtype=wp.vec3d)
-    """Those of all samples [SUMS, height, width]."""
+    """Sums over all samples [SUMS, height, width]."""
     lost: wp.array(dtype=int)
-    """One number: how many samples were infinite or not a number. They count as black, and the renderer says so."""
+    """One number: samples that were infinite or not a number. They count as black, and the renderer reports them."""
 
 
 @wp.func
 def is_finite(L: wp.vec3):
-    """Whether all channels are numbers."""
+    """Whether all channels are finite."""
     return wp.isfinite(L[0]) and wp.isfinite(L[1]) and wp.isfinite(L[2])
 
 
@@ -96,7 +96,7 @@ def add_sample(sums: Sums, sample: int, direct: wp.vec3, single: wp.vec3, multip
 
 @wp.func
 def first_sample(part: int, parts: int, spp: int):
-    """Number of the first of a part's samples; 64 bits, for their product may be large."""
+    """Index of a part's first sample; in 64 bits, as the product may be large."""
     return int(wp.int64(part) * wp.int64(spp) / wp.int64(parts))
 
 
@@ -127,7 +127,7 @@ def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int):
 
 @wp.func
 def tile_pixel(tile_cols: int, i: int):
-    """Row and column of the ``i``-th pixel, tile by tile: threads side by side then trace rays side by side."""
+    """Row and column of the ``i``-th pixel, tile by tile, so that neighbouring threads trace neighbouring rays."""
     tile = i / (TILE * TILE)
     within = i % (TILE * TILE)
     return tile / tile_cols * TILE + within / TILE, tile % tile_cols * TILE + within % TILE
@@ -140,7 +140,7 @@ def count_parts(
     # out
     counts: wp.array(dtype=int),  # per pixel, tile by tile
 ):
-    """How many parts the wanted samples of each pixel make."""
+    """Number of parts that each pixel's wanted samples are divided into."""
     i = wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     counts[i] = 0
@@ -150,7 +150,7 @@ def count_parts(
 
 @wp.func
 def start_of(ends: wp.array(dtype=int), i: int):
-    """Where the entries of pixel ``i`` start in the list of all, from the running sum of their numbers."""
+    """Where the entries of pixel ``i`` start in the list of all, from the running sum of their counts."""
     if i == 0:
         return 0
     return ends[i - 1]
@@ -164,7 +164,7 @@ def list_parts(
     # out
     film: Film,  # the parts from ``begin`` on, as many as there is room for
 ):
-    """List the parts of each pixel, with its samples divided evenly."""
+    """List the parts of each pixel, which divide its samples evenly."""
     i = first + wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     start = start_of(ends, i)
@@ -196,8 +196,8 @@ def store(film: Film, part: int, sums: Sums):
 def next_part(film: Film):
     """The next part for a thread that has finished one; the number of parts if none is left.
 
-    Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that go on to another part
-    wait only once, in the end.
+    Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that continue with another
+    part wait only once, at the end.
     """
     if film.next.shape[0] == 0:
         return film.parts.shape[0]
@@ -252,7 +252,7 @@ def add_parts(
 
 @wp.kernel(enable_backward=False)
 def note_samples(film: Film):
-    """Count the samples that were wanted as taken."""
+    """Count the wanted samples as taken."""
     side, tile_row, tile_col = wp.tid()
     film.count[side, tile_row, tile_col] += film.wanted[side, tile_row, tile_col]
 
@@ -264,14 +264,14 @@ def tile_variances(
     samples: wp.array2d(dtype=wp.vec3d),  # of one sample
     blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels
 ):
-    """Estimates of variances; infinite for one sample. A single value of ``blocks`` says little, their mean does.
+    """Estimates of variances; infinite for one sample. A single value of ``blocks`` is a poor estimate; average them.
 
-    Half the difference of the two halves of a pixel's samples is distributed like the error of their mean, and what all
-    pixels of a block share stays in the mean over the block.
+    Half the difference of the two halves of a pixel's samples is distributed like the error of their mean. The error
+    that all pixels of a block share remains in the mean over the block.
     """
     tile_row, tile_col = wp.tid()
     height, width = film.sums.shape[1], film.sums.shape[2]
-    # a tile that the image's edge cuts takes pixels before it for the variance of samples
+    # for the variance of samples, a tile cut by the image's edge borrows pixels before it
     top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
     left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
     squares = wp.vec3d(wp.float64(0.0))
@@ -321,9 +321,9 @@ def develop(
 ):
     """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
 
-    The standard error comes from the samples of all pixels of a tile, and a little from the tiles around: pixels that
-    missed what is rare and bright would claim too little. ``base_variance`` is the pixel's own, of all but the
-    correction: mostly of edges, textures and the blur of a lens.
+    The standard error comes from the samples of all pixels of a tile, and a little from the tiles around, because
+    pixels that missed rare bright samples would claim too small an error. ``base_variance`` is the pixel's own variance
+    of everything but the correction: mostly edges, textures and the blur of a lens.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
@@ -333,7 +333,7 @@ def develop(
     single[row, col] = wp.vec3(sums.single / n)
     multiple[row, col] = wp.vec3(sums.multiple / n)
     correction[row, col] = wp.vec3(sums.correction / n)
-    # the sum of the layers as written, so that they add up to it to the last bit
+    # the sum of the layers as stored, so that they add up to it exactly
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
     mean_variance = with_tiles_around(variance, row / TILE, col / TILE) / n
     off = base_difference(sums, count)

@@ -1,4 +1,4 @@
-"""The sand and the rock that ship: one periodic tile each, computed once into an image."""
+"""The built-in sand and rock: one periodic tile each, baked into an image."""
 
 import warp as wp
 
@@ -25,7 +25,7 @@ def sand(seed: wp.uint32, uv: wp.vec2):
         colour = wp.vec3(0.70, 0.66, 0.58)
     shade = (0.75 + 0.5 * low_half(grain.id)) * (0.72 + 0.28 * wp.smoothstep(0.0, 0.3, grain.gap))
 
-    # coarser pieces, some of them: each a patch of its cell
+    # some coarser pieces, each a patch of its cell
     pebble = periodic_cell(seed + wp.uint32(2), uv, GRAINS / 4)
     size = high_half(cell_hash(seed + wp.uint32(3), int(pebble.id), 0))
     if size > 0.86 and pebble.nearest < 1.6 * (size - 0.72):
@@ -45,7 +45,7 @@ def sand(seed: wp.uint32, uv: wp.vec2):
 
 @wp.func
 def ridges(seed: wp.uint32, uv: wp.vec2, cycles: int, octaves: int):
-    """Fractal sum of rounded humps with sharp clefts between them (Musgrave's billows), about in [-1, 1]; periodic."""
+    """Fractal sum of rounded humps with sharp clefts between (Musgrave's billows), roughly in [-1, 1]; periodic."""
     total = float(0.0)
     weight = float(0.4)
     n = cycles
@@ -65,7 +65,7 @@ def rock(seed: wp.uint32, uv: wp.vec2):
     relief = ridges(seed, bent, 5, 7)
     block = periodic_cell(seed + wp.uint32(40), bent + wp.vec2(0.012 * relief, -0.012 * relief), 5)
     tint = periodic_fbm(seed + wp.uint32(70), uv, 2, 5)
-    open = wp.smoothstep(-0.1, 0.4, tint)  # cracks run out
+    open = wp.smoothstep(-0.1, 0.4, tint)  # cracks taper off
     crack = 1.0 - open * (1.0 - wp.smoothstep(0.0, 0.03, block.gap))
     grain = periodic_cell(seed + wp.uint32(60), uv, GRAINS)
     bits = cell_hash(seed, int(grain.id), 1)

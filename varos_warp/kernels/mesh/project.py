@@ -10,16 +10,16 @@ from varos_warp.kernels.conventions import FAR
 wp.set_module_options({"enable_backward": False})
 
 FACING = wp.constant(0.5)
-"""Least cosine between the way to the nearest point and the vertex normal: beyond it the point is on a rim."""
+"""Smallest cosine between the direction to the nearest point and the vertex normal; below it the point is on a rim."""
 
 ON_SURFACE = wp.constant(0.02)
-"""Share of the grid step within which a point is on the model, whatever the direction."""
+"""Fraction of the grid step within which a point counts as on the model, whatever the direction."""
 
 RELAX = wp.constant(0.5)
 """Share of the way to the middle of its neighbours that a vertex goes in a step, within the surface."""
 
 FOLDED = wp.constant(0.2)
-"""Least cosine between a face's normals before and after a step."""
+"""Smallest cosine between a face's normals before and after a step."""
 
 
 @wp.kernel
@@ -60,7 +60,7 @@ def sample_signed_distance(
     # out
     value: wp.array(dtype=wp.float32),  # [m], negative inside; shape [N]
 ):
-    """Distance, with the known sign, or if that is 0: negative where the winding number is above the threshold.
+    """Distance with the given sign; if that is 0, negative where the winding number is above the threshold.
 
     Winding numbers by Barill et al. (2018), ACM Transactions on Graphics 37(4); they cost ten times a distance.
     """
@@ -79,7 +79,7 @@ def sample_signed_distance(
 
 @wp.func
 def face_normal(points: wp.array(dtype=wp.vec3), face: wp.vec3i):
-    """Normal, as long as twice the area."""
+    """Normal with twice the area as its length."""
     a = points[face[0]]
     return wp.cross(points[face[1]] - a, points[face[2]] - a)
 
@@ -89,7 +89,7 @@ def ring(
     i: int, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i), first: wp.array(dtype=wp.int32),
     incident: wp.array(dtype=wp.int32),
 ):
-    """Unit normal of a vertex, by area, and the mean of its neighbours."""
+    """Area-weighted unit normal of a vertex, and the mean of its neighbours."""
     n = wp.vec3(0.0)
     mean = wp.vec3(0.0)
     p = points[i]
@@ -115,7 +115,7 @@ def along_normal(mesh: wp.uint64, p: wp.vec3, d: wp.vec3, n: wp.vec3, reach: flo
 
 @wp.func
 def inner_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, step: float, reach: float):
-    """Where a vertex belongs on the model, and whether there is such a place: the nearest point, else along n."""
+    """Where a vertex belongs on the model (the nearest point, else along n), and whether there is such a point."""
     query = wp.mesh_query_point_no_sign(mesh, p, reach)
     if query.result:
         x = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
@@ -129,7 +129,7 @@ def inner_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, step: float, reach: fl
 
 @wp.func
 def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: float, reach: float):
-    """The same for a vertex on the side of the region, which it must not leave: along n within that side."""
+    """The same for a vertex on a side of the region, which it must not leave: along n within that side."""
     inside = p - 1.0e-3 * step * lock  # a ray in the model's own rim would miss it
     free = wp.vec3(1.0 - wp.abs(lock[0]), 1.0 - wp.abs(lock[1]), 1.0)
     d = wp.normalize(wp.cw_mul(n, free))
@@ -153,7 +153,7 @@ def move_vertices(
     # out
     moved: wp.array(dtype=wp.vec3), held: wp.array(dtype=wp.int8),  # 1: on the model
 ):
-    """Spread the vertices evenly over their surface, then onto the model; over a hole, draw a membrane."""
+    """Spread the vertices evenly over their surface and move them onto the model; over a hole they form a membrane."""
     i = start + wp.tid()
     p = points[i]
     reach = 2.0 * step
@@ -162,7 +162,7 @@ def move_vertices(
     pull = wp.cw_mul(mean - p, wp.vec3(1.0 - wp.abs(side[0]), 1.0 - wp.abs(side[1]), 1.0))
     spread = p + RELAX * (pull - wp.dot(pull, n) * n)
     if wp.dot(side, side) > 0.0:
-        spread = p  # its neighbours lie on one side only
+        spread = p  # its neighbours are all on one side
         target, found = border_target(mesh, spread, n, side, step, reach)
     else:
         target, found = inner_target(mesh, spread, n, step, reach)
@@ -177,7 +177,7 @@ def undo_folds(
     # out
     after: wp.array(dtype=wp.vec3),
 ):
-    """A vertex at a face that the step turned over stays where it was."""
+    """Move a vertex back if the step turned one of its faces over."""
     i = start + wp.tid()
     p = moved[i]
     for k in range(first[i], first[i + 1]):

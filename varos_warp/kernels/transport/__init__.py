@@ -1,1 +1,1 @@
-"""How light is carried: paths, next event estimation, random numbers, first hits, ambient light."""
+"""Light transport: paths, next-event estimation, random numbers, first hits, ambient light."""

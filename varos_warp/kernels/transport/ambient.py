@@ -55,7 +55,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
             if u[2] >= survival:
                 return wp.vec3(0.0)
-            # around a smoothed normal some directions point into the surface: mirrored out, no light is lost
+            # around a smoothed normal some directions point into the surface; mirror them out, so that no light is lost
             below = wp.min(wp.dot(direction, hit.n), 0.0)
             direction = direction - 2.0 * below * hit.n
             throughput /= survival
@@ -71,7 +71,7 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         # out
         film: Film,
     ):
-        """Radiance of each pixel through a pinhole, kept as the film's ``direct`` layer."""
+        """Radiance of each pixel through a pinhole, stored as the film's ``direct`` layer."""
         i = first + wp.tid()
         part = film.parts[i]
         row, col = part.row, part.col

@@ -1,4 +1,4 @@
-"""Images C, D and S, and guides for a denoiser: what the ray through each pixel's centre hits first."""
+"""Images C, D and S, and guides for a denoiser: the first hit of the ray through each pixel's centre."""
 
 from functools import cache
 
@@ -28,7 +28,7 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
         distance: wp.array2d(dtype=float),
         instance: wp.array2d(dtype=wp.int32),
     ):
-        """World normal, planar depth z and distance along the ray [m], number of the part from 1, all [height, width].
+        """World normal, planar depth z and distance along the ray [m], part number from 1 on, all [height, width].
 
         Where nothing is hit: zeros, inf, inf, 0.
         """
@@ -66,7 +66,7 @@ def make_guides_kernel(instances: bool, textures: bool) -> wp.Kernel:
         albedo: wp.array2d(dtype=wp.vec3),
         normal: wp.array2d(dtype=wp.vec3),
     ):
-        """What the surface reflects, in [0, 1], and its normal as in image C, both [height, width]; zeros at no hit."""
+        """Albedo of the surface in [0, 1], and normal as in image C, both [height, width]; 0 where nothing is hit."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
         ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))

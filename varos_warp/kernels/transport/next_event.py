@@ -1,7 +1,7 @@
-"""Next event estimation: light that reaches a segment of a path straight from a light.
+"""Next-event estimation: light that reaches a segment of a path straight from a light.
 
-It is scattered into the segment on the way, or reflected at its end. One of the lights is chosen, in proportion to what
-it would add without obstacles.
+It is scattered into the segment, or reflected into it by the surface at its end. One of the lights is chosen, in
+proportion to what it would add if nothing blocked it.
 """
 
 import warp as wp
@@ -28,13 +28,13 @@ from varos_warp.kernels.world.phase import beam_at, phase_eval, sample_beam
 wp.set_module_options({"enable_backward": False})
 
 LEAST_CHANGE = wp.constant(1.0e-3)
-"""Relative change of the cumulative phase function over a lit interval below which float32 does not resolve it; the
-phase function is then taken as constant there."""
+"""Relative change of the cumulative phase function over a lit interval below which float32 does not resolve it, and the
+phase function counts as constant."""
 
 
 @wp.struct
 class LightConnection:
-    """Radiance that light from ``q`` adds to a segment by one event at ``p``, without regard to obstacles."""
+    """Radiance that light from ``q`` adds to a segment by one event at ``p``, before its visibility is tested."""
 
     p: wp.vec3
     q: wp.vec3
@@ -42,39 +42,39 @@ class LightConnection:
     light: int
     """Which light; -1 for none."""
     blocked: int
-    """1 where an obstacle was found."""
+    """1 if something blocks the light."""
 
 
 @wp.func
 def irradiance(medium: Medium, sample: LightSample):
-    """Irradiance [W/m^2] of a plane that faces the sampled light, through the water, without obstacles."""
+    """Unobstructed irradiance [W/m^2] of a plane that faces the sampled light, through the water."""
     share = 1.0 / (sample.distance * sample.distance * sample.pdf)
     return share * wp.cw_mul(sample.intensity, transmittance(medium, sample.distance))
 
 
 @wp.struct
 class Beam:
-    """The part of a ray that a light lights, in terms of the angle by which its light is scattered into the ray."""
+    """The lit part of a ray, described by the angle through which the light is scattered into the ray."""
 
     lit: LitInterval
     low: float
     high: float
     """The cumulative phase function (`beam_at`) at both ends."""
     peaked: int
-    """1 if the phase function changes along it by more than LEAST_CHANGE."""
+    """1 if the cumulative phase function changes along it by more than LEAST_CHANGE."""
     total: float
-    """Integral of the phase function over the squared distance, about [1/m]."""
+    """Approximate integral of the phase function over the squared distance [1/m]."""
 
 
 @wp.func
 def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of a ray up to ``t_max`` that a light lights."""
+    """The lit part of a ray up to ``t_max``."""
     beam = Beam()
     beam.lit = light_beam(light, o, d, t_max)
     if beam.lit.angle > 0.0:
         start = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.ya))
         beam.total = beam.lit.angle * start[1]
-        # a backward peak lies far along the ray, where the water has absorbed it
+        # a backward peak is far along the ray, where the water has absorbed the light
         if beam.lit.ya < 0.0 and medium.phase.g >= 0.0:
             beam.low = start[0]
             beam.high = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))[0]
@@ -86,9 +86,9 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def foot_at(h: float, theta: float):
-    """Where on a line at distance ``h`` from a light its light is scattered by ``theta``, from the light's foot.
+    """Place, from the light's foot, on a line at distance ``h`` from a light where its light is scattered by ``theta``.
 
-    A series replaces the tangent at small angles, where phase functions peak and a GPU's approximate one has no digits.
+    At small angles, where phase functions peak, a series replaces the tangent: a GPU's approximate one has no digits.
     """
     behind = theta > 0.5 * wp.pi
     x = wp.where(behind, wp.max(wp.pi - theta, 0.0), theta)
@@ -98,10 +98,10 @@ def foot_at(h: float, theta: float):
 
 @wp.func
 def sample_scattering(medium: Medium, beam: Beam, u: float):
-    """A point y of the lit interval, drawn by the phase function or evenly in the angle, and 1/(pdf distance^2).
+    """A point y of the lit interval and 1/(pdf distance^2); drawn by the phase function, or uniformly in the angle.
 
-    Along a ray the scattering angle is the equiangular one (Kulla and Fajardo 2012), in which the distance law is a
-    constant.
+    Along a ray the scattering angle is the equiangular angle (Kulla and Fajardo 2012), in which the inverse square of
+    the distance is constant.
     """
     lit = beam.lit
     if beam.peaked == 1:
@@ -113,7 +113,7 @@ def sample_scattering(medium: Medium, beam: Beam, u: float):
 
 @wp.func
 def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec3, u: float):
-    """Single scattering of a light in the lit interval of a ray, estimated by one sample."""
+    """One-sample estimate of a light's single scattering in the lit interval of a ray."""
     scattered = LightConnection()
     lit = beam.lit
     place = sample_scattering(medium, beam, u)
@@ -130,7 +130,7 @@ def in_scattered(medium: Medium, light: Light, beam: Beam, o: wp.vec3, d: wp.vec
 
 @wp.func
 def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """`in_scattered` of one light, chosen by an estimate of what it adds."""
+    """`in_scattered` of one light, chosen in proportion to an estimate of what it adds."""
     chosen = make_reservoir(u)
     beam = Beam()
     for i in range(light_count(scene.lights)):
@@ -149,7 +149,7 @@ def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
 
 @wp.func
 def sample_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float, v: wp.vec2):
-    """Light of one light that a surface reflects, chosen by how much that is without obstacles."""
+    """Reflected light of one light, chosen in proportion to what it would add if nothing blocked it."""
     chosen = make_reservoir(u)
     reflected = LightConnection()
     reflected.p = hit.start

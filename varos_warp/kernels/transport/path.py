@@ -1,26 +1,20 @@
-"""Image A: radiance of underwater pixels lit by lights, by one path tracer, with or without the field of open water.
+"""Image A: radiance of underwater pixels by one path tracer, with or without the field of open water.
 
-Every segment of a path gathers the light that reaches it straight from the lights, by one more event: reflected off the
-surface at its end, and scattered once on the way. On the camera's own segment these are the layers `direct` and
-`single`. Light of more events is carried by subpaths. One starts with a reflection at the end of the camera's segment,
-another with a scattering on it; both go on from vertex to vertex, in the water or on a surface, until roulette ends
-them. No sample is clamped or dropped.
+Every segment of a path gathers the light that reaches it straight from the lights by one more event: a reflection off
+the surface at its end, or a scattering on the way. On the camera's own segment these are the layers `direct` and
+`single`. Subpaths carry light of more events. One starts with a reflection at the end of the camera's segment, another
+with a scattering on it; both continue from vertex to vertex, in the water or on a surface, until roulette ends them. No
+sample is clamped or dropped.
 
-With the field (kernels/field) paths carry only what surfaces change. Let F be the radiance of scattered light in open
-water, L that of the scene, and D = L - F. Both L and F obey the equation of transfer, so D does too. Along a segment of
-length t, from p along d to the surface at q,
+With the field (kernels/field) paths carry only what surfaces change: D = L - F, the radiance of the scene minus that of
+scattered light in open water. Along a segment of length t, from p along d to the surface at q,
 
     light scattered once counts V - 1: nothing where the light is visible, minus itself where it is blocked;
-    at q direct light and reflectance E_F / pi are added, and F(q, d), which would come from behind, is subtracted;
-    D itself is carried on, scattered in the water or reflected off the surface.
+    at q, direct light and reflectance E_F / pi are added, and F(q, d), which would come from behind, is subtracted;
+    D itself continues, scattered in the water or reflected off the surface.
 
-So in open water D is exactly 0. The camera's own segment adds F up to its end. Metals mirror F, whose reflection the
-field does not hold: a segment that leaves a metal carries L, not D.
-
-Second moments are finite: single scattering goes as 1/h on a segment that passes a light at a distance h, and some
-directions are drawn around the lights at every vertex with a density in proportion to that (`subpath.light_share`);
-F(q, d) and virtual point lights are estimated with bounded weights; weights of subpaths are bounded on average
-(subpath.py).
+The camera's own segment adds F up to its end. The field does not store its own mirror image in metals, so a segment
+that leaves a metal carries L, not D. docs/transport.md derives this, and says why second moments are finite.
 """
 
 from dataclasses import dataclass, replace
@@ -66,18 +60,18 @@ from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS, IN_WATER = wp.constant(14), wp.constant(64)
-"""How many groups of four numbers are low-discrepancy points, for each of the two subpaths of a sample; later vertices
-hardly profit from them. The second number is the first group of the subpath that starts in the water."""
+"""Number of groups of four numbers that are low-discrepancy points, for each of the two subpaths of a sample; later
+vertices hardly benefit. The second constant is the first group of the subpath that starts in the water."""
 MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
-"""Share of directions around the lights, as `light_share` bounds it. With the field only what is blocked is left to
-find there, so the share is the second number at vertices where no light was found to be blocked."""
+"""Fraction of directions around the lights, bounded by `light_share`. With the field, only blocked light is left to
+find there, so it is the second number at vertices where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
-"""Share of first scatterings that are drawn near the lights: objects there light the water, and shade it."""
+"""Fraction of first scatterings drawn near the lights, where objects light the water and shade it."""
 
 
 @dataclass(frozen=True)
 class PathSpec:
-    """What a path kernel is compiled for; what a scene does not have costs nothing."""
+    """What a path kernel is compiled for; features that a scene lacks cost nothing."""
 
     medium: bool = True
     """The water scatters."""
@@ -86,22 +80,22 @@ class PathSpec:
     multiple: bool = True
     """Which layers are wanted."""
     instances: bool = False
-    """Something stands in many places."""
+    """There are instances."""
     textures: bool = True
     """Some material is more than one constant reflectance."""
     surfaces: bool = True
-    """Anything is there but water."""
+    """There are surfaces."""
     field: bool = False
     """The field of open water is known."""
     camera_field: bool = False
     """It is also known along this camera's rays."""
 
     def apart(self) -> list["PathSpec"]:
-        """The layers of the camera's own segments, and those of subpaths: the same image in two kernels.
+        """Two kernels for the same image: the layers of the camera's own segments, and those of subpaths.
 
-        Both trace the same rays of the camera wherever single scattering is wanted, or no light is in view. On a GPU
-        the threads of the first then run in step through the quadrature of single scattering in open water. In one
-        kernel with subpaths that quadrature takes ten times as long, a third of the time in the paper's water.
+        Both trace the same camera rays wherever single scattering is wanted or no light is in view. On a GPU the
+        threads of the first run in step through the quadrature of single scattering in open water, which takes ten
+        times as long in one kernel with subpaths: a third of the time in the paper's water.
         """
         parts = [replace(self, multiple=False), replace(self, direct=False, single=False)]
         return [spec for spec in parts if spec.direct or spec.single or spec.multiple]
@@ -109,11 +103,11 @@ class PathSpec:
 
 @wp.struct
 class PathBounds:
-    """How far paths go."""
+    """Bounds on paths."""
 
     scatterings: int
     bounces: int
-    """The most of each."""
+    """The largest number of each."""
 
 
 @wp.func(inline=False)
@@ -130,7 +124,7 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
 
 @wp.func(inline=False)
 def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
-    """Single scattering of all lights along a ray up to ``t``, without obstacles, by quadrature."""
+    """Single scattering of all lights along an unobstructed ray up to ``t``, by quadrature."""
     L = wp.vec3(0.0)
     for i in range(light_count(scene.lights)):
         L += single_scattering(scene.medium, get_light(scene.lights, i), o, d, t)
@@ -160,9 +154,9 @@ def start_in_water(scene: SceneData, eye: Vertex, t_max: float, reach: float, u:
 def make_path_kernel(spec: PathSpec) -> wp.Kernel:
     """Path tracing of a film's parts from ``first`` on, specialised to ``spec``.
 
-    One loop serves camera segments and subpaths, segment by segment, and one part after the other, so that the threads
-    of a GPU's warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent
-    threads, Aila and Laine 2009).
+    One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's
+    warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
+    Aila and Laine 2009).
     """
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
@@ -171,14 +165,14 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
     @wp.func
     def carries_all(path: Subpath):
-        """Whether what leaves the subpath's vertex carries all light, and not its difference from open water."""
+        """Whether the segment from the subpath's vertex carries all light, not the difference from open water."""
         if wp.static(spec.field):
             return is_metal(path.vertex)
         return True
 
     @wp.func
     def image_place(scene: SceneData, camera: Camera, part: PixelPart, u: wp.vec4):
-        """Place of a sample in its pixel, and the weight of what is seen there."""
+        """Image point of a sample and its weight."""
         if wp.static(camera_scatters and not spec.camera_field):
             return sample_pixel(scene, camera, part.row, part.col, u)
         return wp.vec3(float(part.col) + u[0], float(part.row) + u[1], 1.0)
@@ -194,7 +188,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
     @wp.func
     def share_around_lights(scene: SceneData, path: Subpath, whole: bool):
-        """Share of directions around the lights at a subpath's vertex."""
+        """Fraction of directions around the lights at a subpath's vertex."""
         share = light_share(path, MOST_AROUND)
         if wp.static(spec.field):
             if path.vertex.shadowed == 0:
@@ -212,7 +206,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
     @wp.func
     def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: wp.vec4):
-        """Light scattered once into a segment; unless all is wanted, that light less what open water would have."""
+        """Light scattered once into a segment; unless ``whole``, minus that of open water."""
         L = wp.vec3(0.0)
         scattered = sample_in_scattered(scene, o, d, t, u[0], u[1])
         if brightest(scattered.L) > 0.0:
@@ -234,7 +228,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
 
     @wp.func
     def beside_virtual_lights(scene: SceneData, before: Vertex, d: wp.vec3, hit: Hit, light: int):
-        """Weight of direct light that a segment along ``d`` finds, where virtual point lights find it as well."""
+        """Weight of direct light found by a segment along ``d``, given that virtual point lights find it too."""
         if is_metal(before) or may_have_lobe(scene, hit):
             return 1.0
         return found_weight(scene, own_lobe_pdf(scene, before, d), d, hit.t, light, hit.p, hit.n)
@@ -281,7 +275,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
         reach = float(0.0)
         waits = bool(False)
         while i < parts:
-            # a segment: through the pixel, or on from a vertex, which virtual point lights light
+            # a segment: through the pixel, or from a vertex, which virtual point lights also light
             if on_camera:
                 u = draw(key, pixel, sample, 0)
                 place = image_place(scene, camera, part, u)
@@ -313,7 +307,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                     w = draw(key, pixel, sample, group + 2)
                 group += 3
 
-                # light of one more event on the segment: scattered on the way, or reflected at its end
+                # light of one more event: scattered on the segment, or reflected at its end
                 L_water = wp.vec3(0.0)
                 if wp.static(camera_scatters):
                     if path.scatterings < bounds.scatterings and (wp.static(spec.single) or not on_camera):
@@ -353,7 +347,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                             L_field += multiple_in_scattering(field, x, y, hit.t)
                         if wp.static(spec.multiple and not spec.camera_field):
                             L_paths += sample_field(scene, field, o, d, hit.t, w[1], w[2])
-                    # one subpath starts from the surface, then another in the water
+                    # one subpath starts at the surface, then another in the water
                     on_camera = False
                     eye = path.vertex
                     eye_t = hit.t
@@ -376,7 +370,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                 waits = False
                 group = IN_WATER + 1
             if path.alive == 0:
-                # the sample is complete: on to the next one, or to the next part
+                # the sample is complete: continue with the next one, or the next part
                 weight = place[2]
                 sums = add_sample(sums, sample, weight * L_direct, weight * L_single, weight * (L_field + L_paths),
                                   weight * (correction + L_paths))

@@ -1,9 +1,9 @@
-"""Where in its pixel a sample of the camera lies: evenly, or densely around lights that the camera sees.
+"""Where in its pixel a camera sample lies: uniformly distributed, or densely around lights that the camera sees.
 
-Light scattered once goes as 1/h where a ray passes a point light at a distance h. If the pixel that shows a light were
-sampled evenly, the tail of that would fall with the inverse square, and rare samples would decide the image. So most
-samples are drawn about in proportion to 1/r, with r the distance from the light's image: the row y with the density
-|y|^-1/4, and x on it with 1/r. What is left of 1/r goes as |y|^1/4 log(1/|y|), which is bounded.
+Light scattered once goes as 1/h where a ray passes a point light at a distance h. If a pixel that shows a light were
+sampled uniformly, the values would have a tail of inverse square, and rare samples would dominate the image. So most
+samples are drawn nearly in proportion to 1/r, with r the distance from the light's image: the row y with density
+|y|^-1/4, and x on it with density 1/r. What is left of 1/r goes as |y|^1/4 log(1/|y|), which is bounded.
 """
 
 import warp as wp
@@ -16,18 +16,18 @@ from varos_warp.kernels.world.light import get_light, light_centre, light_count
 wp.set_module_options({"enable_backward": False})
 
 BESIDE = wp.constant(1.5)
-"""Distance [pixels] between a light's image and a pixel's centre up to which it counts: beyond, 1/r hardly varies."""
+"""Distance [pixels] between a light's image and a pixel's centre beyond which 1/r hardly varies, and is ignored."""
 EVEN = wp.constant(0.125)
-"""Share of even samples beside a light."""
+"""Fraction of uniform samples beside a light."""
 PEAK = wp.constant(0.25)
 """Exponent of the density of rows."""
 CLOSEST = wp.constant(1.0e-6)
-"""Least distance from a light's image that is told apart from zero [pixels]."""
+"""Distances from a light's image below this count as this [pixels]."""
 
 
 @wp.func
 def seen_beside(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, lens: wp.vec2):
-    """Image point of a light from a point of the lens, and 1 if that is beside the pixel's ``centre``, else 0."""
+    """Image point of a light from a point of the lens, and 1 if that is near the pixel's ``centre``, else 0."""
     at = image_point(camera, light_centre(get_light(scene.lights, light)), lens)
     offset = wp.vec2(at[0], at[1]) - centre
     return wp.vec3(at[0], at[1], wp.where(at[2] > 0.0 and wp.length(offset) < BESIDE, 1.0, 0.0))
@@ -35,13 +35,13 @@ def seen_beside(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, l
 
 @wp.func
 def row_measure(y: float):
-    """Integral of |y|^-PEAK, but for a constant; odd."""
+    """Integral of |y|^-PEAK up to a constant factor; odd."""
     return wp.sign(y) * wp.pow(wp.abs(y), 1.0 - PEAK)
 
 
 @wp.func
 def sample_around(left: float, top: float, u: float, v: float):
-    """Point (x, y) of the pixel from (left, top) on, relative to a light's image, with the density `pdf_around`."""
+    """Point (x, y) of the pixel at (left, top), relative to a light's image, with density `pdf_around`."""
     m = wp.lerp(row_measure(top), row_measure(top + 1.0), v)
     y = wp.sign(m) * wp.pow(wp.abs(m), 1.0 / (1.0 - PEAK))
     h = wp.max(wp.abs(y), CLOSEST)
@@ -58,9 +58,9 @@ def pdf_around(left: float, top: float, x: float, y: float):
 
 @wp.func
 def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
-    """Place (x, y) in a pixel [pixels] and the weight of what is seen there: the inverse of its density.
+    """Image point (x, y) [pixels] in a pixel and its weight, the inverse density.
 
-    Of several lights each has the same share (balance heuristic, Veach and Guibas 1995). ``u``: two numbers for the
+    Several lights get equal numbers of samples (balance heuristic, Veach and Guibas 1995). ``u``: two numbers for the
     pixel and two for the lens.
     """
     left = float(col)

@@ -1,8 +1,8 @@
-"""Image A by the textbook's path tracer, the reference for the other integrators.
+"""Image A by a textbook path tracer, the reference for the other integrators.
 
-It samples nothing but free flights, the phase function and the surface's scattering function, sends one shadow ray to
-each light at every vertex, and plays roulette with the throughput. Its expectation is that of the others, with far more
-noise. It shares the world with them (rays, lights, water, materials), but not how light is carried through it.
+It samples only free flights, the phase function and the surface's scattering function, sends one shadow ray to each
+light at every vertex, and plays roulette on the throughput. It has the same expectation as the others, and far more
+noise. It shares the world with them (rays, lights, water, materials), but not the light transport.
 """
 
 from functools import cache
@@ -24,15 +24,15 @@ from varos_warp.kernels.world.texture import SUBPATH_ANGLE, Surface, footprint_w
 wp.set_module_options({"enable_backward": False})
 
 SURVIVAL = wp.constant(0.95)
-"""Largest probability of surviving roulette; in water that absorbs nothing the throughput alone would end no path."""
+"""Largest survival probability of roulette; in water that absorbs nothing the throughput alone would end no path."""
 
 
 @wp.func
 def free_flight(sigma_t: wp.vec3, throughput: wp.vec3, u: float, v: float):
     """Distance [m] to the next scattering or absorption of one channel; infinite without extinction.
 
-    The channel is drawn in proportion to the throughput, so that no other one comes to weigh much more (Wilkie et al.
-    2014, "Hero Wavelength Spectral Sampling").
+    The channel is drawn in proportion to the throughput, so that the weight of no other becomes much larger (Wilkie et
+    al. 2014, "Hero Wavelength Spectral Sampling").
     """
     x = u * (throughput[0] + throughput[1] + throughput[2])
     c = wp.where(x < throughput[0], 0, wp.where(x < throughput[0] + throughput[1], 1, 2))
@@ -47,14 +47,14 @@ def balance(throughput: wp.vec3, f: wp.vec3, pdf: wp.vec3):
 
 @wp.struct
 class PlainPath:
-    """A path on its way: its last vertex and the light found there, its next direction, and what that may carry."""
+    """A path: its last vertex and the light found there, its next direction, and the throughput."""
 
     alive: int
     p: wp.vec3
     d: wp.vec3
     throughput: wp.vec3
     L: wp.vec3
-    """Light that the lights send by the last vertex."""
+    """Light from the lights by way of the last vertex."""
     scatterings: int
     bounces: int
 
@@ -72,7 +72,7 @@ def plain_path(ray: Ray):
 
 @wp.func
 def roulette(path: PlainPath, u: float):
-    """Let a path go on with the probability of its throughput."""
+    """Let a path survive with a probability that follows its throughput."""
     after = path
     survival = wp.min(brightest(path.throughput), SURVIVAL)
     after.alive = wp.where(u < survival, path.alive, 0)
@@ -85,10 +85,10 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     """The kernel that renders a film's parts from ``first`` on.
 
     Args:
-        direct: whether light of one event, a reflection, counts.
-        single: whether light of one event, a scattering, counts.
-        multiple: whether light of more events counts.
-        instances: whether something stands in many places.
+        direct: whether light that was reflected once counts.
+        single: whether light that was scattered once counts.
+        multiple: whether all other light counts.
+        instances: whether there are instances.
         textures: whether some material is more than one constant reflectance.
     """
     first_hit, visible = make_rays(instances)
@@ -96,7 +96,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3, u: wp.vec2):
-        """Light of every light that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
+        """Light of all lights that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
             sample = light_sample(get_light(scene.lights, i), p, u)
@@ -109,7 +109,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
 
     @wp.func
     def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, u: wp.vec2):
-        """Light of every light that the surface at ``hit`` reflects against a ray along ``d``."""
+        """Light of all lights that the surface at ``hit`` reflects back along a ray of direction ``d``."""
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
             sample = light_sample(get_light(scene.lights, i), hit.p, u)
@@ -177,7 +177,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 u = uniforms(key, pixel, sample, 2 * events + 1)
                 v = uniforms(key, pixel, sample, 2 * events + 2)
 
-                # to the next vertex: in the water or on a surface
+                # go to the next vertex, in the water or on a surface
                 hit = first_hit(scene, path.p, path.d)
                 t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
                 in_water = t < hit.t
@@ -191,7 +191,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                     angle = wp.where(events == 0, camera.pixel_angle, SUBPATH_ANGLE)
                     path = reflect(scene, path, hit, angle, u, v)
 
-                # the layer that its light belongs to
+                # the layer to which its light belongs
                 if events > 0:
                     L_multiple += path.L
                 elif in_water:

@@ -1,10 +1,10 @@
-"""Owen-scrambled Sobol points: numbers that fill the unit square evenly, for the few dimensions that matter most.
+"""Owen-scrambled Sobol points: they fill the unit square evenly, for the few dimensions that matter most.
 
-Pairs of dimensions are padded (Pharr, Jakob and Humphreys 2023, "Physically Based Rendering", section 8.7.2): each is
-the same (0,2)-sequence, scrambled and shuffled on its own, so that pairs are even within and independent of each other.
+Pairs of dimensions are padded (Pharr, Jakob and Humphreys 2023, "Physically Based Rendering", section 8.7.2): each pair
+is the same (0,2)-sequence, scrambled and shuffled separately, so that pairs are independent of each other.
 Scrambling by hashing follows Laine and Karras 2011 ("Stratified Sampling for Stochastic Transparency") and Burley 2020
-("Practical Hash-based Owen Scrambling", JCGT 9(4)). A word of digits is kept *reversed* here, its first digit after the
-point in the lowest bit: that is how the hash wants it, and the index of a Sobol point is dimension 0 reversed.
+("Practical Hash-based Owen Scrambling", JCGT 9(4)). Digits are stored *reversed* in a word, the first digit after the
+point in the lowest bit: the hash needs them so, and the index of a Sobol point is then its dimension 0.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def reverse_bits(x: wp.uint32):
-    """The word with its bits in opposite order."""
+    """The word with its bits reversed."""
     x = ((x >> wp.uint32(1)) & wp.uint32(0x55555555)) | ((x & wp.uint32(0x55555555)) << wp.uint32(1))
     x = ((x >> wp.uint32(2)) & wp.uint32(0x33333333)) | ((x & wp.uint32(0x33333333)) << wp.uint32(2))
     x = ((x >> wp.uint32(4)) & wp.uint32(0x0F0F0F0F)) | ((x & wp.uint32(0x0F0F0F0F)) << wp.uint32(4))
@@ -26,7 +26,7 @@ def reverse_bits(x: wp.uint32):
 
 @wp.func
 def owen_scramble(x: wp.uint32, seed: wp.uint32):
-    """Nested uniform scramble of reversed digits: what flips a bit depends on the bits below it and on ``seed`` alone.
+    """Nested uniform scramble of reversed digits: each bit is flipped by a hash of the bits below it and ``seed``.
 
     The constants are those of Vegdahl 2021 ("Building a Better LK Hash"); ``seed`` must itself be a hash.
     """

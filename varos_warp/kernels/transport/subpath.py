@@ -1,11 +1,11 @@
 """Subpaths: paths beyond the camera's own segment, from vertex to vertex in the water and on surfaces.
 
-At a vertex a subpath samples a direction (`sample_direction`), then it goes on along the new segment to the next vertex
-(`advance`). The light that it finds on its segments is gathered by next_event.py and path.py.
+At a vertex a subpath samples a direction (`sample_direction`) and advances along the new segment to the next vertex
+(`advance`). next_event.py and path.py gather the light that it finds on its segments.
 
-Weights stay bounded on average, so that second moments are finite. The share of directions around the lights falls as
-the inverse of the number of vertices (`light_share`), so the weights of all other directions grow at most as a power of
-that number; the probability of surviving `roulette` nears 1 as quickly.
+Weights stay bounded on average, so that second moments are finite. The fraction of directions around the lights falls
+as the inverse of the number of vertices (`light_share`), so the weights of all other directions grow at most as a power
+of that number; the survival probability of `roulette` approaches 1 as quickly.
 """
 
 import warp as wp
@@ -39,12 +39,12 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Vertex:
-    """A vertex of a subpath: in the water, or on a surface with its normals and what it does with light."""
+    """A vertex of a subpath: in the water, or on a surface with its normals and scattering function."""
 
     on_surface: int
     p: wp.vec3
     d: wp.vec3
-    """Direction of the ray that led here; after `sample_direction`, of the one that leaves."""
+    """Direction of the ray that arrived; after `sample_direction`, of the one that leaves."""
     n_geometric: wp.vec3
     n: wp.vec3
     surface: Surface
@@ -142,7 +142,7 @@ def vertex_eval(scene: SceneData, vertex: Vertex, d: wp.vec3):
 
 @wp.struct
 class Flight:
-    """How far a subpath goes along a segment, in the water or to its end, and the weight of that."""
+    """How far a subpath goes along a segment, into the water or to its end, and the weight."""
 
     t: float
     weight: wp.vec3
@@ -178,13 +178,13 @@ def sample_flight(medium: Medium, throughput: wp.vec3, t_max: float, u: float, v
 
 @wp.func
 def light_distance(scene: SceneData, p: wp.vec3):
-    """Distance to the nearest light [m], at least a centimetre."""
+    """Distance to the nearest light [m], but at least a centimetre."""
     return wp.max(nearest_light(scene.lights, p), 0.01)
 
 
 @wp.func
 def first_scattering_pdf(medium: Medium, near: float, near_share: float, t_max: float, t: float):
-    """Density of sample_first_scattering: ``near_share`` near the lights, the rest as free flights of the channels."""
+    """Density of sample_first_scattering: a fraction ``near_share`` near the lights, the rest by free flight."""
     reach = wp.min(t_max, 1.0e4)
     pdf = float(0.0)
     if t <= reach:
@@ -208,7 +208,7 @@ def sample_first_scattering(medium: Medium, near: float, near_share: float, t_ma
 
 @wp.struct
 class Subpath:
-    """A path beyond the camera's own segment: its last vertex, and the weight of light from there on."""
+    """A path beyond the camera's own segment: its last vertex, and the weight of light from there."""
 
     alive: int
     vertex: Vertex
@@ -225,8 +225,8 @@ class Subpath:
 def light_reach(scene: SceneData, hit: Hit):
     """Distance from the lights up to which roulette ignores the distance [m]; ``hit`` ends the camera's ray.
 
-    Surfaces as far away as that hit pass light back and forth, and so does water within three mean free paths of the
-    clearest channel, up to three times that distance. No length is a constant, so scenes of any scale are alike.
+    Three mean free paths of the clearest channel, but between one and three times the hit's distance from the lights,
+    within which surfaces pass light back and forth. No length is a constant, so the scale of a scene does not matter.
     """
     sigma = scene.medium.sigma_t
     free = 3.0 / wp.max(wp.min(sigma[0], wp.min(sigma[1], sigma[2])), 1.0 / FAR)
@@ -238,12 +238,12 @@ def light_reach(scene: SceneData, hit: Hit):
 
 @wp.func
 def expected_light(scene: SceneData, path: Subpath):
-    """How much light a subpath may still find, for roulette: its throughput times the albedo of its vertex.
+    """Estimate of the light that a subpath may still find, for roulette: its throughput times its vertex's albedo.
 
     Within reach of the lights, the light at the vertex itself is no guide: a subpath that leaves a light for the walls
-    finds more there than on the way. Far outside there is hardly any light, and it falls with the fourth power of the
-    distance here; in water that absorbs little, the throughput alone would let subpaths wander on for kilometres. The
-    square would cost the paper's water half as much time again, and no scene is noticeably noisier with the fourth.
+    finds more there than on the way. Far outside there is hardly any light, so the estimate falls with the fourth power
+    of the distance; with the throughput alone, subpaths would continue for kilometres in water that absorbs little.
+    (With the square, the paper's water takes half as much time again, and no scene has noticeably less noise.)
     """
     albedo = wp.where(path.vertex.on_surface == 1, brightest(surface_albedo(path.vertex.surface)), 1.0)
     near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
@@ -280,10 +280,10 @@ def subpath_from_water(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, pdf: 
 
 @wp.func
 def light_share(path: Subpath, most: float):
-    """Share of directions around the lights: ``most``, or one in the number of vertices so far and one more.
+    """Fraction of directions around the lights: at most ``most``, and at most 1/(n + 1) after n vertices.
 
-    If some directions are drawn around a light at every vertex, the density of segments that pass it goes as the
-    inverse of their distance from it. All other directions weigh 1 / (1 - share) as much, and the product of those
+    If some directions are drawn around a light at every vertex, segments pass it with a density in proportion to the
+    inverse of their distance. The weight of all other directions grows by 1 / (1 - fraction), and the product of those
     factors over n vertices is at most n + 1.
     """
     return wp.min(most, 1.0 / float(path.scatterings + path.bounces + 1))
@@ -291,9 +291,9 @@ def light_share(path: Subpath, most: float):
 
 @wp.func
 def lobe_reaches_lights(scene: SceneData, vertex: Vertex):
-    """X / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
+    """The value x / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
 
-    The water is brightest around the lights, but a metal whose lobe hardly reaches there does not reflect that light.
+    The water is brightest around the lights, but a metal whose lobe hardly points there does not reflect that light.
     """
     total = float(0.0)
     lobe = float(0.0)
@@ -333,9 +333,9 @@ def roulette(scene: SceneData, path: Subpath, u: float):
     """Let a subpath survive with a probability that follows `expected_light`, and weigh it by the inverse.
 
     It is unbiased and ends every subpath. Within its bounds it keeps the expected light of survivors at the value of
-    the first vertex. The probability is at least 0.3, so that few subpaths weigh much more than the rest, and at most
-    0.9 or 1 - 4/n after n vertices: it nears 1, so that weights grow only as a power of n, but few subpaths are long,
-    as the threads of a GPU's warp wait for the longest.
+    the first vertex. The probability is at least 0.3, so that no survivor gains much weight at once, and at most 0.9 or
+    1 - 4/n after n vertices. It approaches 1, so that weights grow only as a power of n, yet slowly enough that few
+    subpaths are long: the threads of a GPU's warp wait for the longest.
     """
     after = path
     most = wp.max(0.9, 1.0 - 4.0 / float(path.scatterings + path.bounces))
@@ -347,7 +347,7 @@ def roulette(scene: SceneData, path: Subpath, u: float):
 
 @wp.func
 def advance(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, max_scatterings: int, max_bounces: int, u: wp.vec4):
-    """Move a subpath along its segment to the next vertex, in the water or at its ``end``; roulette may end it."""
+    """Move a subpath along its segment to the next vertex, in the water or at ``end``; roulette may end it."""
     moved = path
     moved.alive = 0
     if brightest(path.throughput) <= 0.0:

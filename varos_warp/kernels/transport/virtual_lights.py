@@ -1,10 +1,10 @@
-"""Virtual point lights: where rays from the lights first meet surfaces, found anew for each frame.
+"""Virtual point lights: where rays from the lights first hit surfaces, traced anew for each frame.
 
-Light that a surface reflects to a vertex can be found from the vertex, by a ray in a direction of its lobe that happens
-to meet the lit place, or from the light, by a virtual point light that the vertex happens to see. The first fails for
-small bright places far away, the second for places close by. Both are taken, weighted by the power heuristic (Veach and
-Guibas 1995), which bounds both and gives rays that seldom find what is near a light less weight. One of several virtual
-point lights is chosen by what it would send without obstacles (resampling, Talbot et al. 2005).
+Light that a surface reflects to a vertex can be found in two ways: from the vertex, by a ray from its lobe that happens
+to hit the lit point, or from the light, by a virtual point light that happens to be visible from the vertex. The first
+fails for small bright areas far away, the second for points close by. Both are used, weighted by the power heuristic
+(Veach and Guibas 1995), which bounds both. One of several virtual point lights is chosen by its unobstructed
+contribution (resampling, Talbot et al. 2005).
 """
 
 from functools import cache
@@ -32,33 +32,33 @@ from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE, footprint_wid
 wp.set_module_options({"enable_backward": False})
 
 CANDIDATES = wp.constant(4)
-"""Virtual point lights that one is chosen from."""
+"""Number of virtual point lights from which one is chosen."""
 
 
 @wp.struct
 class VirtualLight:
-    """A place that one light lights."""
+    """A point that a light lights."""
 
     p: wp.vec3
     """Where rays from it start."""
     n: wp.vec3
     """Geometric normal on the lit side."""
     L: wp.vec3
-    """Radiance that the surface reflects; 0 where the ray met nothing, or a material that may be metal."""
+    """Radiance that the surface reflects; 0 if the ray hit nothing, or a material that may be metal."""
     density: float
-    """Of such points per area [1/m^2]."""
+    """Density of such points [1/m^2]."""
 
 
 @wp.func
 def may_have_lobe(scene: SceneData, hit: Hit):
-    """Whether a surface's material can be metal; by the material, so that rays of any footprint agree."""
+    """Whether a surface's material can be metal; decided by the material, so that rays of any footprint agree."""
     material = scene.materials[hit.part]
     return material.kind == METAL or material.metallic == 1
 
 
 @wp.func
 def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
-    """Density per area of virtual point lights of light ``i`` at a place with geometric normal ``n`` that it lights."""
+    """Density [1/m^2] of the virtual point lights of light ``i`` at a lit point with geometric normal ``n``."""
     light = get_light(scene.lights, i)
     sample = light_sample(light, p, wp.vec2(0.5))
     facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
@@ -67,7 +67,7 @@ def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
 
 @cache
 def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Rays from the lights to their first surfaces."""
+    """Rays from the lights to the first surface."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
@@ -104,7 +104,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
 
 @wp.struct
 class VirtualConnection:
-    """Light of one virtual point light at a vertex, as if nothing stood between the two."""
+    """Unobstructed light of one virtual point light at a vertex."""
 
     p: wp.vec3
     L: wp.vec3
@@ -112,15 +112,15 @@ class VirtualConnection:
 
 @wp.func
 def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, half: int, u: wp.vec2):
-    """Light of virtual point lights on a vertex, towards where its ray came from, estimated by one of them.
+    """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
 
-    Each of the CANDIDATES is drawn from its own stratum of one half of the points. Even and odd samples of a pixel thus
-    use independent points, and their difference shows the error that all pixels share.
+    Each of the CANDIDATES is drawn from its own stratum of one half of the points. Even and odd samples of a pixel use
+    different halves, so their difference shows the error that all pixels share.
     """
     chosen = make_reservoir(u[1])
     best = VirtualConnection()
     in_half = points.shape[0] / 2
-    candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is what GPUs like
+    candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
     for k in range(candidates):
         at = int((float(k) + u[0]) / float(CANDIDATES) * float(in_half))
         point = points[half * in_half + wp.min(at, in_half - 1)]
@@ -131,7 +131,7 @@ def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight),
         facing = -wp.dot(point.n, d) / r2
         if facing > 0.0 and point.density > 0.0:
             found = own_lobe_pdf(scene, vertex, d) * facing
-            # the weight over the density, from their ratio: the square of either alone might overflow
+            # from the ratio of weight and density, because the square of either alone might overflow
             ratio = found / (float(CANDIDATES) * point.density)
             share = 1.0 / (point.density * (1.0 + ratio * ratio))
             f = vertex_eval(scene, vertex, d)
@@ -147,7 +147,7 @@ def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight),
 
 @wp.func
 def found_weight(scene: SceneData, lobe_pdf: float, d: wp.vec3, t: float, light: int, p: wp.vec3, n: wp.vec3):
-    """Power heuristic, beside `gather_virtual_light`, for what a ray of density ``lobe_pdf`` found after ``t``."""
+    """Power heuristic against `gather_virtual_light`, for what a ray of density ``lobe_pdf`` found after ``t``."""
     found = lobe_pdf * wp.abs(wp.dot(d, n)) / (t * t)
     ratio = wp.min(float(CANDIDATES) * virtual_density(scene, light, p, n) / wp.max(found, 1.0e-30), 1.0e15)
     return 1.0 / (1.0 + ratio * ratio)

@@ -1,8 +1,8 @@
 """How a surface scatters light: a Lambertian part and a metal's rough mirror lobe (GGX).
 
 Directions ``v`` (towards the viewer) and ``l`` (towards the light) are unit vectors that point away from the surface.
-The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing (Heitz 2014). Light that microfacets
-reflect more than once is restored by the factor of Turquin (2019), so that a white metal loses none.
+The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing (Heitz 2014). The factor of Turquin
+(2019) accounts for multiple reflections between microfacets, so that a white metal loses no light.
 """
 
 import warp as wp
@@ -14,12 +14,12 @@ from varos_warp.kernels.world.texture import Surface
 wp.set_module_options({"enable_backward": False})
 
 GRAZING = wp.constant(1.0e-3)
-"""Least cosine of the viewer."""
+"""Smallest cosine of the viewer."""
 
 
 @wp.func
 def facing(n: wp.vec3, viewer: wp.vec3):
-    """The viewer's direction, raised where a smoothed normal faces away from it: density and value then agree."""
+    """The viewer's direction, raised where a smoothed normal faces away from it, so that density and value agree."""
     below = GRAZING - wp.dot(n, viewer)
     if below <= 0.0:
         return viewer
@@ -28,7 +28,7 @@ def facing(n: wp.vec3, viewer: wp.vec3):
 
 @wp.func
 def lobe_alpha(roughness: float):
-    """Slope deviation of the microfacets (Burley 2012); below 0.01 the highlight of a point light has no digits."""
+    """RMS slope of the microfacets (Burley 2012), at least 0.01: below it float32 cannot resolve highlights."""
     return wp.max(roughness * roughness, 0.01)
 
 
@@ -59,9 +59,9 @@ def lobe_pdf(n: wp.vec3, viewer: wp.vec3, l: wp.vec3, alpha: float):
 
 @wp.func
 def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
-    """Mirror direction about a normal that the viewer sees.
+    """Mirror direction about a visible microfacet normal; it may point into the surface.
 
-    Heitz 2018, "Sampling the GGX distribution of visible normals", JCGT 7(4); may lie under the surface.
+    Heitz 2018, "Sampling the GGX distribution of visible normals", JCGT 7(4).
     """
     v = facing(n, viewer)
     x, y = basis(n)
@@ -81,7 +81,7 @@ def sample_lobe(n: wp.vec3, viewer: wp.vec3, alpha: float, u: float, w: float):
 
 @wp.func
 def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
-    """What a white lobe reflects when microfacets reflect once; bilinear in the roots of cosine and alpha."""
+    """Albedo of a white lobe without multiple reflections; bilinear in the roots of cosine and alpha."""
     x = wp.sqrt(wp.clamp(cosine, 0.0, 1.0)) * float(table.shape[1] - 1)
     y = wp.clamp(wp.sqrt(alpha), 0.0, 1.0) * float(table.shape[0] - 1)
     return bilinear(table, y, x)
@@ -111,13 +111,13 @@ def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, view
 
 @wp.func
 def surface_albedo(surface: Surface):
-    """About what a surface reflects in all, per channel."""
+    """Approximate albedo of a surface, per channel."""
     return surface.reflectance + surface.specular
 
 
 @wp.func
 def lobe_share(surface: Surface):
-    """Share of directions that are drawn from the lobe."""
+    """Fraction of directions drawn from the lobe."""
     if surface.metal <= 0.0:
         return 0.0
     lobe = brightest(surface.specular)
@@ -145,7 +145,7 @@ def surface_pdf(surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 
 @wp.func
 def sample_surface(surface: Surface, n: wp.vec3, v: wp.vec3, u: float, w: float, choice: float):
-    """Direction of light, from the cosine or from the lobe; may lie under the surface."""
+    """Direction of light, from the cosine or the lobe; it may point into the surface."""
     if choice < lobe_share(surface):
         return sample_lobe(n, v, lobe_alpha(surface.roughness), u, w)
     return sample_cosine(n, u, w)

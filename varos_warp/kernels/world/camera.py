@@ -24,7 +24,7 @@ class Camera:
     aperture: float
     """Radius of the lens [m]; 0 is a pinhole."""
     focus: float
-    """Distance of the plane in focus [m]."""
+    """Distance of the plane of focus [m]."""
 
 
 @wp.struct
@@ -56,7 +56,7 @@ def camera_ray(camera: Camera, x: float, y: float, lens: wp.vec2):
 def image_point(camera: Camera, p: wp.vec3, lens: wp.vec2):
     """Image point (x, y) [pixels] whose ray from a point of the lens passes ``p``, and the depth of p [m].
 
-    Inverse of `camera_ray`; of no meaning where the depth is not positive.
+    Inverse of `camera_ray`; meaningless unless the depth is positive.
     """
     v = p - camera.position
     z = wp.dot(v, camera.forward)
@@ -68,7 +68,7 @@ def image_point(camera: Camera, p: wp.vec3, lens: wp.vec2):
 
 @wp.func
 def node_ray(camera: Camera, size: wp.vec2, row: float, col: float, rows: int, cols: int):
-    """Pinhole ray through a node, or a place between some, of a grid that spans an image of ``size`` [pixels]."""
+    """Pinhole ray through a node, or a place between nodes, of a grid that spans an image of ``size`` [pixels]."""
     x = size[0] * col / float(cols - 1)
     y = size[1] * row / float(rows - 1)
     return camera_ray(camera, x, y, wp.vec2(0.0, 0.0))

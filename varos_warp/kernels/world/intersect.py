@@ -26,9 +26,9 @@ class Instance:
 
 @wp.struct
 class SceneData:
-    """Everything that rays meet; in the local world, as handles that the host's DeviceScene owns.
+    """Everything that rays meet, in the local world; the host's DeviceScene owns the handles.
 
-    All objects that occur once form one mesh, in world axes. Copies are instances: they share a mesh in its own axes,
+    All objects that occur once form one mesh in world axes. Copies are instances: they share a mesh in its own axes,
     and a BVH over their boxes finds those that a ray may hit.
     """
 
@@ -37,34 +37,34 @@ class SceneData:
     instance_bvh: wp.uint64
     instances: wp.array(dtype=Instance)
     parts: int
-    """How many parts the mesh has; instance k is part ``parts + k``."""
+    """Number of parts of the mesh; instance k is part ``parts + k``."""
     face_part: wp.array(dtype=wp.int32)
     """Part that a face of the mesh belongs to, shape [F]."""
     materials: wp.array(dtype=Material)
     """Per part."""
     shading_normals: wp.array(dtype=wp.vec3)
-    """Normals that A and B are lit with, per face corner in the mesh's axes; unused while ``has_shading_normals`` is 0.
+    """Normals for the lighting of A and B, per face corner in the mesh's axes; unused if ``has_shading_normals`` is 0.
     """
     has_shading_normals: int
     smooth_normals: wp.array(dtype=wp.vec3)
     """Normals of image C, per face corner in the mesh's axes."""
     corner_values: wp.array(dtype=wp.vec3)
-    """Per face corner, texture coordinates or colours from mesh files (see texture.surface_at); empty without any."""
+    """Texture coordinates or colours from mesh files, per face corner (see texture.surface_at); may be empty."""
     lobe_albedo: wp.array2d(dtype=float)
-    """Of a white metal, see surface.lobe_albedo; empty without metals."""
+    """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
-    """Counts rays, shape [1]; empty but for benchmarks."""
+    """Counter of rays, shape [1]; empty except in benchmarks."""
 
 
 @wp.struct
 class Hit:
-    """First surface on a ray; ``t`` is FAR and ``face`` -1 where there is none."""
+    """First surface on a ray; ``t`` is FAR and ``face`` -1 if there is none."""
 
     t: float
     face: int
-    """In the arrays per face."""
+    """Index in the arrays per face."""
     part: int
     instance: int
     """-1 in the mesh of single objects."""
@@ -72,12 +72,12 @@ class Hit:
     p: wp.vec3
     """Point on the surface."""
     start: wp.vec3
-    """Where rays leave the surface: a rounding error off it, on the side the ray came from."""
+    """Origin of secondary rays: a rounding error off the surface, on the side from which the ray came."""
     n: wp.vec3
     """Geometric normal towards the side the ray came from."""
 
 
-@wp.func(inline=False)  # one copy of its long code for all callers, or a GPU waits for its instructions
+@wp.func(inline=False)  # one copy for all callers: a GPU waits for long code
 def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
     """Whether a ray hits a mesh, in its axes, before ``t_max``."""
     return wp.mesh_query_ray_anyhit(mesh, o, d, t_max)
@@ -85,9 +85,9 @@ def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
-    """How far a secondary ray starts from its surface, in the units of the mesh.
+    """Distance from the surface at which a secondary ray starts, in the units of the mesh.
 
-    A few float32 spacings of the coordinates and of the triangle's size, with which the rounding of hits grows.
+    A few float32 spacings of the coordinates and of the triangle's size, as the rounding error of hits grows with both.
     """
     reach = wp.max(wp.abs(p))
     for i in range(3):
@@ -97,7 +97,7 @@ def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
 
 @wp.func
 def count_ray(scene: SceneData):
-    """Count a ray where a benchmark asks for it."""
+    """Count a ray if a benchmark asks for it."""
     if scene.ray_count.shape[0] > 0:
         wp.atomic_add(scene.ray_count, 0, wp.int64(1))
 
@@ -110,13 +110,13 @@ def to_instance(instance: Instance, q: wp.vec3):
 
 @wp.func
 def nearest_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, before: Hit):
-    """The nearest of a hit and what the ray hits of instances, in the axes of its mesh."""
+    """The nearer of a given hit and the ray's first hit of an instance, in the axes of its mesh."""
     hit = before
     query = wp.bvh_query_ray(scene.instance_bvh, o, d)
     k = int(0)
     while wp.bvh_query_next(query, k, hit.t):
         copy = scene.instances[k]
-        # the direction keeps its length in the world, so that t does too
+        # the direction is not normalised, so that t stays in units of the world
         found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
         if found.result:
             hit.t = found.t
@@ -141,9 +141,9 @@ def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def locate(scene: SceneData, d: wp.vec3, found: Hit):
-    """A hit with its place in the world, where rays from it start, and its part."""
+    """Complete a hit: its point in the world, the origin of secondary rays, and its part."""
     hit = found
-    # from the triangle, not from o + t d: the rounding does not grow with the ray
+    # from the triangle, not from o + t d: its rounding error does not grow with the ray's length
     if hit.instance < 0:
         hit.p = wp.mesh_eval_position(scene.mesh, hit.face, hit.bary[0], hit.bary[1])
         offset = offset_distance(scene.mesh, hit.face, hit.p)
@@ -165,7 +165,7 @@ def locate(scene: SceneData, d: wp.vec3, found: Hit):
 def make_rays(instances: bool):
     """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, for scenes with or without instances.
 
-    The stack of the query over instances would cost scenes that have none a tenth of their speed.
+    The stack of the query over instances would cost scenes without any a tenth of their speed.
     """
 
     @wp.func
@@ -191,7 +191,7 @@ def make_rays(instances: bool):
 
     @wp.func
     def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
-        """Whether nothing stands between two points."""
+        """Whether nothing blocks the segment between two points."""
         offset = q - p
         distance = wp.length(offset)
         if distance == 0.0:
@@ -210,7 +210,7 @@ def make_rays(instances: bool):
 
 @wp.func
 def between_corners(values: wp.array(dtype=wp.vec3), hit: Hit):
-    """What is given per face corner, interpolated at a hit."""
+    """Values given per face corner, interpolated at a hit."""
     corner = 3 * hit.face
     w = 1.0 - hit.bary[0] - hit.bary[1]
     return hit.bary[0] * values[corner] + hit.bary[1] * values[corner + 1] + w * values[corner + 2]
@@ -227,7 +227,7 @@ def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
 
 @wp.func
 def shading_normal(scene: SceneData, hit: Hit):
-    """Normal for the reflected light at a hit."""
+    """Shading normal at a hit."""
     if scene.has_shading_normals == 0:
         return hit.n
     return corner_normal(scene, scene.shading_normals, hit)
@@ -237,12 +237,12 @@ def shading_normal(scene: SceneData, hit: Hit):
 def make_hit_surface(textures: bool):
     """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
 
-    What it would cost a scene without them on a GPU: half as many registers again, spilled to memory.
+    On a GPU textures take half as many registers again, which spill to memory.
     """
 
     @wp.func
     def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
-        """What the surface at a hit does with light, averaged over ``footprint`` [m] (see texture.footprint_width)."""
+        """Surface at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
         if wp.static(textures):
             m = scene.materials[hit.part]
             at = wp.vec3(0.0)

@@ -1,11 +1,11 @@
-"""Lights: spots and points. Other kernels know a light by the functions of this file alone.
+"""Lights: spots and points. Other kernels use a light only through the functions of this file.
 
-`light_count` and `get_light` give the lights of a scene. `light_sample` draws a place on a light and evaluates what it
-sends to a point (`light_towards` evaluates alone), `light_beam` and `light_core` give the part of a ray that it lights,
-`light_importance` and `light_strength` what it is worth near a point and in all. `light_emit` draws a ray that leaves
-it, one of those within `light_solid_angle` that share `light_flux`. `light_centre` serves the sampling of pixels that
-show a light, and the field of open water, which is precomputed for lights with an axis and takes `light_axis` and
-`light_intensity` too.
+`light_count` and `get_light` give the lights of a scene. `light_sample` draws a point on a light and evaluates what it
+sends to a given point (`light_towards` only evaluates). `light_beam` and `light_core` give the lit part of a ray,
+`light_importance` and `light_strength` the importance of a light near a point and overall. `light_emit` draws a ray
+that leaves it, uniform within `light_solid_angle`; all such rays carry `light_flux`. `light_centre` is for sampling
+pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
+precomputed for lights with an axis.
 """
 
 import warp as wp
@@ -25,14 +25,14 @@ class Light:
     position: wp.vec3
     axis: wp.vec3
     cos_half: float
-    """Cosine of the half angle of the cone; -1 shines everywhere."""
+    """Cosine of the half angle of the cone; -1 for all directions."""
     blend: float
     intensity: wp.vec3
 
 
 @wp.func
 def light_count(lights: wp.array(dtype=Light)):
-    """How many lights a scene has."""
+    """Number of lights of a scene."""
     return lights.shape[0]
 
 
@@ -62,7 +62,7 @@ def light_intensity(light: Light):
 
 @wp.func
 def falloff(light: Light, cos_angle: float):
-    """Share of the intensity at an angle to the axis: smoothstep in the cosine (measured on Cycles to 1e-4)."""
+    """Fraction of the intensity at an angle to the axis: smoothstep in the cosine (as in Cycles, to 1e-4)."""
     if light.cos_half <= -1.0:
         return 1.0
     x = cos_angle - light.cos_half
@@ -77,10 +77,10 @@ def falloff(light: Light, cos_angle: float):
 
 @wp.struct
 class LitInterval:
-    """The part [ya, yb] of a ray that a light's cone holds, measured from the foot of the light on the ray.
+    """The part [ya, yb] of a ray inside a light's cone, measured from the light's foot on the ray.
 
-    ``h`` is the light's distance from the ray's line, ``foot`` where the foot lies on the ray, ``angle`` the integral
-    of 1/d^2 to the light over the interval; 0 where nothing is lit.
+    ``h`` is the light's distance from the line of the ray, ``foot`` the distance of the foot along the ray, ``angle``
+    the integral of 1/d^2 to the light over the interval; 0 if nothing is lit.
     """
 
     foot: float
@@ -124,7 +124,7 @@ def clip_to_cone(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
 
 @wp.func
 def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of the ray from ``o`` along ``d`` to ``t_max`` that the light's cone holds."""
+    """The part of the ray from ``o`` along ``d`` to ``t_max`` inside the light's cone."""
     part = LitInterval()
     to_light = light.position - o
     part.foot = wp.dot(to_light, d)
@@ -132,7 +132,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     part.h = wp.max(wp.length(v), NEAR)
     part.ya = -part.foot
     part.yb = wp.min(t_max, FAR) - part.foot
-    # near 180 deg the quadratic has no digits left; as for wider cones, the falloff alone decides
+    # near 180 deg the quadratic has no digits left; there, as for wider cones, the falloff alone decides
     if light.cos_half > 1.0e-4:
         clipped = clip_to_cone(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
@@ -144,7 +144,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of `light_beam` inside the soft edge, which begins with a kink; empty without a soft edge."""
+    """The part of `light_beam` inside the soft edge, where the intensity has a kink; empty without a soft edge."""
     part = LitInterval()
     if light.blend > 0.0 and light.cos_half > -1.0:
         core = light
@@ -155,22 +155,22 @@ def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.struct
 class LightSample:
-    """A place on a light, seen from a point."""
+    """A point on a light, as seen from another point."""
 
     p: wp.vec3
-    """The place."""
+    """The point on the light."""
     d: wp.vec3
-    """Unit direction to it, and how far it is [m], not under NEAR."""
+    """Unit direction and distance [m] to it, at least NEAR."""
     distance: float
     intensity: wp.vec3
     """Radiant intensity towards the point [W/sr]."""
     pdf: float
-    """Density of the place; 1 of a light that is a point."""
+    """Density of the point on the light; 1 for a point light or spot."""
 
 
 @wp.func
 def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
-    """A place on the light as seen from ``p``; lights that are points need no ``u``."""
+    """A point on the light as seen from ``p``; point lights and spots ignore ``u``."""
     sample = LightSample()
     sample.p = light.position
     offset = light.position - p
@@ -183,7 +183,7 @@ def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
 
 @wp.func
 def light_towards(light: Light, p: wp.vec3, distance: float):
-    """Radiant intensity [W/sr] towards a point whose ``distance`` is known with all digits."""
+    """Radiant intensity [W/sr] towards a point at an accurately known ``distance``."""
     return falloff(light, wp.dot(p - light.position, light.axis) / distance) * light.intensity
 
 
@@ -201,14 +201,14 @@ def light_strength(light: Light):
 
 @wp.func
 def light_importance(light: Light, p: wp.vec3):
-    """How much a light matters near ``p``, wherever its cone points: intensity over the squared distance."""
+    """Importance of a light near ``p``, wherever its cone points: intensity over squared distance."""
     offset = light.position - p
     return (light_strength(light) + 1.0e-30) / wp.max(wp.dot(offset, offset), NEAR)
 
 
 @wp.func
 def light_solid_angle(light: Light):
-    """Of a light's cone [sr]."""
+    """Solid angle of a light's cone [sr]."""
     return wp.tau * (1.0 - light.cos_half)
 
 
@@ -220,7 +220,7 @@ def light_flux(light: Light):
 
 @wp.func
 def light_emit(light: Light, u: float, v: float):
-    """A ray that leaves the light, in directions even over its cone: their density is 1 / light_solid_angle."""
+    """A ray that leaves the light, uniform over its cone, with density 1 / light_solid_angle."""
     x = u * (1.0 - light.cos_half)
     ray = Ray()
     ray.o = light.position
@@ -251,7 +251,7 @@ def total_flux(lights: wp.array(dtype=Light)):
 
 @wp.func
 def choose_by_flux(lights: wp.array(dtype=Light), u: float):
-    """Number of a light, drawn in proportion to its flux; 0 if all are dark."""
+    """Index of a light, drawn in proportion to its flux; 0 if all are dark."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):
         chosen = offer(chosen, i, light_flux(get_light(lights, i)))
@@ -260,7 +260,7 @@ def choose_by_flux(lights: wp.array(dtype=Light), u: float):
 
 @wp.func
 def choose_by_importance(lights: wp.array(dtype=Light), p: wp.vec3, u: float):
-    """Number of a light, drawn in proportion to `light_importance` at ``p``."""
+    """Index of a light, drawn in proportion to `light_importance` at ``p``."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):
         chosen = offer(chosen, i, light_importance(get_light(lights, i), p))

@@ -24,13 +24,13 @@ def exp3(x: wp.vec3):
 
 @wp.func
 def transmittance(medium: Medium, t: float):
-    """Share of radiance left after ``t`` metres (Beer-Lambert)."""
+    """Fraction of radiance left after ``t`` metres (Beer-Lambert)."""
     return exp3(-t * medium.sigma_t)
 
 
 @wp.func
 def expm1(x: float):
-    """exp(x) - 1 without cancellation; near 0 by a series, as a GPU's approximate exponential has few digits there."""
+    """exp(x) - 1 without cancellation; near 0 by a series, as a GPU's approximate exponential is inaccurate there."""
     if wp.abs(x) < 0.03:
         return x * (1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0)))
     return wp.exp(x) - 1.0
@@ -64,7 +64,7 @@ def sample_truncated_exponential(sigma: float, t_max: float, u: float):
 
 @wp.func
 def near_pdf(a: float, t_max: float, t: float):
-    """Density proportional to 1/(t + a) on [0, t_max]: about that of light scattered once near lights at distance a."""
+    """Density proportional to 1/(t + a) on [0, t_max]: roughly that of single scattering near lights at distance a."""
     return 1.0 / ((t + a) * log1p(t_max / a))
 
 

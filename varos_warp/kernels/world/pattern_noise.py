@@ -11,7 +11,7 @@ MIX_1, MIX_2 = wp.constant(wp.uint32(2146121005)), wp.constant(wp.uint32(2221713
 
 @wp.func
 def cell_hash(seed: wp.uint32, i: int, j: int):
-    """32 random bits of a cell (Wellons' lowbias32 over a product of its numbers with large odd constants)."""
+    """32 random bits for a cell (Wellons' lowbias32 of its indices times large odd constants)."""
     h = seed + wp.uint32(i) * STRIDE_I + wp.uint32(j) * STRIDE_J
     h = (h ^ (h >> wp.uint32(16))) * MIX_1
     h = (h ^ (h >> wp.uint32(15))) * MIX_2
@@ -36,9 +36,9 @@ def band(cycles: float):
     return wp.clamp(2.0 - 4.0 * cycles, 0.0, 1.0)
 
 
-@wp.func(inline=False)  # one copy of its long code for all callers, or a GPU waits for its instructions
+@wp.func(inline=False)  # one copy for all callers: a GPU waits for long code
 def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
-    """Fractal sum of gradient noise, about in [-1, 1]; octaves finer than ``footprint`` fade out."""
+    """Fractal sum of gradient noise, roughly in [-1, 1]; octaves finer than ``footprint`` fade out."""
     total = float(0.0)
     weight = float(1.0)
     width = footprint
@@ -60,7 +60,7 @@ def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
 
 @wp.func
 def periodic_fbm(seed: wp.uint32, uv: wp.vec2, cycles: int, octaves: int):
-    """Fractal sum of gradient noise, about in [-1, 1], that repeats with period 1 in ``uv``."""
+    """Fractal sum of gradient noise, roughly in [-1, 1], that repeats with period 1 in ``uv``."""
     total = float(0.0)
     weight = float(1.0)
     n = cycles

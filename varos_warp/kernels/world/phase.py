@@ -1,8 +1,8 @@
-"""Phase functions, normalised to 1 over the sphere: that of Henyey and Greenstein (1941), and all others from tables.
+"""Phase functions, normalised to 1 over the sphere: Henyey and Greenstein's (1941) directly, all others by tables.
 
 The table holds the logarithm of the density at nodes even in log s, with s = (1 - cos theta)/2 = sin^2(theta/2), the
-measure in which solid angle is uniform (4 pi ds). Between nodes the density is a power of s, so its integral and the
-inverse of that are closed forms: samples have exactly the density that `phase_eval` gives.
+measure in which solid angle is uniform (4 pi ds). Between nodes the density is a power of s, so its integral can be
+inverted in closed form: samples have exactly the density that `phase_eval` returns.
 """
 
 import warp as wp
@@ -22,22 +22,22 @@ class Phase:
     log_p: wp.array(dtype=float)
     """Logarithm of the density [1/sr] at the nodes, the last one at s = 1; empty for Henyey and Greenstein."""
     cdf: wp.array(dtype=float)
-    """Share of light scattered by at most the nodes' angles, from 0 (nothing is lost to rounding ahead) to 1."""
+    """Fraction of light scattered by at most the angle of each node, from 0 (ahead, to lose no digits) to 1."""
     log_first: float
     """log s of the first node; the density is constant below."""
     log_step: float
     angle: wp.array(dtype=float)
-    """Scattering angles [rad]: 0, then even in the logarithm, up to pi."""
+    """Scattering angles [rad]: 0, then evenly spaced in the logarithm, up to pi."""
     angle_log_step: float
     beam: wp.array(dtype=float)
     """Minus the integral of the density over the angles beyond these."""
     beam_density: wp.array(dtype=float)
-    """Mean density [1/sr] from each angle to the next; differences of ``beam`` would lack digits."""
+    """Mean density [1/sr] from each angle to the next; differences of ``beam`` would be inaccurate."""
 
 
 @wp.func
 def hg_eval(one_minus_cos: float, g: float):
-    """Density [1/sr] = pdf of hg_sample; takes 1 - cos(theta), which cancels no digits for g near 1."""
+    """Density [1/sr] = pdf of hg_sample_one_minus_cos; 1 - cos(theta) avoids cancellation for g near 1."""
     x = (1.0 - g) * (1.0 - g) + 2.0 * g * one_minus_cos
     return (1.0 - g * g) / (4.0 * wp.pi * x * wp.sqrt(x))
 
@@ -58,12 +58,12 @@ def table_eval(phase: Phase, s: float):
 
 @wp.func
 def table_sample(phase: Phase, u: float):
-    """The s = (1 - cos theta)/2 that a share ``u`` of the light stays below."""
+    """The s = (1 - cos theta)/2 below which a fraction ``u`` of the light is scattered."""
     if u <= phase.cdf[0]:
         return wp.exp(phase.log_first) * u / phase.cdf[0]
     i = wp.clamp(wp.lower_bound(phase.cdf, u) - 1, 0, phase.cdf.shape[0] - 2)
     share = wp.clamp((u - phase.cdf[i]) / wp.max(phase.cdf[i + 1] - phase.cdf[i], 1.0e-30), 0.0, 1.0)
-    # d(share)/d(log s) is in proportion to s p, so to exp(m x) with x the steps from the node
+    # d(cdf)/d(log s) is proportional to s p, so to exp(m x) with x the steps from the node
     m = phase.log_p[i + 1] - phase.log_p[i] + phase.log_step
     x = share
     if wp.abs(m) > 1.0e-3:
@@ -73,7 +73,7 @@ def table_sample(phase: Phase, u: float):
 
 @wp.func
 def phase_eval(phase: Phase, one_minus_cos: float):
-    """Density [1/sr] = pdf of phase_sample; takes 1 - cos(theta), which cancels no digits ahead."""
+    """Density [1/sr] = pdf of phase_sample; 1 - cos(theta) avoids cancellation ahead."""
     if phase.log_p.shape[0] == 0:
         return hg_eval(one_minus_cos, phase.g)
     return table_eval(phase, 0.5 * one_minus_cos)
@@ -112,8 +112,8 @@ def beam_at(phase: Phase, theta: float):
 def sample_beam(phase: Phase, low: float, high: float, u: float):
     """Angle and its density, in proportion to the phase function, between two angles given by their `beam_at`.
 
-    Along a ray at distance h from a light dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so over theta the light
-    scattered into the ray varies as the phase function alone.
+    Along a ray at distance h from a light, dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so over theta the light
+    scattered into the ray varies only with the phase function.
     """
     at = wp.lerp(low, high, u)
     i = wp.clamp(wp.lower_bound(phase.beam, at) - 1, 0, phase.beam.shape[0] - 2)

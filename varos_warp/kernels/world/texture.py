@@ -1,7 +1,7 @@
-"""What a surface reflects at a point: constants, tiled sand and rock, texture maps, rust, dirt, metal.
+"""Reflectance of a surface at a point: constants, tiled sand and rock, texture maps, rust, dirt, metal.
 
-Everything is averaged over a ``footprint``, the width [m] on the surface of what a ray stands for. This keeps distant
-textures from aliasing and makes them cheap, as patterns finer than the footprint are not computed.
+Everything is averaged over a ``footprint``, the width [m] of a ray's cone on the surface. This keeps distant textures
+from aliasing and makes them cheap, as patterns finer than the footprint are not computed.
 """
 
 import warp as wp
@@ -20,10 +20,10 @@ RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
 NOISE_DEVIATION = wp.constant(0.215)
-"""Standard deviation of the noise that rust and dirt are cut from: fbm of four octaves."""
+"""Standard deviation of the noise that is thresholded for rust and dirt: fbm of four octaves."""
 
 SUBPATH_ANGLE = wp.constant(0.2)
-"""Width of the cone that a segment of a subpath stands for [rad]: such rays carry no sharp image."""
+"""Angle of the cone that a segment of a subpath stands for [rad]; such rays carry no sharp image."""
 
 
 @wp.struct
@@ -32,56 +32,56 @@ class Layer:
 
     image: Image
     offset: wp.vec3
-    """As the material's, less whole multiples of ``tiling.PERIOD`` tiles."""
+    """The material's offset, minus whole multiples of ``tiling.PERIOD`` tiles."""
     size: float
     """Width of the tile [m]."""
     ripple: float
-    """Length of ripples [m]; 0 is none."""
+    """Wavelength of ripples [m]; 0: none."""
 
 
 @wp.struct
 class Material:
-    """What ``surface_at`` needs; the host's materials.py fills it."""
+    """Input of ``surface_at``; scene/materials/records.py makes it."""
 
     kind: int
     offset: wp.vec3
-    """Where noise is laid from: added to local world coordinates, so that patterns move with their object alone."""
+    """Origin of the noise: added to local world coordinates, so that patterns move only with their object."""
     seed: wp.uint32
     base: wp.vec3
-    """Reflectance of a diffuse surface, of what is under rust or dirt, or F0 of a metal."""
+    """Reflectance of a diffuse surface or of what is under rust or dirt, or F0 of a metal."""
     metallic: int
     """Whether what is under rust is bare metal with a lobe."""
     roughness: float
-    """Of the metal's lobe."""
+    """Roughness of the metal's lobe."""
     layer_dark: wp.vec3
-    """Reflectance of rust or dirt at its edges, and where it is thick."""
+    """Reflectance of rust or dirt at the edges, and where it is thick."""
     layer_pale: wp.vec3
     threshold: float
-    """Noise above it is rust or dirt."""
+    """Noise above this is rust or dirt."""
     cycles: float
     """Patches of rust or dirt per metre."""
     layers: wp.array(dtype=Layer)
-    """The layer of flat parts, then that of steep ones; or a single one for all, or the texture map."""
+    """The layer of flat parts, then that of steep ones; or one layer for all, or the texture map."""
 
 
 @wp.struct
 class Surface:
-    """What a point of a surface does with light: a Lambertian part and a metal's lobe."""
+    """Scattering function of a point on a surface: a Lambertian part and a metal's lobe."""
 
     reflectance: wp.vec3
-    """Of the diffuse part."""
+    """Reflectance of the diffuse part."""
     specular: wp.vec3
     """F0 of the lobe, times ``metal``."""
     metal: float
-    """Share of bare metal; 0: no lobe."""
+    """Fraction of bare metal; 0: no lobe."""
     roughness: float
 
 
 @wp.func
 def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
-    """Width on the surface [m] of what a ray along ``d`` stands for: a cone of ``angle`` [rad], ``t`` [m] away.
+    """Width [m] on the surface of a cone of ``angle`` [rad] around a ray along ``d``, at distance ``t`` [m].
 
-    The side of the square that has the area of the cone's section with the surface: between its two widths.
+    The side of the square with the area of the cone's intersection with the surface.
     """
     return angle * t / wp.sqrt(wp.max(wp.abs(wp.dot(d, n)), 0.02))
 
@@ -91,7 +91,7 @@ def footprint_width(angle: float, t: float, d: wp.vec3, n: wp.vec3):
 
 @wp.func
 def ripples(seed: wp.uint32, x: wp.vec3, broad: float, footprint: float):
-    """Shade of ripples around 1: pale crests and dark troughs that bend, fork and die out; in lengths of a ripple."""
+    """Shade of ripples around 1: pale crests and dark troughs that bend, fork and fade; lengths in wavelengths."""
     share = band(footprint)
     if share == 0.0:
         return 1.0
@@ -118,7 +118,7 @@ def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
     flat = float(1.0)
     if m.layers.shape[0] > 1:
         flat = slope_mask(m, q, n, footprint)
-    # over metres, the shade of a sea floor varies
+    # the shade of a sea floor varies over metres
     broad = 1.5 * fbm(m.seed + wp.uint32(101), 0.35 * q, 2, 0.35 * footprint)
     c = wp.vec3(0.0)
     for k in range(m.layers.shape[0]):
@@ -138,17 +138,17 @@ def ground(m: Material, p: wp.vec3, n: wp.vec3, footprint: float):
 
 @wp.func
 def covered(m: Material, noise: float, bias: float, footprint: float):
-    """Share of a layer: all where ``noise + bias`` is above the threshold; its mean far away."""
-    # the broadest octave is still whole where the threshold gives way to its mean
+    """Fraction covered by a layer: 1 where ``noise + bias`` is above the threshold; far away, the mean."""
+    # the mean takes over while the broadest octave is still resolved
     share = band(2.0 * m.cycles * footprint)
-    # the noise is about normal; 1.702 makes a logistic function one
+    # the noise is roughly normal; with 1.702 a logistic function approximates its distribution
     mean = 1.0 / (1.0 + wp.exp(-1.702 * (bias - m.threshold) / NOISE_DEVIATION))
     return wp.lerp(mean, wp.smoothstep(-0.06, 0.06, noise + bias - m.threshold), share)
 
 
 @wp.func
 def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
-    """Metal, paint or anything else under patches of rust, or of silt, which lies mostly where the surface faces up."""
+    """Metal, paint or another surface under patches of rust, or of silt, which is mostly where the surface faces up."""
     noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
     bias = wp.where(m.kind == DIRT, 0.5 * n[2], 0.0)
     s = covered(m, noise, bias, footprint)
@@ -169,7 +169,7 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 @wp.func
 def mapped(image: Image, at: wp.vec3, footprint: float):
-    """Texture map at coordinates u, v (v up), with at[2] of their units per metre; repeats outside of 0..1."""
+    """Texture map at coordinates u, v (v up), with at[2] of their units per metre; repeats outside 0..1."""
     x = at[0] * float(image.width)
     y = (1.0 - at[1]) * float(image.height)
     texels = footprint * at[2] * wp.sqrt(float(image.width) * float(image.height))
@@ -183,8 +183,8 @@ def mapped(image: Image, at: wp.vec3, footprint: float):
 def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: float):
     """Surface at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
 
-    ``at`` is what the file of a mesh gives for the point: for texture maps u, v and their units per metre, else its
-    vertices' colour; unused by other kinds.
+    ``at`` holds the mesh file's data for the point: u, v and their units per metre for texture maps, else the vertex
+    colour; other kinds do not use it.
     """
     surface = Surface()
     if m.kind == DIFFUSE:

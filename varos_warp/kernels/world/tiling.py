@@ -1,10 +1,10 @@
 """Images on surfaces, filtered to the footprint of a ray, and endless tiling without visible repetition.
 
-A tile is laid in hexagonal patches, each cut from another place of it (Heitz and Neyret 2018, "High-performance
-by-example noise using a histogram-preserving blending operator"; Deliot and Heitz 2019). Texels hold Gaussian values:
-a blend of independent ones, divided by the root of the sum of its squared weights, has their distribution again, and a
-table maps it to colours whose histogram is that of the tile. Most points lie in one patch alone: patches blend over
-a narrow edge only, which keeps features sharp and costs least (cf. Mikkelsen 2022, "Practical real-time hex-tiling").
+Hexagonal patches are cut from random places of a tile (Heitz and Neyret 2018, "High-performance by-example noise using
+a histogram-preserving blending operator"; Deliot and Heitz 2019). Texels hold Gaussian values: a blend of independent
+ones, divided by the root of the sum of its squared weights, has the same distribution, and a table maps it to colours
+with the histogram of the tile. Most points lie in a single patch: patches blend only over a narrow edge, which keeps
+features sharp and is cheap (cf. Mikkelsen 2022, "Practical real-time hex-tiling").
 """
 
 import warp as wp
@@ -14,38 +14,38 @@ from varos_warp.kernels.world.pattern_noise import band, cell_hash, high_half, l
 wp.set_module_options({"enable_backward": False})
 
 VALUES = wp.constant(512)
-"""Length of a table of colours."""
+"""Length of the table of colours."""
 REACH = wp.constant(3.5)
-"""Gaussian values are kept between plus and minus this many standard deviations."""
+"""Gaussian values are clipped to plus or minus this many standard deviations."""
 PATCHES = wp.constant(2.0)
 """Patches along a side of a tile."""
 EDGE = wp.constant(0.25)
 """Width of the blend between patches, in barycentric coordinates of the grid of their centres."""
 TILT = wp.constant(0.15)
-"""Projections along two axes blend where the normal's shares of them differ by less than this."""
+"""Projections along two axes blend where the normal's components along them differ by less than this."""
 PERIOD = wp.constant(1024)
-"""Tiles after which the choice of patches repeats, so that distances stay small numbers."""
+"""Tiles after which the choice of patches repeats, so that coordinates stay small."""
 
 
 @wp.struct
 class Image:
-    """An image and its coarser levels; each texel of one is the mean of 2 x 2 of the level before."""
+    """An image and its coarser levels; each texel is the mean of 2 x 2 texels of the level before."""
 
     texels: wp.array(dtype=wp.uint32)
     """All levels, the finest first, rows from the top; channels of 11, 11 and 10 bits, 0..1."""
     width: int
-    """Of the finest level; a power of two, as the height."""
+    """Width of the finest level; a power of two, as is the height."""
     height: int
     levels: int
     colours: wp.array2d(dtype=wp.vec3)
-    """Of a tile only: what Gaussian values stand for, shape [levels, VALUES]."""
+    """Only for tiles: the colours that Gaussian values map to, shape [levels, VALUES]."""
     basis: wp.mat33
-    """Of a tile only: takes what ``colours`` holds to reflectances."""
+    """Only for tiles: matrix from the values of ``colours`` to reflectances."""
 
 
 @wp.func
 def unit_clamp(c: wp.vec3):
-    """Each channel within 0..1."""
+    """Clamp each channel to 0..1."""
     return wp.min(wp.max(c, wp.vec3(0.0)), wp.vec3(1.0))
 
 
@@ -86,7 +86,7 @@ def sample_level(image: Image, level: int, x: float, y: float):
 def level_of(image: Image, footprint: float):
     """Fractional level, 0..levels - 1, whose texels are as wide as ``footprint``, in texels of the finest.
 
-    Half of all footprints get a whole level, so that one level has to be read instead of two.
+    Half of all footprints get a whole level, so that one level is read instead of two.
     """
     level = wp.clamp(wp.log2(wp.max(footprint, 1.0)), 0.0, float(image.levels - 1))
     whole = wp.floor(level)
@@ -132,14 +132,14 @@ def add_patches(blend: Blend, image: Image, seed: wp.uint32, x: float, y: float,
         w = wp.vec3(fs + ft - 1.0, 1.0 - ft, 1.0 - fs)
     least = wp.max(w) - EDGE
     added = blend
-    corners = int(3)  # a variable, so that the loop is not unrolled: small code is what GPUs like
+    corners = int(3)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
     for k in range(corners):
         share = weight * (w[k] - least)
         if share > 0.0:
             di = wp.where(k == 0, upper, int(k == 1))
             dj = wp.where(k == 0, upper, int(k == 2))
             h = cell_hash(seed, (i + di) & (PERIOD - 1), (j + dj) & (PERIOD - 1))
-            # with the sides of the tile as units, patches are cut at random places
+            # cut the patch at a random place, in units of the tile's sides
             u = (x + low_half(h)) * float(image.width)
             v = (y + high_half(h)) * float(image.width)
             g = sample(image, u, v, level)
@@ -150,7 +150,7 @@ def add_patches(blend: Blend, image: Image, seed: wp.uint32, x: float, y: float,
 
 @wp.func
 def colour_row(image: Image, g: wp.vec3, row: int):
-    """What Gaussian values ``g`` stand for on one level."""
+    """Colour that Gaussian values ``g`` map to on one level."""
     c = wp.vec3(0.0)
     for k in range(3):
         value = int((g[k] + REACH) * (float(VALUES) / (2.0 * REACH)))
@@ -160,7 +160,7 @@ def colour_row(image: Image, g: wp.vec3, row: int):
 
 @wp.func
 def colour_of(image: Image, g: wp.vec3, level: float):
-    """Reflectance that Gaussian values ``g``, means over a footprint, stand for."""
+    """Reflectance that Gaussian values ``g``, averaged over a footprint, map to."""
     fine = int(level)
     c = colour_row(image, g, fine)
     share = level - float(fine)
