@@ -92,6 +92,16 @@ def decode_depth(pixels: np.ndarray, depth_range_m: tuple[float, float]) -> np.n
     return np.where(pixels == DEPTH_LEVELS, np.inf, depth).astype(np.float32)
 
 
+def encode_segments(instance: np.ndarray, _scale: None = None) -> np.ndarray:
+    """uint16 [H, W] of the numbers of objects."""
+    return np.asarray(instance).astype(np.uint16)
+
+
+def decode_segments(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
+    """Numbers of objects int32 [H, W]; 0 where nothing was hit."""
+    return pixels.astype(np.int32)
+
+
 @dataclass(frozen=True)
 class Output:
     """One row of the table."""
@@ -115,8 +125,7 @@ OUTPUTS = {row.letter: row for row in (
     Output("B", "RGB image without water", 3, np.uint8, True, encode_color, decode_color),
     Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
     Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
-    Output("S", "Number of the object in each pixel", 1, np.uint16, False,
-           lambda instance, _: instance.astype(np.uint16), lambda pixels, _: pixels.astype(np.int32)),
+    Output("S", "Number of the object in each pixel", 1, np.uint16, False, encode_segments, decode_segments),
 )}
 
 
