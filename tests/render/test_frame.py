@@ -345,7 +345,7 @@ def test_a_gpu_gives_the_same_bytes_twice(gpu):
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "denoised_only": True},
-                                 {"integrator": "path", "tolerance": 0.05}])
+                                 {"integrator": "path"}])
 def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how):
     """They have films and lamps of their own, wherever one goes on while the other waits."""
     poses = [POSE, POSE @ np.array([[1.0, 0, 0, 0.3], [0, 1, 0, -0.2], [0, 0, 1, 0], [0, 0, 0, 1]])]

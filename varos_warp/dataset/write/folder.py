@@ -23,7 +23,7 @@ _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
 PLAN_LOCK = ".plan.lock"
 _counter = itertools.count()
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
-"""Keys that may change between runs into one folder: what they ask for is made from or added to what is there."""
+"""Keys that may change between runs into one folder: what they ask for is added, or made from what is there."""
 
 
 # ---------------------------------------------------------------------------------------------------------- the locks

@@ -35,7 +35,7 @@ class RadianceImage:
     spp: float | None = None
     """Samples per pixel, mean over the image."""
     lost_samples: int = 0
-    """Samples that were infinite or not a number, at least so many; they count as black. A warning tells of any."""
+    """Least number of samples that were infinite or not a number. They count as black, with a warning."""
 
 
 def without_noise(radiance: np.ndarray, layers: dict[str, np.ndarray] | None = None) -> RadianceImage:

@@ -26,13 +26,13 @@ FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 UNLIKE = 1.5
 """The ends of a stretch are unlike if one needs more than so many times the samples of the other."""
 HALVINGS, HALVED = 2, 0.25
-"""How often stretches with unlike ends are halved, at a time at most as many as this share of the poses."""
+"""Stretches with unlike ends are halved this often, each time at most this share of the poses."""
 FEWER, ESTIMATES = (4, 2, 1), 2
 """A pose is tried with the samples that it may need over each of these, against so many independent estimates."""
 FIRST = 8
 """Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, ROUNDS = 1.5, 4
-"""A pose that needs more than so many times what it was tried with is tried again, so often at most."""
+"""A pose is tried again if it needs more than 1.5 times what it was tried with, at most 4 times."""
 THREADS = 2
 """Threads that compare images while others are rendered."""
 

@@ -14,8 +14,8 @@ from scipy.ndimage import uniform_filter
 from varos_warp.render.image.adapt import DARK, brightness
 
 FIREFLY = 3.0
-"""A pixel of an estimate that is brighter than so many times the image, there and around, is cut to that: what one path
-in a million carries is beyond a pilot, and alone would decide. In the mean of the image it counts in full."""
+"""A pixel of an estimate is cut to this many times the image there and around it: otherwise one rare bright path would
+decide, and a pilot of few samples cannot measure those. In the mean of the image the pixel counts in full."""
 AROUND = 9
 """Side [pixels] of what is around."""
 BAND = 32
@@ -23,7 +23,7 @@ BAND = 32
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
-"""A tolerance also asks that so large a share of the blocks of 8 x 8 pixels is within so many times itself."""
+"""A tolerance also bounds blocks of 8 x 8 pixels: 99 % of them must be within 5 times the tolerance."""
 
 
 def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
