@@ -41,7 +41,7 @@ JOBS = {
     "preprocess": ["preprocess", f"{MUNKHOLMEN}/meshes/munkholmen_seabed.dae", "-o", "out.ply", "--vertices", "2000",
                    "--shrinkwrap", "129", "--region", "850,270,930,350", "--device", "cpu", "-q"],
 }
-"""Commands by name; each is run in a folder of its own. The first three are exported as well."""
+"""Commands by name; each is run in a folder of its own."""
 AFTER = {"demo": [["noise", "out", "--profile", "mpu6050", "-o", "noisy", "-q"],
                   *(["export", "out", "--to", to, "-o", to, "-q"] for to in ("kitti", "tum", "colmap", "nerfstudio"))],
          "stereo": [["export", "out", "--to", "euroc", "-o", "euroc", "-q"]]}
@@ -82,6 +82,19 @@ def compare(before: dict[str, str], after: dict[str, str]) -> list[str]:
     return [path for path in sorted({*before, *after}) if before.get(path) != after.get(path)]
 
 
+def sums_of_both(name: str, tree: Path, folder: Path, kept: Path | None) -> tuple[dict[str, str], dict[str, str]]:
+    """Sums of a job with the code of ``tree``, which are taken from or written to the file ``kept``, and with this."""
+    with ThreadPoolExecutor(2) as pool:
+        after = pool.submit(run, ROOT, name, folder / "new" / name)
+        if kept and kept.exists():
+            return json.loads(kept.read_text()), after.result()
+        before = run(tree, name, folder / "old" / name)
+        if kept:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_text(json.dumps(before, indent=1))
+        return before, after.result()
+
+
 def main() -> int:
     """Compare; the status is the number of jobs that differ."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -89,29 +102,19 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(JOBS))
     parser.add_argument("--keep", type=Path, help="Folder of the sums of REVISION, made where it is missing.")
     asked = parser.parse_intermixed_args()
-    names, differing = asked.names or list(JOBS), 0
+    differing = 0
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "before"
         subprocess.run(["git", "-C", ROOT, "worktree", "add", "-q", "--detach", tree, asked.revision], check=True)
         try:
-            with ThreadPoolExecutor(2) as pool:
-                for name in names:
-                    known = asked.keep and asked.keep / f"{name}.json"
-                    if known and known.exists():
-                        before = json.loads(known.read_text())
-                        after = run(ROOT, name, Path(folder) / "new" / name)
-                    else:
-                        both = [pool.submit(run, where, name, Path(folder) / kind / name)
-                                for where, kind in ((tree, "old"), (ROOT, "new"))]
-                        before, after = (future.result() for future in both)
-                    if known and not known.exists():
-                        known.parent.mkdir(parents=True, exist_ok=True)
-                        known.write_text(json.dumps(before, indent=1))
-                    paths = compare(before, after)
-                    differing += bool(paths)
-                    more = f" and {len(paths) - 6} more" if len(paths) > 6 else ""
-                    found = f"{', '.join(paths[:6])}{more}" if paths else f"{len(before) - 1} files alike"
-                    print(f"{name}: {found}", flush=True)
+            for name in asked.names or JOBS:
+                kept = asked.keep and asked.keep / f"{name}.json"
+                before, after = sums_of_both(name, tree, Path(folder), kept)
+                paths = compare(before, after)
+                differing += bool(paths)
+                more = f" and {len(paths) - 6} more" if len(paths) > 6 else ""
+                found = f"{', '.join(paths[:6])}{more}" if paths else f"{len(before) - 1} files alike"
+                print(f"{name}: {found}", flush=True)
         finally:
             subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", tree], check=True)
     return differing

@@ -1,7 +1,26 @@
-"""A field of fewer nodes, for tests of other things: solved in a second, and right to a hundredth of the light."""
+"""A field of fewer nodes, for tests of other things, and the kernel by which tests read a field."""
 
+import warp as wp
+
+from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
+from varos_warp.kernels.world.light import Light
 from varos_warp.render.field.directions import Directions
 
 SMALL_FIELD = {"FINE": (44, 14, 32), "COARSE": (16, 7, 8), "ONCE": Directions.quadrature(56, 20, power=2),
                "AGAIN": Directions.quadrature(16, 6, power=2)}
-"""By the names of varos_warp.render.field.solver."""
+"""By the names of varos_warp.render.field.solver: solved in a second, and right to a hundredth of the light."""
+
+
+@wp.kernel(enable_backward=False)
+def look_up(
+    fields: wp.array(dtype=LightField),
+    lights: wp.array(dtype=Light),
+    p: wp.array(dtype=wp.vec3),
+    d: wp.array(dtype=wp.vec3),
+    E: wp.array(dtype=wp.vec3),
+    S: wp.array(dtype=wp.vec3),
+):
+    """Irradiance of planes with normals d at p, and what rays along d receive there, of the first light."""
+    i = wp.tid()
+    E[i] = scattered_irradiance(fields[0], lights[0], p[i], d[i])
+    S[i] = source_function(fields[0], lights[0], p[i], d[i])

@@ -142,3 +142,8 @@ def test_one_version_everywhere():
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     cited = yaml.safe_load((repository / "CITATION.cff").read_text())
     assert varos_warp.__version__ == project["version"] == cited["version"]
+
+
+def test_the_stability_map_runs_without_the_paths_of_pytest():
+    """It looks through the camera of tests/physics/rig.py."""
+    subprocess.run([sys.executable, "-c", "import benchmarks.stability.transport_media"], cwd=ROOT.parent, check=True)

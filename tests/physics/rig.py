@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad
-from truths import SIGMAS, compare
 
+from tests.truths import SIGMAS, compare
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse

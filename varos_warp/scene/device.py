@@ -20,8 +20,6 @@ from varos_warp.scene.materials.records import corner_values, device_material
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.water import medium_record, optical_properties
 
-wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
-
 
 def resolve_device(name: str = "auto") -> str:
     """``auto`` is the first CUDA device, else the CPU; an unknown name is an InputError."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from fields import look_up
 from physics.rig import single_scattering as exact
 
 from varos_warp.kernels.field.open_water import (
@@ -11,8 +12,6 @@ from varos_warp.kernels.field.open_water import (
     grid_place,
     node_angle,
     node_distance,
-    scattered_irradiance,
-    source_function,
 )
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.world.intersect import SceneData
@@ -29,20 +28,6 @@ def scatter_once(scene: SceneData, ends: wp.array(dtype=float), L: wp.array(dtyp
 def find_nodes(grid: NodeGrid, places: wp.array2d(dtype=wp.vec2)):
     i, j = wp.tid()
     places[i, j] = grid_place(grid, node_distance(grid, i), node_angle(grid, j))
-
-
-@wp.kernel(enable_backward=False)
-def look_up(
-    tables: wp.array(dtype=LightField),
-    lights: wp.array(dtype=Light),
-    p: wp.array(dtype=wp.vec3),
-    d: wp.array(dtype=wp.vec3),
-    E: wp.array(dtype=wp.vec3),
-    S: wp.array(dtype=wp.vec3),
-):
-    i = wp.tid()
-    E[i] = scattered_irradiance(tables[0], lights[0], p[i], d[i])
-    S[i] = source_function(tables[0], lights[0], p[i], d[i])
 
 
 def lamp(position=(0, 0, 0), axis=(0, 0, 1), cone_deg=65.0, blend=0.0, intensity=1.0) -> Light:

@@ -5,10 +5,9 @@ import warnings
 import numpy as np
 import pytest
 import warp as wp
-from fields import SMALL_FIELD
+from fields import SMALL_FIELD, look_up
 from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
-from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
 from varos_warp.kernels.world.light import Light
 from varos_warp.render.field import open_water as precomputed
 from varos_warp.render.field import solver
@@ -46,20 +45,6 @@ def in_scattered(made: OpenWater, T) -> np.ndarray:
     t = kept.nearest * np.exp(kept.log_step * np.arange(len(values)))
     middle = values[:, values.shape[1] // 2, values.shape[2] // 2]
     return np.array([np.interp(np.log(T), np.log(t), middle[:, c]) for c in range(3)])
-
-
-@wp.kernel(enable_backward=False)
-def look_up(
-    lamps: wp.array(dtype=LightField),
-    lights: wp.array(dtype=Light),
-    p: wp.array(dtype=wp.vec3),
-    d: wp.array(dtype=wp.vec3),
-    E: wp.array(dtype=wp.vec3),
-    S: wp.array(dtype=wp.vec3),
-):
-    i = wp.tid()
-    E[i] = scattered_irradiance(lamps[0], lights[0], p[i], d[i])
-    S[i] = source_function(lamps[0], lights[0], p[i], d[i])
 
 
 def looked_up(made: OpenWater, p, d):

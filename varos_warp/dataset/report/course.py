@@ -57,12 +57,13 @@ def course_pictures(data: Dataset, scene: SceneParts) -> dict[str, str]:
 
 
 def ground_points(parts: list[Part | Instances], course: np.ndarray) -> np.ndarray:
-    """Evenly chosen vertices [N, 3] of all parts near the course; of copies, the places where they stand."""
+    """Vertices [N, 3] of all parts near the course, some by chance; of copies, the places where they stand."""
     points = np.concatenate([part.T_w_o[:, :3, 3] if isinstance(part, Instances) else part.vertices
                              for part in parts] or [np.zeros((0, 3))])
     low, high = course.min(axis=0)[:2] - MARGIN_M, course.max(axis=0)[:2] + MARGIN_M
     points = points[((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)]
-    return points[::len(points) // MOST_POINTS + 1]
+    # every n-th vertex of a grid would draw stripes
+    return np.random.default_rng(0).permutation(points)[:MOST_POINTS]
 
 
 def _picture(course: np.ndarray, points: np.ndarray, stops: list, axes: tuple[int, int]) -> str:
