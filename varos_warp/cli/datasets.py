@@ -60,8 +60,7 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="euroc|tum|kitti|colmap|nerfstudio|mcap",
-                                           help="Format.")],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Such as euroc: see docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,

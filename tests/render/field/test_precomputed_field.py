@@ -333,3 +333,10 @@ def test_where_the_field_does_not_serve_a_sentence_says_why(lights, coefficients
     scene = one_ray_scene(lights, coefficients, **camera)
     got = unavailable(scene, scene.vehicle.cameras[0])
     assert got is None if why is None else why in got
+
+
+def test_the_field_refuses_kinds_of_light_that_it_does_not_know():
+    scene = one_ray_scene([point((0, 0, 0))], PAPER_WATER)
+    unknown = scene.vehicle.lights[0].model_copy(update={"kind": "area"})
+    scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": [unknown]})})
+    assert "'area'" in unavailable(scene, scene.vehicle.cameras[0])

@@ -29,10 +29,10 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
     for camera in data.cameras:
         colors = [Exposures(data, result, camera, output) for output in exposed]
-        for view in in_threads(f"images {camera}", partial(_View, data, camera, colors), frames, quiet=quiet):
-            problems += view.found.problems
-            result.files_read += view.found.files_read
-            angles += view.angles
+        for images in in_threads(f"images {camera}", partial(_FrameImages, data, camera, colors), frames, quiet=quiet):
+            problems += images.found.problems
+            result.files_read += images.found.files_read
+            angles += images.angles
         for color in colors:
             problems += color.verdicts()
     result.add_all(problems, "images")
@@ -40,7 +40,7 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
 
 
-class _View:
+class _FrameImages:
     """The images of one frame of a camera: each file is read once, and held against the others."""
 
     def __init__(self, data: Dataset, camera: str, colors: list["Exposures"], frame: int):
@@ -193,14 +193,14 @@ class Exposures:
         except InputError as error:
             self.flaw = result.problem_of(error)
 
-    def check(self, view: _View) -> None:
+    def check(self, images: _FrameImages) -> None:
         """Read one frame, and note what does not fit."""
-        data, frame, camera, output = self.data, view.frame, self.camera, self.output
-        pixels, exr = view.pixels(output), data.layout.exr(camera, output, frame)
+        data, frame, camera, output = self.data, images.frame, self.camera, self.output
+        pixels, exr = images.pixels(output), data.layout.exr(camera, output, frame)
         linear = data.linear(output, frame, camera)
-        view.found.files_read += 1
+        images.found.files_read += 1
         if linear.shape != pixels.shape or not np.isfinite(linear).all():
-            return view.tell(exr.name, "has values that are not finite, or another size than its PNG")
+            return images.tell(exr.name, "has values that are not finite, or another size than its PNG")
         if frame not in self.table:
             return
         gain, known = self.table[frame]
@@ -208,7 +208,7 @@ class Exposures:
             self.wrong_statistics[frame] = exposure.statistics(linear)
         if self.has_noise:
             if is_repeatable(data) and not np.array_equal(noisy_pixels(data, *noise_of(data), frame, camera), pixels):
-                view.tell(view.png("A").name, "is not its EXR with the noise of dataset.json")
+                images.tell(images.png("A").name, "is not its EXR with the noise of dataset.json")
             pixels = data.pixels("A", frame, camera, truth=True)
         made = OUTPUTS[output].encode(linear, gain)
         self.expected.setdefault(_digest(made), frame)

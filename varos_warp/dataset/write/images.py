@@ -107,10 +107,10 @@ class Store:
                 channels = {"Z": image.depth, "range": image.range}
                 files.write_exr(self.layout.exr(camera, letter, frame),
                                 {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
-            values = image.depth if self.render.depth_kind == "z" else image.range, self.render.depth_range_m
-        else:
-            values = (image.normal if letter == "C" else image.instance,)
-        files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(*values))
+        distance = "depth" if self.render.depth_kind == "z" else "range"
+        values = getattr(image, {"C": "normal", "D": distance, "S": "instance"}[letter])
+        scale = self.render.depth_range_m if letter == "D" else None
+        files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(values, scale))
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:

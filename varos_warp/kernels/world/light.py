@@ -5,7 +5,7 @@ sends to a given point (`light_towards` only evaluates). `light_beam` and `light
 `light_importance` and `light_strength` the importance of a light near a point and overall. `light_emit` draws a ray
 that leaves it, uniform within `light_solid_angle`; all such rays carry `light_flux`. `light_centre` is for sampling
 pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
-precomputed for lights with an axis.
+precomputed for lights with an axis. Single scattering and virtual point lights take every light for a point.
 """
 
 import warp as wp

@@ -42,6 +42,8 @@ MOST_DEPTH = 100.0
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
+LIGHT_KINDS = ("spot", "point")
+"""Lights that the field serves: points that are symmetric about an axis."""
 CONES_DEG = (20.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe. In sea water a cone of 20 degrees loses
 0.2 % of the light within two free paths, of 10 degrees 1 %, of 5 degrees 3 %: narrow beams are seen as thin lines."""
@@ -50,6 +52,9 @@ CONES_DEG = (20.0, 179.0)
 def unavailable(scene: Scene, view: Camera) -> str | None:
     """Why a camera of a scene has no field; None if it has one."""
     water, lights = optical_properties(scene), scene.vehicle.lights
+    for light in lights:
+        if light.kind not in LIGHT_KINDS:
+            return f"a light is of kind {light.kind!r}, and the field is known for {' and '.join(LIGHT_KINDS)} only"
     if not lights:
         return "there are no lights"
     if not water.sigma_s.any():

@@ -2,7 +2,7 @@
 
 A and B: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
 C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535] (paper eq. (1) and 4.1).
-S: number of the object, 0 where there is none.
+S: number of the object, 0 where there is none. CONTRIBUTING.md lists what else a new type needs.
 """
 
 from collections.abc import Callable
