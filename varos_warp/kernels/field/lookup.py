@@ -4,10 +4,10 @@ import warp as wp
 
 from varos_warp.kernels.field.open_water import Field, LightField, node_distance, scattered_irradiance, source_function
 from varos_warp.kernels.sampling import asinh, make_reservoir, offer
-from varos_warp.kernels.transport.subpath import Vertex
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count, light_strength
 from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.texture import Surface
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,14 +16,14 @@ STRAIGHT_SHARE = wp.constant(0.5)
 
 
 @wp.func
-def reflected_field(scene: SceneData, field: Field, vertex: Vertex):
-    """Radiance of the field reflected by a matte surface, reflectance E_F / pi; 0 for a metal."""
+def reflected_field(scene: SceneData, field: Field, surface: Surface, p: wp.vec3, n: wp.vec3):
+    """Radiance of the field off a matte surface at ``p`` with normal ``n``, reflectance E_F / pi; 0 for a metal."""
     E = wp.vec3(0.0)
-    if vertex.surface.metal > 0.0:
+    if surface.metal > 0.0:
         return E
     for i in range(light_count(scene.lights)):
-        E += scattered_irradiance(field.lights[i], get_light(scene.lights, i), vertex.p, vertex.n)
-    return wp.cw_mul(vertex.surface.reflectance, E) / wp.pi
+        E += scattered_irradiance(field.lights[i], get_light(scene.lights, i), p, n)
+    return wp.cw_mul(surface.reflectance, E) / wp.pi
 
 
 @wp.struct

@@ -325,7 +325,7 @@ def make_path_kernel(spec: PathSpec) -> wp.Kernel:
                             L_surface *= beside_virtual_lights(scene, before, d, hit, reflected.light)
                     if wp.static(spec.field and spec.multiple):
                         if path.bounces < bounds.bounces:
-                            L_reflected = wp.cw_mul(T, reflected_field(scene, field, end))
+                            L_reflected = wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
                             if on_camera:
                                 L_field += L_reflected
                             else:

@@ -31,10 +31,12 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
     series = np.cos(np.outer(np.arange(len(arriving.phi)), arriving.phi))
     series[1:] *= 2.0
     far = np.array([_far(phase, w, arriving) for w in between.vectors])
-    near = np.array([_near(w, s, weights, shape, arriving, spline.t) for w in between.vectors])
-    near = np.einsum("jbm,bi,mk->jik", near, spline.c, series / len(arriving.phi), optimize=True)
+    # rings are the same at every phi: what they make of cos(m phi) is in proportion to it
+    near = np.array([_near(gamma, s, weights, shape, arriving, spline.t) for gamma in between.gamma])
+    waves = np.cos(np.outer(between.phi, np.arange(len(series))))
+    near = np.einsum("gbm,pm,bi,mk->gpik", near, waves, spline.c, series / len(arriving.phi), optimize=True)
     near /= shape(arriving.gamma)[:, None]
-    return fit @ (far + near.reshape(len(far), -1))
+    return fit @ (far + near.reshape(far.shape))
 
 
 def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
@@ -83,12 +85,11 @@ def _far(phase: PhaseFunction, w: np.ndarray, arriving: Directions) -> np.ndarra
     return 0.5 * total * arriving.weights
 
 
-def _near(w, s, weights, shape, arriving: Directions, knots) -> np.ndarray:
-    """Coefficients [splines, cosines] of what comes from rings around ``w``."""
+def _near(gamma, s, weights, shape, arriving: Directions, knots) -> np.ndarray:
+    """Coefficients [splines, cosines] of what comes from rings around the direction (gamma, phi = 0)."""
     chi = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
-    a = np.cross(w, np.eye(3)[0 if abs(w[1]) > 0.9 else 1])
-    a /= np.linalg.norm(a)
-    b = np.cross(w, a)
+    w = np.array([np.sin(gamma), 0.0, np.cos(gamma)])
+    a, b = np.array([np.cos(gamma), 0.0, -np.sin(gamma)]), np.array([0.0, 1.0, 0.0])
     sin_psi = 2.0 * np.sqrt(s * (1.0 - s))
     around = np.outer(np.cos(chi), a) + np.outer(np.sin(chi), b)
     v = w + (-2.0 * s)[:, None, None] * w + sin_psi[:, None, None] * around
