@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
 
 _CHECK, _ANEW = "Check it with `varos-warp validate`, then `run` again.", "`run` again to make it anew."
+CONVENTIONS = ("center_half", "opencv")
+"""Of intrinsics: where the centre of the top left pixel is."""
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
 
@@ -92,13 +94,19 @@ class Dataset:
 
         Raises:
             IndexError: If there are not so many frames.
+            TypeError: If the index is neither a whole number nor a slice of such.
             InputError: If there is no such camera.
         """
-        index, camera = key if isinstance(key, tuple) else (key, None)
+        index, camera = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
+        try:
+            place = range(*index.indices(len(self))) if isinstance(index, slice) else operator.index(index)
+        except TypeError:
+            first = f"data[0, {index!r}]" if index in self.cameras else f"data[0] or data[0, {self.cameras[0]!r}]"
+            raise TypeError(f"data[{key!r}]: a frame is asked for by its place from 0 to {len(self) - 1}, a slice of "
+                            f"such places, or either with a camera: {first}") from None
         camera = self._camera(camera)
-        if isinstance(index, slice):
-            return [Frame(self, i, camera) for i in range(*index.indices(len(self)))]
-        place = operator.index(index)
+        if isinstance(place, range):
+            return [Frame(self, i, camera) for i in place]
         if not -len(self) <= place < len(self):
             raise IndexError(f"there is no index {place}: the dataset has {len(self)} frames")
         return Frame(self, place % len(self), camera)
@@ -154,7 +162,13 @@ class Dataset:
             camera: Its id; absent: the first.
             convention: ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``:
                 it is (0, 0), as in OpenCV, Kalibr, ORB-SLAM3 and KITTI.
+
+        Raises:
+            InputError: If there is no such camera or convention.
         """
+        if convention not in CONVENTIONS:
+            raise InputError("no such convention", key="convention", value=convention,
+                             remedy=f"There are: {', '.join(CONVENTIONS)}.")
         return np.array(self.camera(camera)["K_" + convention], float)
 
     # ---------------------------------------------------------------------------------------------------- images
