@@ -101,9 +101,9 @@ class Dataset:
         try:
             place = range(*index.indices(len(self))) if isinstance(index, slice) else operator.index(index)
         except TypeError:
-            first = f"data[0, {index!r}]" if index in self.cameras else f"data[0] or data[0, {self.cameras[0]!r}]"
-            raise TypeError(f"data[{key!r}]: a frame is asked for by its place from 0 to {len(self) - 1}, a slice of "
-                            f"such places, or either with a camera: {first}") from None
+            example = index if isinstance(index, str) and index in self.cameras else self.cameras[0]
+            raise TypeError(f"{key!r} is no place of a frame: give a whole number or a slice, data[0] or data[2:8], or "
+                            f"either with a camera, data[0, {example!r}]") from None
         camera = self._camera(camera)
         if isinstance(place, range):
             return [Frame(self, i, camera) for i in place]
@@ -218,12 +218,19 @@ class Dataset:
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
-        channels = files.read_exr(self.layout.exr(self._camera(camera), output, frame))
+        path = self.layout.exr(self._camera(camera), output, frame)
+        channels = files.read_exr(path)
+        if missing := [c for c in "RGB" if c not in channels]:
+            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
         return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
 
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
-        return files.read_json(self.layout.segments)["segments"]
+        content = files.read_json(self.layout.segments)
+        rows = content.get("segments") if isinstance(content, dict) else None
+        if not isinstance(rows, list):
+            raise InputError("has no list of segments", file=self.layout.segments, remedy=_ANEW)
+        return rows
 
     def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""
