@@ -199,12 +199,15 @@ OVERLAPS = """() => {
 }"""
 CUT_OFF = """() => [...document.querySelectorAll('.scroll, td, th, pre, .plot header, .tiles div')]
   .filter(e => e.clientWidth && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
-LETTERS = """() => [...document.querySelectorAll('th, td')].filter(e => e.clientWidth && e.clientWidth < 24 && e.innerText.trim().length > 3)
+LETTERS = """() => [...document.querySelectorAll('th, td')].filter(e => e.offsetParent && e.clientWidth < 24 && e.innerText.trim().length > 3)
   .map(e => e.innerText)"""
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
-def test_the_player_covers_nothing_and_no_table_is_cut_off(browser, address, width, height):
+def test_the_player_covers_nothing_and_no_table_is_cut_off(browser, written, tmp_path, width, height):
+    data = Dataset(written)
+    data.meta["sources"] = {"../somewhere/far/away/meshes/of_the_sea_bed.dae": 64 * "0"}
+    address = write_report(data, tmp_path / "report.html").as_uri()
     for page in opened(browser, address, viewport={"width": width, "height": height}):
         for y in (0, 200, 400, 600, 100_000):
             page.evaluate(f"scrollTo({{top: {y}, behavior: 'instant'}})")

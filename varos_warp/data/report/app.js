@@ -67,7 +67,7 @@ function buildSheet() {
   const sheet = $("sheet");
   if (!sheet) return;
   const columns = Math.min(DATA.frames.length, innerWidth < 760 ? 4 : 8);
-  sheet.style.setProperty("--columns", columns);
+  sheet.style.setProperty("--columns", Math.max(columns, 4));
   const picks = Array.from({ length: columns }, (_, i) => Math.round(i * (DATA.frames.length - 1) / Math.max(1, columns - 1)));
   let shown = null;
   const fill = () => {

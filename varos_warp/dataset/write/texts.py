@@ -248,14 +248,16 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
 
 
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
-_RAYS = {"z": "# z = 1: D is planar", "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)   # D is along the ray"}
+_RAYS = {"z": "# z = 1: D is planar",
+         "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
 
 
 def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
     start, end = scene.render.depth_range_m
-    words = {"KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}", "GRAVITY": f"{scene.gravity:g}",
+    words = {"KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
+             "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
