@@ -192,14 +192,16 @@ def test_nothing_is_wider_than_the_screen(browser, address, width, height):
 OVERLAPS = """() => {
   const boxes = selector => [...document.querySelectorAll(selector)].map(e => [e, e.getBoundingClientRect()]);
   const [[, player]] = boxes('#transport'), found = [];
-  for (const [element, box] of boxes('.legend, h2, h3, figcaption, #sheet button, .note, .choice, table, canvas, footer'))
-    if (box.width && box.left < player.right && player.left < box.right && box.top < player.bottom && player.top < box.bottom)
+  for (const [element, box] of boxes('.legend, h2, h3, figcaption, #sheet button, .note, table, canvas, footer'))
+    if (box.width && box.left < player.right && player.left < box.right
+        && box.top < player.bottom && player.top < box.bottom)
       found.push(element.outerHTML.slice(0, 60));
   return found;
 }"""
 CUT_OFF = """() => [...document.querySelectorAll('.scroll, td, th, pre, .plot header, .tiles div')]
   .filter(e => e.clientWidth && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
-LETTERS = """() => [...document.querySelectorAll('th, td')].filter(e => e.offsetParent && e.clientWidth < 24 && e.innerText.trim().length > 3)
+LETTERS = """() => [...document.querySelectorAll('th, td')]
+  .filter(e => e.offsetParent && e.clientWidth < 24 && e.innerText.trim().length > 3)
   .map(e => e.innerText)"""
 
 
