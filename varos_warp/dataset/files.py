@@ -204,14 +204,22 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, yaml.YAMLError) as error:
+    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, csv.Error,
+            yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
 def read_json(path: Path, remedy: str = _REMEDY) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
     with reading(path, remedy):
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(_text(path))
+
+
+def _text(path: Path) -> str:
+    """What is in a text file."""
+    if text := path.read_text(encoding="utf-8"):
+        return text
+    raise ValueError("it is empty")
 
 
 def differences(first, second, same: Callable = operator.eq, every: bool = True, path: str = ""
@@ -236,8 +244,10 @@ def differences(first, second, same: Callable = operator.eq, every: bool = True,
 def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns by name: int64 where every entry is an integer, else float64, else text."""
     with reading(path):
-        rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-        header, body = rows[0], rows[1:]
+        text = _text(path)
+        if not text.endswith("\n"):  # the last number may lack digits and look whole
+            raise ValueError("its last line is cut")
+        header, *body = csv.reader(text.splitlines())
         if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
             line, row = wrong[0]
             raise InputError(f"cannot be read: a row of {len(row)} entries, not {len(header)}", file=path, line=line,

@@ -47,9 +47,12 @@ def test_a_number_that_the_dataset_has_not_is_an_index_error(data):
         data.T_w_c(12)
 
 
-def test_an_index_that_is_no_number_is_a_type_error(data):
-    with pytest.raises(TypeError):
-        data["A"]
+@pytest.mark.parametrize(("index", "example"), [
+    ("R0", "R0"), ("A", "L0"), (0.5, "L0"), (None, "L0"), ([1, 2], "L0"), (np.arange(2), "L0"), ((0, "L0", 1), "L0"),
+    (slice("a", 3), "L0")])
+def test_an_index_that_is_no_number_is_a_type_error_that_says_what_to_give(data, index, example):
+    with pytest.raises(TypeError, match=rf"no place of a frame.*data\[0\].*with a camera, data\[0, '{example}'\]"):
+        data[index]
 
 
 def test_places_and_numbers_differ_where_frames_were_left_out(tmp_path):
@@ -87,7 +90,31 @@ def test_poses_and_time_are_those_of_the_simulation(data):
         assert frame.time_ns == trajectory.time_ns[tick]
         np.testing.assert_allclose(frame.T_w_v, trajectory.T_w_v(tick), atol=1e-15)
         np.testing.assert_allclose(frame.T_w_c, frame.T_w_v @ data.camera("R0")["T_v_c"], atol=1e-15)
-    np.testing.assert_array_equal(data[0].K, data.intrinsics())
+
+
+def floor_seen_through(frame, K, first_center):
+    """Heights above the floor of the stand-in's world of all points that a frame sees, by D, K and the pose."""
+    from standins import FLOOR_Z
+
+    row, col = np.nonzero(np.isfinite(frame.D))
+    ray = np.column_stack([col + first_center, row + first_center, np.ones(len(row))]) @ np.linalg.inv(K).T
+    return (frame.T_w_c[:3, :3] @ (ray * frame.D[row, col, None]).T)[2] + frame.T_w_c[2, 3] - FLOOR_Z
+
+
+def test_points_lie_on_the_floor_in_either_convention_of_pixels(data):
+    """A half step of D, and the ray's slope of at most 1, are 0.2 mm; half a pixel wrong is centimetres."""
+    frame, within = data[3, "R0"], 0.5 * 25 / 65535 + 25 * 2.0**-23
+    assert np.abs(floor_seen_through(frame, frame.K_opencv, 0.0)).max() < within
+    assert np.abs(floor_seen_through(frame, frame.K_center_half, 0.5)).max() < within
+    assert np.abs(floor_seen_through(frame, frame.K_center_half, 0.0)).max() > 20 * within
+    np.testing.assert_array_equal(frame.K, frame.K_center_half)
+    for K, convention in ((frame.K_opencv, "opencv"), (frame.K_center_half, "center_half")):
+        np.testing.assert_array_equal(K, data.intrinsics("R0", convention))
+
+
+def test_an_unknown_convention_of_pixels_is_bad_input(data):
+    with pytest.raises(InputError, match=r"convention = 'colmap': no such convention.*center_half, opencv"):
+        data.intrinsics("L0", "colmap")
 
 
 def test_the_vehicle_follows_from_its_camera_where_it_was_not_written(written, copy):
@@ -183,6 +210,45 @@ def test_a_damaged_table_is_bad_input_that_names_it(copy, name, read, damage):
         assert len(lines[0].split(",")) == 1
     with pytest.raises(InputError, match=name):
         read(Dataset(copy))
+
+
+@pytest.mark.parametrize("name", ["imu0_data.csv", "depth0_data.csv", "vehicle0_states.csv", "camL0_timestamps.csv",
+                                  "camL0_poses_transformation_matrix.csv", "camL0_exposure_A.csv", "dataset.json",
+                                  "seq01_veh0_camL0_C-00000000.png", "seq01_veh0_camL0_A-00000000.exr"])
+@pytest.mark.parametrize(("end", "problem"), [(0, "it is empty|it is not a whole"),
+                                              (-2, "its last line is cut|it is not a whole|Expecting")])
+def test_an_empty_or_cut_file_is_bad_input_that_says_so(copy, name, end, problem):
+    """Also where the last number only lacks digits."""
+    path = next(copy.rglob(name))
+    path.write_bytes(path.read_bytes()[:end])
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: ({problem})"):
+        read_everything(Dataset(copy))
+
+
+def read_everything(data):
+    frame = data[0]
+    return (data.imu(), data.depth_gauge(), data.states(), frame.T_w_c, frame.T_w_v, frame.A, frame.B, frame.C, frame.D,
+            frame.A_radiance, frame.gain())
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"segments": 1}'])
+def test_a_table_of_segments_of_another_form_is_bad_input(copy, content):
+    (copy / "segments.json").write_text(content)
+    with pytest.raises(InputError, match=r"segments.json: has no list of segments"):
+        Dataset(copy).segments()
+
+
+def test_an_exr_without_a_channel_is_bad_input(copy):
+    channels = {name: np.zeros((27, 48), np.float16) for name in "RG"}
+    files.write_exr(next(copy.rglob("seq01_veh0_camL0_A-00000000.exr")), channels)
+    with pytest.raises(InputError, match=r"A-00000000.exr: has no channel B"):
+        _ = Dataset(copy)[0].A_radiance
+
+
+def test_a_table_with_an_endless_entry_is_bad_input(copy):
+    next(copy.rglob("imu0_data.csv")).write_text("0" * 200_000 + "\n")
+    with pytest.raises(InputError, match=r"imu0_data.csv: cannot be read: field larger than"):
+        Dataset(copy).imu()
 
 
 def test_an_export_does_not_pass_over_readings_that_are_gone(copy, tmp_path):

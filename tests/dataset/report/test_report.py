@@ -1,6 +1,8 @@
 """What the report says of a dataset is what the dataset holds; it fits on a page, and names from outside stay text."""
 
 import base64
+import hashlib
+import html
 import io
 import json
 import re
@@ -17,8 +19,8 @@ from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import contact_sheet, spread, write_report
 from varos_warp.dataset.report.course import SceneParts, course_pictures, ground_points, scene_parts
-from varos_warp.dataset.report.curves import attenuation, curves, envelope
-from varos_warp.dataset.report.facts import headline, warnings
+from varos_warp.dataset.report.curves import attenuation, curve, curves, envelope
+from varos_warp.dataset.report.facts import headline, numbers, warnings
 from varos_warp.dataset.report.pictures import filmstrip, preview
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate.outcome import Validation
@@ -79,6 +81,43 @@ def test_names_from_the_scene_cannot_break_the_page(written, tmp_path, name, pag
     assert found.count("<script") == page.count("<script")
     assert found.count("</script>") == page.count("</script>")
     assert content(found)["frames"] == data.frames
+
+
+def marked(content):
+    """The same with a tag in every text and name that comes from outside."""
+    if isinstance(content, dict):
+        return {key: marked(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [marked(value) for value in content]
+    return content + MARK if isinstance(content, str) else content
+
+
+MARK = "<mark onclick='x'>&\""
+
+
+def test_no_text_of_a_dataset_is_taken_for_html(copy, tmp_path):
+    """Each text of dataset.json that it may have, and every one of the logs and of what validate found."""
+    Validation(copy, ["a problem"]).keep()
+    for path in [*(copy / "log").glob("*.json")]:
+        files.write_json(path, marked(files.read_json(path)))
+    meta = files.read_json(copy / "dataset.json")
+    names = {key: meta[key] for key in ("sequence", "vehicle", "outputs", "depth", "cameras")}  # they name files
+    files.write_json(copy / "dataset.json", marked(meta) | names)
+    data = Dataset(copy)
+    data.meta["sources"] = {MARK: MARK}
+    data.meta["versions"][MARK] = MARK
+    page = write_report(data, tmp_path / "report.html").read_text()
+    assert "<mark" not in page
+    for text in ("A denoised with ", "Given as ", "A problem", "device"):
+        assert text.lower() in page.lower()
+    assert f"denoised with nlm{html.escape(MARK)}" in page
+
+
+def test_no_script_runs_that_is_not_the_pages_own(page):
+    """Whatever came onto the page, the browser runs only what has this hash."""
+    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'\"" in page
 
 
 def test_a_partial_dataset_is_shown_with_what_is_there_and_what_is_missing(copy, tmp_path):
@@ -161,11 +200,43 @@ def test_no_peak_of_a_long_recording_is_lost():
 
 
 def test_curves_are_the_readings_to_six_digits(data):
-    plots = {plot["title"]: plot for plot in curves(data)}
+    plots = {plot["title"]: plot for plot in curves(data, data.time_ns() * 1e-9)}
     np.testing.assert_allclose(plots["Specific force"]["y"], data.imu()["acceleration"].T, rtol=5e-6)
     np.testing.assert_allclose(plots["Depth gauge"]["y"][0], data.depth_gauge()["depth"], rtol=5e-6)
     np.testing.assert_allclose(plots["Exposure gain"]["y"][0], list(data.gains("A", "L0").values()), rtol=5e-6)
     assert plots["Exposure gain"]["names"] == ["L0 A", "L0 B", "R0 A", "R0 B"]
+
+
+def test_what_the_page_states_for_a_frame_is_its_own_value_and_not_the_least_around_it():
+    x = np.arange(0.0, 100.0, 0.005)
+    plot = curve("Speed", "m/s", x, np.sin(x), ["speed"], np.array([0.0, 33.3, 70.0]))
+    assert len(plot["x"]) == 2000
+    np.testing.assert_allclose(plot["at_frames"], [np.sin(x[[0, 6660, 14000]])], rtol=5e-6)
+
+
+def test_what_rounding_leaves_is_shown_as_0():
+    plot = curve("Specific force", "m/s²", np.arange(3.0), np.array([-2.1e-18, 9.81, 3e-9]), ["x"], np.array([0.0]))
+    assert plot["y"] == [[0.0, 9.81, 3e-9]]
+    assert plot["at_frames"] == [[0.0]]
+    assert numbers((0.1, -6.1e-17, 2.0), "m") == "0.1, 0, 2 m"
+
+
+def test_waypoints_are_drawn_on_the_course(data):
+    again = Dataset(data.root)
+    course = again.poses("vehicle")[1][:, :3, 3]
+    stops = [{"position": course[i].tolist()} for i in (0, 100, -1)]
+    pictures = []
+    for trajectory in ({"poses": []}, {"waypoints": stops[:1]}, {"waypoints": stops}):
+        again.meta["scene"] = again.meta["scene"] | {"trajectory": trajectory}
+        pictures.append(course_pictures(again, SceneParts())["from above"])
+    without, first, every = (ink(picture) for picture in pictures)
+    assert without < first < every  # also over the marks of start and end
+
+
+def ink(picture: str) -> int:
+    """Black points inside of the frame of a picture."""
+    image = decoded(picture)[..., :3]
+    return int((image[110:530, 130:800].max(axis=-1) < 20).sum())
 
 
 def test_water_leaves_what_beer_and_lambert_say(data):

@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 
+import numpy as np
 import pytest
 from standins import make_scene
 
@@ -86,11 +87,16 @@ def test_every_image_is_decoded_by_the_browser(page, written):
     assert set(sources(page)) == set(Dataset(written).outputs)
 
 
-def test_the_scrubber_changes_the_images_the_clock_and_the_curves(page):
+def speed(written, index: int) -> float:
+    data = Dataset(written)
+    return float(np.linalg.norm(data.states(data[index].time_ns, data[index].time_ns + 1)["velocity"]))
+
+
+def test_the_scrubber_changes_the_images_the_clock_and_the_curves(page, written):
     before = clock(page), pixels(page, ".plot canvas")
     assert sources(page) == embedded(page, "L0", 0)
     page.locator("#scrubber").fill("7")
-    assert clock(page) == "frame 7 · 0.70 s"
+    assert clock(page) == f"frame 7 · 0.70 s · {speed(written, 7):.2f} m/s"
     assert sources(page) == embedded(page, "L0", 7)
     assert len({embedded(page, "L0", index)["A"] for index in range(10)}) == 10
     after = clock(page), pixels(page, ".plot canvas")
@@ -113,7 +119,7 @@ def test_playing_runs_in_real_time_and_stops_at_the_end(page):
     page.click("#play")
     page.wait_for_timeout(300)
     page.click("#play")
-    assert clock(page) != "frame 0 · 0.00 s"
+    assert not clock(page).startswith("frame 0 ·")
     stopped = clock(page)
     page.wait_for_timeout(400)
     assert clock(page) == stopped
@@ -132,7 +138,7 @@ def test_a_click_on_a_curve_goes_to_its_time(page):
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
     plot.click(position={"x": 46 + 0.5 * (box["width"] - 54), "y": 60})
-    assert clock(page) == "frame 5 · 0.50 s"
+    assert clock(page).startswith("frame 5 · 0.50 s")
 
 
 def test_a_click_on_an_image_makes_it_the_large_one(page):
@@ -181,3 +187,33 @@ def test_nothing_is_wider_than_the_screen(browser, address, width, height):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("#transport").bounding_box()["width"] <= width
         assert page.locator("#scrubber").bounding_box()["width"] >= 60
+
+
+OVERLAPS = """() => {
+  const boxes = selector => [...document.querySelectorAll(selector)].map(e => [e, e.getBoundingClientRect()]);
+  const [[, player]] = boxes('#transport'), found = [];
+  for (const [element, box] of boxes('.legend, h2, h3, figcaption, #sheet button, .note, table, canvas, footer'))
+    if (box.width && box.left < player.right && player.left < box.right
+        && box.top < player.bottom && player.top < box.bottom)
+      found.push(element.outerHTML.slice(0, 60));
+  return found;
+}"""
+CUT_OFF = """() => [...document.querySelectorAll('.scroll, td, th, pre, .plot header, .tiles div')]
+  .filter(e => e.clientWidth && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
+LETTERS = """() => [...document.querySelectorAll('th, td')]
+  .filter(e => e.offsetParent && e.clientWidth < 24 && e.innerText.trim().length > 3)
+  .map(e => e.innerText)"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_player_covers_nothing_and_no_table_is_cut_off(browser, written, tmp_path, width, height):
+    data = Dataset(written)
+    data.meta["sources"] = {"../somewhere/far/away/meshes/of_the_sea_bed.dae": 64 * "0"}
+    address = write_report(data, tmp_path / "report.html").as_uri()
+    for page in opened(browser, address, viewport={"width": width, "height": height}):
+        for y in (0, 200, 400, 600, 100_000):
+            page.evaluate(f"scrollTo({{top: {y}, behavior: 'instant'}})")
+            assert page.evaluate(OVERLAPS) == []
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        assert page.evaluate(CUT_OFF) == []
+        assert page.evaluate(LETTERS) == []

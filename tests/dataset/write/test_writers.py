@@ -2,17 +2,20 @@
 
 import csv
 import json
+import re
+import textwrap
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from standins import make_scene, simulate
+from standins import FLOOR_Z, make_scene, simulate
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import texts as writers
 from varos_warp.scene.load import scene_from_dict
 
@@ -155,9 +158,53 @@ def test_mount_decides_which_pose_of_a_camera_is_stated(tmp_path):
 
 def test_readme_has_no_gaps_and_states_gravity_and_step(written):
     text = (written / "README.txt").read_text()
-    assert "{" not in text
+    assert not re.search(r"\{[A-Z_]+\}", text)
     assert "+9.81 on the up axis" in text
     assert "0.381476 mm" in text or "0.381475 mm" in text
+
+
+@pytest.mark.parametrize("render", [{}, {"depth_kind": "range", "depth_range_m": [0.5, 30.0]}])
+def test_the_code_in_the_readme_runs_and_gives_what_dataset_gives(tmp_path, monkeypatch, render):
+    """Points lie on the floor to half a step of D, of which a ray of slope below 1 makes less."""
+    produce(make_scene(render), tmp_path, frames=slice(2, 4), quiet=True)
+    code = (tmp_path / "README.txt").read_text().split("IN PYTHON")[1].split("\n", 1)[1]
+    found: dict = {}
+    monkeypatch.chdir(tmp_path)
+    exec(textwrap.dedent(code), found)
+    frame = Dataset(tmp_path)[0]
+    np.testing.assert_array_equal(found["image"]["A"], frame.A)
+    np.testing.assert_allclose(found["normal"], frame.C, atol=3 * 2.0**-24)
+    seen = found["has_depth"]
+    np.testing.assert_array_equal(seen, np.isfinite(frame.D))
+    np.testing.assert_allclose(found["depth"][seen], frame.D[seen], rtol=2.0**-24)
+    start, end = render.get("depth_range_m", (0.0, 25.0))
+    inside = found["depth"][seen] > start  # what is nearer is put there
+    assert np.abs(found["points"][inside, 2] - FLOOR_Z).max() < 0.5 * (end - start) / 65535 + 1e-9
+    assert found["colours"].shape == found["points"].shape
+
+
+@pytest.mark.parametrize("formula", [r"^  d = (.*?)(?: in metres| m),", r"^  n = ([^,]*?) in world axes"])
+def test_formulas_of_the_readme_hold_in_numpy_as_they_are_written(written, formula):
+    """On the integers that a reader of PNG returns."""
+    text = re.search(formula, (written / "README.txt").read_text(), re.MULTILINE)[1]
+    value = np.array([0, 3, 65534], np.uint16) if " d " in formula else np.array([0, 3, 254], np.uint8)
+    expected = value.astype(float) * 25 / 65535 if " d " in formula else value.astype(float) / 127.5 - 1
+    np.testing.assert_allclose(eval(text, {"value": value}), expected, atol=1e-12)
+
+
+def test_calibration_readme_and_dataset_json_say_which_pixel_is_where(written):
+    """The two conventions, in the words of each file."""
+    for name in ("README.txt", "dataset.json", "vehicle0/cam0/camL0.yaml", "vehicle0/cam1/camR0.yaml"):
+        text = (written / name).read_text()
+        assert "centre of the top left pixel is (0, 0)" in text, name
+        for convention in ("K_opencv", "K_center_half"):
+            assert convention in text, name
+
+
+def test_a_name_that_looks_like_a_word_of_the_readme_stays(tmp_path):
+    scene = make_scene(name="{GRAVITY} {STEP_M}")
+    writers.write_readme(Layout.of(scene, tmp_path), scene)
+    assert (tmp_path / "README.txt").read_text().startswith("{GRAVITY} {STEP_M}\n")
 
 
 def test_the_bias_of_a_noisy_imu_is_written(tmp_path):

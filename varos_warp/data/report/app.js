@@ -67,7 +67,7 @@ function buildSheet() {
   const sheet = $("sheet");
   if (!sheet) return;
   const columns = Math.min(DATA.frames.length, innerWidth < 760 ? 4 : 8);
-  sheet.style.setProperty("--columns", columns);
+  sheet.style.setProperty("--columns", Math.max(columns, 4));
   const picks = Array.from({ length: columns }, (_, i) => Math.round(i * (DATA.frames.length - 1) / Math.max(1, columns - 1)));
   let shown = null;
   const fill = () => {
@@ -93,7 +93,7 @@ const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32, 64];
 
 function buildTransport() {
   const scrubber = $("scrubber"), last = DATA.frames.length - 1;
-  $("transport").hidden = last < 0;
+  if (!scrubber) return;
   scrubber.max = last;
   scrubber.oninput = () => show(+scrubber.value);
   $("back").onclick = () => show(state.index - 1);
@@ -105,14 +105,17 @@ function buildTransport() {
   for (const { id } of DATA.cameras) $("camera").append(element("option", { value: id }, id));
   $("camera").onchange = () => { state.camera = $("camera").value; show(state.index); };
   $("camera-choice").hidden = DATA.cameras.length < 2;
+  const motion = DATA.plots.find(plot => plot.title === "Speed");
   listeners.push(({ index }) => {
     scrubber.value = index;
-    $("clock").textContent = last < 0 ? "" : `frame ${DATA.frames[index]} · ${time(index).toFixed(2)} s`;
+    const speed = motion ? ` · ${motion.at_frames[0][index].toFixed(2)} m/s` : "";
+    $("clock").textContent = `frame ${DATA.frames[index]} · ${time(index).toFixed(2)} s${speed}`;
     scrubber.setAttribute("aria-valuetext", $("clock").textContent);
   });
 }
 
 function play(on) {
+  if (!$("play")) return;
   state.playing = on && DATA.frames.length > 1;
   $("play").textContent = state.playing ? "❚❚" : "▶";
   $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");

@@ -107,11 +107,11 @@ function buildPlot(plot, place) {
     }
     if (hover !== null) { pen.fillStyle = color("--soft"); pen.fillRect(X(hover), margin.top, 1, canvas.clientHeight - margin.top - margin.bottom); }
     values.forEach(([, value], k) => {
-      const y = x === null || !plot.x.length ? null : plot.y[k][at(x)];
+      const y = x === null || !plot.x.length ? null : hover === null ? plot.at_frames[k][state.index] : plot.y[k][at(x)];
       value.textContent = y === null || y === undefined ? "" : label(y);
       if (y !== null && y !== undefined && x >= x0 && x <= x1) {
         pen.fillStyle = color(`--c${plot.names.length === 1 ? 2 : k % 4}`);
-        pen.beginPath(); pen.arc(X(plot.x[at(x)]), Y(y), 3, 0, 7); pen.fill();
+        pen.beginPath(); pen.arc(X(hover === null ? x : plot.x[at(x)]), Y(y), 3, 0, 7); pen.fill();
       }
     });
   }

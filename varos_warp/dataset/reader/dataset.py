@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
 
 _CHECK, _ANEW = "Check it with `varos-warp validate`, then `run` again.", "`run` again to make it anew."
+CONVENTIONS = ("center_half", "opencv")
+"""Of intrinsics: where the centre of the top left pixel is."""
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
 
@@ -92,13 +94,19 @@ class Dataset:
 
         Raises:
             IndexError: If there are not so many frames.
+            TypeError: If the index is neither a whole number nor a slice of such.
             InputError: If there is no such camera.
         """
-        index, camera = key if isinstance(key, tuple) else (key, None)
+        index, camera = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
+        try:
+            place = range(*index.indices(len(self))) if isinstance(index, slice) else operator.index(index)
+        except TypeError:
+            example = index if isinstance(index, str) and index in self.cameras else self.cameras[0]
+            raise TypeError(f"{key!r} is no place of a frame: give a whole number or a slice, data[0] or data[2:8], or "
+                            f"either with a camera, data[0, {example!r}]") from None
         camera = self._camera(camera)
-        if isinstance(index, slice):
-            return [Frame(self, i, camera) for i in range(*index.indices(len(self)))]
-        place = operator.index(index)
+        if isinstance(place, range):
+            return [Frame(self, i, camera) for i in place]
         if not -len(self) <= place < len(self):
             raise IndexError(f"there is no index {place}: the dataset has {len(self)} frames")
         return Frame(self, place % len(self), camera)
@@ -154,7 +162,13 @@ class Dataset:
             camera: Its id; absent: the first.
             convention: ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``:
                 it is (0, 0), as in OpenCV, Kalibr, ORB-SLAM3 and KITTI.
+
+        Raises:
+            InputError: If there is no such camera or convention.
         """
+        if convention not in CONVENTIONS:
+            raise InputError("no such convention", key="convention", value=convention,
+                             remedy=f"There are: {', '.join(CONVENTIONS)}.")
         return np.array(self.camera(camera)["K_" + convention], float)
 
     # ---------------------------------------------------------------------------------------------------- images
@@ -204,12 +218,19 @@ class Dataset:
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
-        channels = files.read_exr(self.layout.exr(self._camera(camera), output, frame))
+        path = self.layout.exr(self._camera(camera), output, frame)
+        channels = files.read_exr(path)
+        if missing := [c for c in "RGB" if c not in channels]:
+            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
         return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
 
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
-        return files.read_json(self.layout.segments)["segments"]
+        content = files.read_json(self.layout.segments)
+        rows = content.get("segments") if isinstance(content, dict) else None
+        if not isinstance(rows, list):
+            raise InputError("has no list of segments", file=self.layout.segments, remedy=_ANEW)
+        return rows
 
     def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""

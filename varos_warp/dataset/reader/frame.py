@@ -94,6 +94,16 @@ class Frame:
         return self.data.T_w_v(self.number)
 
     @property
+    def K_opencv(self) -> np.ndarray:
+        """Intrinsics float64 [3, 3] in pixels; the centre of the top left pixel is (0, 0): OpenCV, Kalibr, KITTI."""
+        return self.data.intrinsics(self.camera, "opencv")
+
+    @property
+    def K_center_half(self) -> np.ndarray:
+        """Intrinsics float64 [3, 3] in pixels; the centre of the top left pixel is (0.5, 0.5): COLMAP, nerfstudio."""
+        return self.data.intrinsics(self.camera, "center_half")
+
+    @property
     def K(self) -> np.ndarray:
-        """Intrinsics float64 [3, 3] in pixels; the centre of the top left pixel is (0.5, 0.5)."""
-        return self.data.intrinsics(self.camera)
+        """`K_center_half`; with OpenCV it is half a pixel off, so take `K_opencv` there."""
+        return self.K_center_half

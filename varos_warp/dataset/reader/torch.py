@@ -38,7 +38,7 @@ class TorchDataset(torch.utils.data.Dataset):
     An item has, of what is asked for, ``A`` and ``B`` float32 [3, H, W] in 0..1 (sRGB, after exposure), ``A_radiance``
     and ``B_radiance`` float32 [3, H, W] (linear, before exposure), ``C`` float32 [3, H, W] (unit world normals, zero
     where nothing was hit), ``D`` float32 [1, H, W] [m] and ``S`` int64 [H, W]; and always ``T_w_c`` and ``T_w_v``
-    float64 [4, 4], ``K`` float64 [3, 3] (centre of the top left pixel at 0.5), ``time_ns`` and ``frame`` int64 [].
+    float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`, not OpenCV's), ``time_ns`` and ``frame`` int64 [].
 
     Args:
         data: A `Dataset`; `Dataset.torch` gives itself.

@@ -3,6 +3,8 @@
 The page is ``data/report/page.html`` with its style and scripts put in; everything it shows stands in it as JSON.
 """
 
+import base64
+import hashlib
 import html
 import json
 import re
@@ -33,11 +35,11 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
     Raises:
         InputError: If something in the dataset cannot be read.
     """
-    strip, scene = filmstrip(data, quiet), scene_parts(data)
+    strip, scene, script = filmstrip(data, quiet), scene_parts(data), "\n".join(map(_text, SCRIPTS))
     words = {
         "title": html.escape(data.meta["name"]), "version": html.escape(varos_warp.__version__),
         "root": html.escape(data.root.absolute().name), "style": _text("page.css"),
-        "script": "\n".join(map(_text, SCRIPTS)),
+        "script": script, "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
                          for value, name in facts.headline(data)),
         "warnings": _warnings(facts.warnings(data, scene.warnings)),
@@ -65,12 +67,12 @@ def _json(content: Any) -> str:
 
 def _content(data: Dataset, strip: Filmstrip) -> dict[str, Any]:
     """Everything that the page's scripts show."""
-    rows = np.searchsorted(data.frames, strip.frames)
+    times = data.views()[0][np.searchsorted(data.frames, strip.frames)] * 1e-9
     return {
-        "frames": strip.frames, "times": (data.views()[0][rows] * 1e-9).tolist(),
+        "frames": strip.frames, "times": times.tolist(),
         "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
         "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
-        "plots": curves(data), "attenuation": attenuation(data),
+        "plots": curves(data, times), "attenuation": attenuation(data),
     }
 
 
@@ -115,7 +117,8 @@ def _frames(data: Dataset, strip: Filmstrip) -> str:
 image to enlarge it, arrow keys step, space plays</span></span><span class="choice"><button type="button"
 data-layout="focus" aria-pressed="true">one large</button><button type="button" data-layout="grid"
 aria-pressed="false">side by side</button></span></div>
-<div id="viewer" class="focus" style="{shape}"></div>{legend}
+<div id="viewer" class="focus" style="{shape}"></div>
+{_text("transport.html")}{legend}
 <h3>Contact sheet</h3><div id="sheet"></div>''')
 
 

@@ -16,6 +16,9 @@ MARGIN_M = 12.0
 MOST_POINTS = 20_000
 """Vertices that stand for the ground and the objects."""
 
+MOST_NUMBERS = 20
+"""Waypoints that are numbered."""
+
 
 @dataclass
 class SceneParts:
@@ -66,6 +69,16 @@ def ground_points(parts: list[Part | Instances], course: np.ndarray) -> np.ndarr
     return np.random.default_rng(0).permutation(points)[:MOST_POINTS]
 
 
+def _mark_waypoints(plot, places: np.ndarray) -> None:
+    """Crosses over everything else at ``places`` [2, N], numbered where there is room for it."""
+    from matplotlib.patheffects import withStroke
+
+    edge = [withStroke(linewidth=3, foreground="white")]
+    plot.plot(*places, "x", color="black", markersize=6, path_effects=edge, zorder=5, label="waypoints")
+    for i, place in enumerate(places.T if places.shape[1] <= MOST_NUMBERS else ()):
+        plot.annotate(str(i + 1), place, (5, 4), textcoords="offset points", fontsize=8, path_effects=edge, zorder=5)
+
+
 def _picture(course: np.ndarray, points: np.ndarray, stops: list, axes: tuple[int, int]) -> str:
     """One view; ``axes``: which of x, y and z go to the right and up."""
     from matplotlib.figure import Figure
@@ -75,10 +88,10 @@ def _picture(course: np.ndarray, points: np.ndarray, stops: list, axes: tuple[in
     order = np.argsort(points[:, 2])  # what is higher is seen from above
     plot.scatter(*points[order][:, axes].T, c=points[order, 2], cmap="cividis", s=9, linewidths=0, alpha=0.6)
     plot.plot(*course[:, axes].T, color="#d1495b", linewidth=1.6, label="course")
-    if stops:
-        plot.plot(*np.transpose(stops)[list(axes)], "x", color="#333333", markersize=5, label="waypoints")
     for name, place, marker in (("start", course[0], "o"), ("end", course[-1], "s")):
         plot.plot(*place[list(axes)], marker, markersize=5, color="#d1495b", markeredgecolor="black", label=name)
+    if stops:
+        _mark_waypoints(plot, np.transpose(stops)[list(axes)])
     plot.set(xlabel=f"{'xyz'[axes[0]]} [m]", ylabel=f"{'xyz'[axes[1]]} [m]")
     plot.set_aspect("equal", adjustable="datalim")
     plot.ticklabel_format(useOffset=False, style="plain")

@@ -4,6 +4,7 @@ A long recording is drawn by the ends of what it does in each of a thousand inte
 """
 
 import contextlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 
+ROUNDING = 1e-12
+"""Below it, a quantity in SI units is what rounding left of 0."""
 INTERVALS = 1000
 """Of time, in each of which a curve's least and greatest value are kept."""
 
@@ -37,21 +40,37 @@ def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> 
     return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * intervals, -1)
 
 
-def curve(title: str, unit: str, x: np.ndarray, columns: np.ndarray, names, **more) -> dict[str, Any]:
-    """A plot as the page draws it; ``more``: ``log`` for a logarithmic axis, ``distance`` where x is no time."""
+def curve(title: str, unit: str, x: np.ndarray, columns: np.ndarray, names: Iterable[str],
+          times: np.ndarray | None = None, **more: Any) -> dict[str, Any]:
+    """A plot as the page draws it.
+
+    Args:
+        title: What is plotted.
+        unit: Of it.
+        x: Seconds [N], ascending; metres with ``distance``.
+        columns: The curves [N, k].
+        names: Of the curves.
+        times: Of the frames that the page shows [M] [s]: the last sample until then is what it states for a frame,
+            not an end of an interval.
+        more: ``log`` for a logarithmic axis, ``distance``, ``zero`` for an axis from 0, ``down`` for one downwards.
+    """
     columns = np.reshape(columns, (len(x), -1))
-    x, columns = envelope(np.asarray(x, float), columns)
-    return {"title": title, "unit": unit, "x": _short(x), "y": [_short(column) for column in columns.T],
+    thin_x, thin = envelope(np.asarray(x, float), columns)
+    if times is not None:
+        rows = (np.searchsorted(x, times, "right") - 1).clip(min=0)
+        more["at_frames"] = [_short(column) for column in columns[rows].T]
+    return {"title": title, "unit": unit, "x": _short(thin_x), "y": [_short(column) for column in thin.T],
             "names": list(names)} | more
 
 
 def _short(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    """Six digits are more than a screen shows; what is no number is left out."""
+    """Six digits are more than a screen shows; what is no number is left out, and what only rounding leaves is 0."""
+    values = np.where(np.abs(values) < ROUNDING, 0.0, values)
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
-def curves(data: Dataset) -> list[dict[str, Any]]:
-    """Every plot over time that the dataset has something for.
+def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
+    """Every plot over time that the dataset has something for, with its values at the ``times`` [M] [s] of frames.
 
     Raises:
         InputError: If a table cannot be read.
@@ -60,20 +79,20 @@ def curves(data: Dataset) -> list[dict[str, Any]]:
     if "imu0" in data.recorded:
         imu = data.imu()
         time = imu["time_ns"] * 1e-9
-        plots += [curve("Specific force", "m/s²", time, imu["acceleration"], "xyz"),
-                  curve("Angular velocity", "rad/s", time, imu["angular_velocity"], "xyz")]
+        plots += [curve("Specific force", "m/s²", time, imu["acceleration"], "xyz", times),
+                  curve("Angular velocity", "rad/s", time, imu["angular_velocity"], "xyz", times)]
     if "depth0" in data.recorded:
         gauge = data.depth_gauge()
         time, names = gauge["time_ns"] * 1e-9, ["below the surface"]
-        plots.append(curve("Depth gauge", "m", time, gauge["depth"], names, down=True))
+        plots.append(curve("Depth gauge", "m", time, gauge["depth"], names, times, down=True))
     if "vehicle" in data.recorded:
         state = data.states()
         speed = np.linalg.norm(state["velocity"], axis=1)
-        plots.append(curve("Speed", "m/s", state["time_ns"] * 1e-9, speed, ["speed"]))
-    return plots + _exposure(data) + _seconds(data)
+        plots.append(curve("Speed", "m/s", state["time_ns"] * 1e-9, speed, ["speed"], times))
+    return plots + _exposure(data, times) + _seconds(data, times)
 
 
-def _exposure(data: Dataset) -> list[dict[str, Any]]:
+def _exposure(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     """Gain of every exposed output of every camera, over the frames that all of them have."""
     gains = {f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
              for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color
@@ -83,7 +102,7 @@ def _exposure(data: Dataset) -> list[dict[str, Any]]:
         return []
     columns = np.array([[gain[f] for gain in gains.values()] for f in frames])
     time = data.views()[0][np.searchsorted(data.frames, frames)] * 1e-9
-    return [curve("Exposure gain", "", time, columns, gains, log=True)]
+    return [curve("Exposure gain", "", time, columns, gains, times, log=True)]
 
 
 def logs(data: Dataset) -> list[dict[str, Any]]:
@@ -97,7 +116,7 @@ def logs(data: Dataset) -> list[dict[str, Any]]:
     return found
 
 
-def _seconds(data: Dataset) -> list[dict[str, Any]]:
+def _seconds(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     """Seconds that each frame took, all cameras together, where all were logged; the last time counts."""
     took: dict[tuple[int, str], float] = {}
     for log in logs(data):
@@ -106,7 +125,7 @@ def _seconds(data: Dataset) -> list[dict[str, Any]]:
     if len(known) < 2:
         return []
     seconds = np.array([sum(took[data.frames[i], camera] for camera in data.cameras) for i in known])
-    return [curve("Rendering", "s a frame", data.views()[0][known] * 1e-9, seconds, ["seconds"])]
+    return [curve("Rendering", "s a frame", data.views()[0][known] * 1e-9, seconds, ["seconds"], times)]
 
 
 def attenuation(data: Dataset) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import contextlib
 import html
 import itertools
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import yaml
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report.curves import logs
+from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
@@ -21,25 +21,33 @@ MOST_WARNINGS = 40
 """Listed singly."""
 
 
-def cells(values: Iterable, tag: str = "td") -> str:
-    """A row of a table; what begins with ``<`` by design comes as `Raw`."""
-    return "".join(f"<{tag}>{value if isinstance(value, Raw) else html.escape(str(value))}</{tag}>" for value in values)
+def cells(values: Iterable, tag: str = "td", names: Sequence[str] = ()) -> str:
+    """A row of a table of plain text, with the names of its columns for where there is no head over them."""
+    named = [f' data-name="{html.escape(name)}"' if name else "" for name in names]
+    return "".join(f"<{tag}{name}>{html.escape(str(value))}</{tag}>"
+                   for value, name in itertools.zip_longest(values, named, fillvalue=""))
 
 
 class Raw(str):
     """Text that is HTML already."""
 
 
-def table(rows: Iterable[Iterable], header: Iterable | None = None, kind: str = "") -> Raw:
-    """An HTML table; of rows without a header the first column names them."""
+def note(text: str, kind: str = "note") -> Raw:
+    """A paragraph of plain text."""
+    return Raw(f'<p class="{kind}">{html.escape(text)}</p>')
+
+
+def table(rows: Iterable[Iterable], header: Sequence[str] = (), kind: str = "") -> Raw:
+    """An HTML table; the first column names the rows. On a narrow screen each row becomes a block of named values."""
     head = f"<thead><tr>{cells(header, 'th')}</tr></thead>" if header else ""
-    body = "".join(f"<tr><th>{html.escape(str(first))}</th>{cells(rest)}</tr>" for first, *rest in rows)
+    body = "".join(f"<tr><th>{html.escape(str(first))}</th>{cells(rest, names=header[1:])}</tr>"
+                   for first, *rest in rows)
     return Raw(f'<div class="scroll"><table class="{kind}">{head}<tbody>{body}</tbody></table></div>')
 
 
 def number(x: float) -> str:
-    """Four digits."""
-    return f"{x:.4g}"
+    """Four digits; what only rounding leaves is 0."""
+    return f"{0.0 if abs(x) < ROUNDING else x:.4g}"
 
 
 def numbers(values: Iterable[float], unit: str = "") -> str:
@@ -79,8 +87,7 @@ def water(data: Dataset) -> Raw:
                 ("a tenth of the light left at [m]", np.log(10) / sigma_t)]
     text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
     phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])
-    return Raw(f"{text}<p class=note>Given as {html.escape(w['source'])}; {html.escape(phase)} phase function, "
-               f"g = {w['g']:g}.</p>")
+    return Raw(text + note(f"Given as {w['source']}; {phase} phase function, g = {w['g']:g}."))
 
 
 def cameras(data: Dataset) -> Raw:
@@ -117,7 +124,7 @@ def plan(data: Dataset) -> Raw:
     samples = data.meta["samples"]
     chosen = samples["plan"]
     if not chosen:
-        return Raw("<p class=empty>Nothing is rendered yet.</p>")
+        return note("Nothing is rendered yet.", "empty")
     rows = [(d["what"], d["choice"], *_percent(d.get("error")), d["reason"]) for d in chosen.get("decisions") or ()]
     if chosen.get("error"):
         rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
@@ -125,7 +132,7 @@ def plan(data: Dataset) -> Raw:
     models = table((letter, f"{OUTPUTS[letter].content}: {how}") for letter, how in (chosen.get("models") or {}).items()
                    if letter in data.outputs)
     by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
-    return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}.</p>")
+    return Raw(text + models + note(f"A denoised with {by[0]}, B with {by[1]}."))
 
 
 def _percent(error) -> list[str]:
@@ -141,7 +148,7 @@ def timings(data: Dataset) -> Raw:
                      len(seconds), f"{seconds.sum():.1f} s", f"{np.median(seconds):.3g} s" if len(seconds) else "",
                      f"{log.get('compile_seconds', 0):.1f} s"))
     if not rows:
-        return Raw("<p class=empty>No run left a log.</p>")
+        return note("No run left a log.", "empty")
     text = table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
     stages: Counter[str] = Counter()
     for log in logs(data):
@@ -149,7 +156,7 @@ def timings(data: Dataset) -> Raw:
     went = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.items() if seconds >= 0.05)
     said = dict.fromkeys(str(message) for log in logs(data) for message in log.get("messages") or [])
     notes = "".join(f"<li>{html.escape(message)}</li>" for message in said)
-    return Raw(text + (f"<p class=note>Where the time of the runs went: {html.escape(went)}.</p>" if went else "")
+    return Raw(text + (note(f"Where the time of the runs went: {went}.") if went else "")
                + (f"<h3>What the runs said</h3><ul>{notes}</ul>" if notes else ""))
 
 
@@ -215,7 +222,7 @@ def measures(data: Dataset) -> Raw:
     if result is None:
         return Raw("<h3>Validation</h3><p class=note>None yet: <code>varos-warp validate</code> reads everything back "
                    "and leaves its measures here.</p>")
-    rows = [(m["name"], "–" if m["value"] is None else number(m["value"]), number(m["limit"]), m["unit"])
+    rows = [(m["name"], "–" if m["value"] is None else f"{m['value']:.4g}", f"{m['limit']:.4g}", m["unit"])
             for m in result.get("measures", [])]
     count, when = len(result["problems"]), html.escape(_minute(result.get("ended", "")))
     words = {0: "no problem", 1: "1 problem"}.get(count, f"{count} problems")

@@ -112,12 +112,15 @@ def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, 
     files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
 
 
+_PIXELS = "# The centre of the top left pixel is (0, 0) in K_opencv and (0.5, 0.5) in K_center_half.\n"
+
+
 def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray,
                  outputs: list[str]) -> None:
     """Calibration, time stamps with file names, and poses of one camera at its frames [N]."""
     path = layout.camera_file(camera.id, ".yaml")
     text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
-    files.write_bytes(path, text.encode())
+    files.write_bytes(path, (_PIXELS + text).encode())
     letters = "ABCDS" if "S" in outputs else "ABCD"  # the released sequence has four columns
     names = [[layout.png(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
              for letter in letters]
@@ -244,14 +247,21 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     }
 
 
+_KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
+_RAYS = {"z": "# z = 1: D is planar",
+         "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
+
+
 def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
     start, end = scene.render.depth_range_m
-    words = {"NAME": scene.name, "KIND": {"z": "planar: along the camera's z axis", "range": "along the ray"}[
-                 scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}", "GRAVITY": f"{scene.gravity:g}",
-             "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "SURFACE": f"{scene.surface_depth_m:g}",
+    words = {"KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
+             "GRAVITY": f"{scene.gravity:g}",
+             "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
+             "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
     for word, value in words.items():
         text = text.replace("{" + word + "}", value)
+    text = text.replace("{NAME}", scene.name)  # last: it may look like one of the words
     files.write_bytes(layout.root / "README.txt", text.encode())
