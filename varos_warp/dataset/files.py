@@ -22,6 +22,8 @@ import numpy as np
 import yaml
 
 from varos_warp.errors import InputError
+from varos_warp.limits import check_limit
+from varos_warp.scene.images import open_image
 
 HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
 _counter = itertools.count()
@@ -204,14 +206,19 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, yaml.YAMLError) as error:
+    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, TypeError, AttributeError, OverflowError,
+            MemoryError, struct.error, zlib.error, yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
 def read_json(path: Path, remedy: str = _REMEDY) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
     with reading(path, remedy):
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number that JSON has")
 
 
 def differences(first, second, same: Callable = operator.eq, every: bool = True, path: str = ""
@@ -287,11 +294,9 @@ def plain_name(header: str) -> str:
 
 def read_png(path: Path) -> np.ndarray:
     """Pixels of a PNG: uint8 [H, W, 3] or uint16 [H, W]."""
-    from PIL import Image
-
     with reading(path):
         _refuse_incomplete(path)
-        with Image.open(path) as image:
+        with open_image(path) as image:
             return np.array(image)
 
 
@@ -301,6 +306,9 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
     with reading(path):
         _refuse_incomplete(path)
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+            check_limit("TEXTURE_PIXELS", int(np.prod(np.maximum(high - low + 1, 0))), file=path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
 
@@ -335,6 +343,8 @@ def _exr_has_end(file) -> bool:
         at = head.index(b"\0", head.index(b"\0", at) + 1) + 1
         at += 4 + struct.unpack_from("<i", head, at)[0]
     first = struct.unpack_from("<Q", head, at + 1)[0]
+    if first > file.seek(0, os.SEEK_END):
+        return False
     file.seek(at + 1)
     last = max(struct.unpack(f"<{(first - at - 1) // 8}Q", file.read(first - at - 1)))
     file.seek(last)

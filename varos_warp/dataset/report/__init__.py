@@ -3,6 +3,8 @@
 The page is ``data/report/page.html`` with its style and scripts put in; everything it shows stands in it as JSON.
 """
 
+import base64
+import hashlib
 import html
 import json
 import re
@@ -34,10 +36,11 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
         InputError: If something in the dataset cannot be read.
     """
     strip, scene = filmstrip(data, quiet), scene_parts(data)
+    script = "\n".join(map(_text, SCRIPTS))
     words = {
         "title": html.escape(data.meta["name"]), "version": html.escape(varos_warp.__version__),
         "root": html.escape(data.root.absolute().name), "style": _text("page.css"),
-        "script": "\n".join(map(_text, SCRIPTS)),
+        "script": script, "script_hash": base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode(),
         "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
                          for value, name in facts.headline(data)),
         "warnings": _warnings(facts.warnings(data, scene.warnings)),

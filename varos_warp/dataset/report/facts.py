@@ -124,7 +124,7 @@ def plan(data: Dataset) -> Raw:
     text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
     models = table((letter, f"{OUTPUTS[letter].content}: {how}") for letter, how in (chosen.get("models") or {}).items()
                    if letter in data.outputs)
-    by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
+    by = [html.escape(samples[key] or "nothing") for key in ("denoise", "denoise_b")]
     return Raw(f"{text}{models}<p class=note>A denoised with {by[0]}, B with {by[1]}.</p>")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
+from varos_warp.scene.files import is_file
 
 NAME = "checksums"
 LEFT_OUT = (NAME, "report.html", "log")
@@ -72,6 +73,8 @@ def sha256(path: Path) -> str:
     Raises:
         InputError: If it cannot be read.
     """
+    if not is_file(path):
+        raise InputError("there is no such file", file=path)
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
