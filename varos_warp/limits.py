@@ -13,7 +13,7 @@ DEFAULTS = {
     "TRIANGLES": 50_000_000,
     "TEXTURE_PIXELS": 8192 * 8192,
     "FRAMES": 1_000_000,
-    "TEXT_BYTES": 4_000_000,
+    "TEXT_BYTES": 2_000_000,
 }
 """Triangles of a mesh file with all its copies, pixels of an image file, frames of a sequence, bytes of a YAML file."""
 
