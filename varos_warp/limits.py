@@ -11,11 +11,13 @@ from varos_warp.errors import InputError
 
 DEFAULTS = {
     "TRIANGLES": 50_000_000,
+    "COPIES": 100_000,
     "TEXTURE_PIXELS": 8192 * 8192,
     "FRAMES": 1_000_000,
     "TEXT_BYTES": 2_000_000,
 }
-"""Triangles of a mesh file with all its copies, pixels of an image file, frames of a sequence, bytes of a YAML file."""
+"""Triangles of a mesh file with all its copies, copies of its nodes, pixels of an image file, frames of a sequence,
+bytes of a YAML file."""
 
 
 def limit(name: str) -> int:

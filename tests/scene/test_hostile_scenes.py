@@ -101,6 +101,10 @@ def test_copies_of_copies_count_as_triangles(tmp_path, monkeypatch):
     (tmp_path / "x.dae").write_text(nested(60))
     with pytest.raises(InputError, match="triangles are more than the limit of 8"):
         load_mesh(tmp_path / "x.dae")
+    monkeypatch.delenv("VAROS_WARP_MAX_TRIANGLES")
+    (tmp_path / "x.dae").write_text(nested(60).replace('<instance_geometry url="#g"/>', ""))
+    with pytest.raises(InputError, match="copies are more than the limit of 100000"):
+        load_mesh(tmp_path / "x.dae")
 
 
 def test_a_header_that_promises_more_than_the_file_holds_is_refused(tmp_path):

@@ -86,7 +86,7 @@ class Scene(Block):
     water: Water | Literal["none"] = "none"
     surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
-    gravity: Positive = 9.81
+    gravity: Annotated[float, Field(gt=0.0, le=1e3)] = 9.81
     """[m/s^2]; ORB-SLAM3 uses the same number."""
     current: Current = Current()
     vehicle: Vehicle = Vehicle()

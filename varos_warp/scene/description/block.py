@@ -19,7 +19,9 @@ Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
 UnitRgb = tuple[Unit, Unit, Unit]
-NonNegativeRgb = tuple[NonNegative, NonNegative, NonNegative]
+Coefficient = Annotated[float, Field(ge=0.0, le=1e6)]
+"""Of scattering or absorption [1/m]: beyond, light ends within a micrometre."""
+CoefficientRgb = tuple[Coefficient, Coefficient, Coefficient]
 
 
 def _has_area(value):

@@ -161,19 +161,24 @@ def _read_dae(path):
 
     ignored = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
     document = collada.Collada(str(path), ignore=ignored)
-    meshes = []
+    meshes, copies, triangles = [], 0, 0
     for node in document.scene.nodes if document.scene is not None else []:
-        _walk_dae(node, np.eye(4), meshes, path)
+        for mesh in _walk_dae(node, np.eye(4)):
+            copies += 1
+            check_limit("COPIES", copies, file=path)
+            if mesh is not None:
+                triangles += len(mesh[1])
+                check_limit("TRIANGLES", triangles, file=path)
+                meshes.append(_transformed(*mesh))
     vertices, faces = join(meshes)
     unit = document.assetInfo.unitmeter
     return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower(), None
 
 
-def _walk_dae(node, matrix, meshes, path):
-    """Append (vertices, faces) of every geometry under a COLLADA node, in the axes of the document.
+def _walk_dae(node, matrix):
+    """Each geometry under a COLLADA node, as (vertices, faces, matrix) in the axes of the document; None for a node.
 
-    Raises:
-        InputError: If copies of copies make more triangles, or more copies, than the limit of triangles.
+    A node may stand in many places, each of which may hold others: whoever counts can stop in time.
     """
     import collada
 
@@ -183,15 +188,15 @@ def _walk_dae(node, matrix, meshes, path):
                 primitive = primitive.triangleset()
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive.index):
                 source = primitive.sources["VERTEX"][0][4].xmlnode
-                check_limit("TRIANGLES", sum(len(faces) for _, faces in meshes) + len(primitive.index), file=path)
                 positions = _numbers(next(e for e in source.iter() if str(e.tag).endswith("float_array")))
-                meshes.append(_transformed(positions.reshape(-1, 3), primitive.vertex_index, matrix))
+                yield positions.reshape(-1, 3), primitive.vertex_index, matrix
     elif isinstance(node, collada.scene.Node):
+        yield None
         inner = node.node if isinstance(node, collada.scene.NodeNode) else node
         for step in inner.transforms:
             matrix = matrix @ _dae_matrix(step)
         for child in inner.children:
-            _walk_dae(child, matrix, meshes, path)
+            yield from _walk_dae(child, matrix)
 
 
 def _dae_matrix(step):
