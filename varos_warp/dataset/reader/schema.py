@@ -66,7 +66,7 @@ def _metadata() -> type[BaseModel]:
         samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
         sensors=dict[Literal["imu0", "depth0"], sensor], lights=list[light],  # type: ignore[valid-type]
-        water=_block({"phase": str}, source=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
+        water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 
 

@@ -333,6 +333,10 @@ class _Run:
         if here["model"] != self.recorded_device["model"]:
             self.say(f"earlier frames were rendered on {first}, these are on {words}: pixels may differ in rounding; "
                      "dataset.json keeps the first")
+        simd, first_simd = writers.simd(), (self.previous or {}).get("versions", {}).get("simd")
+        if first_simd not in (None, simd):
+            self.say(f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
+                     "tables may differ, of images they do not; dataset.json keeps the first")
         with self.clock("plan"):
             self.plan = self.plan or self.make_plan()
 
