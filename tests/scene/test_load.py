@@ -138,7 +138,7 @@ def test_a_key_given_twice_is_refused_since_yaml_would_drop_one(tmp_path):
     ("a: [1, 2", "not valid YAML"), ("a: b: c", "not valid YAML"), ("\ta: 1", "not valid YAML"),
     (b"\x89PNG\r\n\x1a\n\xff\xfe", "not a text file"), (b"a: \x00", "not valid YAML"),
     ("a: 2021-13-45", "not valid YAML"), ("a: !!python/object:os.system {}", "not valid YAML"),
-    ("a: &x [*x]", "unknown key"),
+    ("a: &x [*x]", "an alias stands for a block that it lies in"),
 ])
 def test_what_is_no_scene_file_is_refused_in_one_line(tmp_path, text, says):
     error = refusal(tmp_path, text)

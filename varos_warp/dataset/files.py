@@ -13,18 +13,24 @@ import re
 import shutil
 import socket
 import struct
-import sys
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import yaml
+from filelock import FileLock, Timeout
 
 from varos_warp.errors import InputError
+from varos_warp.limits import check_limit
+from varos_warp.scene.files import is_file
+from varos_warp.scene.images import open_image
 
 HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
+OWNER = ".owner.lock"
+"""In a folder that is being made: held by the process that makes it."""
 _counter = itertools.count()
+_watchers: list[Callable[[Path, Path], None]] = []
 
 
 # ------------------------------------------------------------------------------------------------------------ writing
@@ -47,10 +53,26 @@ def atomic(path: Path) -> Iterator[Path]:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             yield temp
+            _tell(path, temp)
             os.replace(temp, path)
     finally:
         with contextlib.suppress(OSError):
             temp.unlink()
+
+
+@contextlib.contextmanager
+def watched(watcher: Callable[[Path, Path], None]) -> Iterator[None]:
+    """Have ``watcher(path, where its bytes are)`` called before a file gets its name, or when it keeps its bytes."""
+    _watchers.append(watcher)
+    try:
+        yield
+    finally:
+        _watchers.remove(watcher)
+
+
+def _tell(path: Path, holds: Path) -> None:
+    for watcher in list(_watchers):
+        watcher(path, holds)
 
 
 @contextlib.contextmanager
@@ -67,13 +89,20 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise InputError(f"lies within the dataset {inside[0]}, which holds its own files alone", file=out,
                          remedy="Name a folder elsewhere with -o.")
     temp = _hidden(out.absolute())
+    lock = FileLock(temp / OWNER)
     try:
         with writing(out):
-            _remove_left(temp.parent.glob(f".{glob.escape(out.absolute().name)}.*.tmp"))  # by a killed attempt
+            _remove_left(temp.parent.glob(f".{glob.escape(out.absolute().name)}.*.tmp"))
             temp.mkdir(parents=True)
+            lock.acquire()
             yield temp
+            with contextlib.suppress(OSError):
+                (temp / OWNER).unlink()  # Windows waits until it is released
+            lock.release()
+            (temp / OWNER).unlink(missing_ok=True)
             temp.rename(out)
     finally:
+        lock.release()
         shutil.rmtree(temp, ignore_errors=True)
 
 
@@ -99,7 +128,8 @@ def writing(path: Path) -> Iterator[None]:
 def write_bytes(path: Path, data: bytes) -> bool:
     """Write a whole file; one that holds these bytes already stays as it is. Returns whether it was written."""
     with contextlib.suppress(OSError):
-        if path.stat().st_size == len(data) and path.read_bytes() == data:
+        if is_file(path) and path.stat().st_size == len(data) and path.read_bytes() == data:
+            _tell(path, path)
             return False
     with atomic(path) as temp:
         temp.write_bytes(data)
@@ -163,30 +193,14 @@ def visible(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
 
 
-def sweep(folder: Path, every: bool = False) -> None:
-    """Remove what killed processes of this host left behind under hidden names; or all, where no other can be alive."""
-    _remove_left(folder.rglob(".*.tmp"), every)
-
-
-def _remove_left(paths: Iterable[Path], every: bool = False) -> None:
-    for path in list(paths):
-        match = re.search(r"\.(\w+)-(\d+)-\d+\.tmp$", path.name)
-        if match and (every or (match[1] == HOST and not _alive(int(match[2])))):
-            if path.is_dir():
-                shutil.rmtree(path)  # of `new_folder`
-            else:
-                path.unlink(missing_ok=True)
-
-
-def _alive(pid: int) -> bool:
-    """Whether a process may still be running; on Windows, where os.kill would end it, every one may."""
-    if sys.platform == "win32":
-        return True
-    try:
-        os.kill(pid, 0)
-    except OSError as error:
-        return not isinstance(error, ProcessLookupError)  # another user's process is alive, too
-    return True
+def _remove_left(folders: Iterable[Path]) -> None:
+    """Remove the folders of killed attempts: their lock is there, and nobody holds it."""
+    for folder in list(folders):
+        lock = FileLock(folder / OWNER, timeout=0)
+        with contextlib.suppress(Timeout):
+            if is_file(folder / OWNER) and not (folder / OWNER).is_symlink():
+                with lock:
+                    shutil.rmtree(folder)
 
 
 # ------------------------------------------------------------------------------------------------------------ reading
@@ -204,15 +218,19 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, struct.error, csv.Error,
-            yaml.YAMLError) as error:
+    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, TypeError, AttributeError, OverflowError,
+            MemoryError, struct.error, zlib.error, csv.Error, yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
 def read_json(path: Path, remedy: str = _REMEDY) -> dict:
     """Contents of a JSON file; ``remedy``: what to do where it is damaged."""
     with reading(path, remedy):
-        return json.loads(_text(path))
+        return json.loads(_text(path), parse_constant=_no_number)
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number that JSON has")
 
 
 def _text(path: Path) -> str:
@@ -297,11 +315,9 @@ def plain_name(header: str) -> str:
 
 def read_png(path: Path) -> np.ndarray:
     """Pixels of a PNG: uint8 [H, W, 3] or uint16 [H, W]."""
-    from PIL import Image
-
     with reading(path):
         _refuse_incomplete(path)
-        with Image.open(path) as image:
+        with open_image(path) as image:
             return np.array(image)
 
 
@@ -311,6 +327,9 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
     with reading(path):
         _refuse_incomplete(path)
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+            check_limit("TEXTURE_PIXELS", int(np.prod(np.maximum(high - low + 1, 0))), file=path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
 
@@ -345,6 +364,8 @@ def _exr_has_end(file) -> bool:
         at = head.index(b"\0", head.index(b"\0", at) + 1) + 1
         at += 4 + struct.unpack_from("<i", head, at)[0]
     first = struct.unpack_from("<Q", head, at + 1)[0]
+    if first > file.seek(0, os.SEEK_END):
+        return False
     file.seek(at + 1)
     last = max(struct.unpack(f"<{(first - at - 1) // 8}Q", file.read(first - at - 1)))
     file.seek(last)

@@ -7,8 +7,10 @@ do not depend on how the work is divided.
 
 import contextlib
 import itertools
+import os
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
-from varos_warp.dataset.write.checksums import write_checksums
+from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.noise_profile import NoiseProfile
@@ -48,8 +50,8 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
     profile = _applicable(data, profile)
     _refuse_noise(data, profile)
     data.require_images()
-    with files.new_folder(out) as temp, _naming_the_original(temp, data.root):
-        _link(data, profile, temp)
+    with files.new_folder(out) as temp, _naming_the_original(temp, data.root), Record(temp).recording() as record:
+        _link(data, profile, temp, record)
         _describe(data, profile, seed, temp)
         noisy = Dataset(temp)
         _write_sensors(data, noisy, profile, seed)
@@ -63,7 +65,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         from varos_warp.dataset.report import contact_sheet
 
         contact_sheet(noisy, temp / "contact_sheet.png")
-        write_checksums(temp)
+        record.write_checksums()
     return Dataset(out)
 
 
@@ -132,16 +134,32 @@ def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
 # -------------------------------------------------------------------------------------------------------------- files
 
 
-def _link(data: Dataset, profile: NoiseProfile, temp: Path) -> None:
-    """Everything that stays as it is, and A under its name for what is clean."""
+def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> None:
+    """Everything that stays as it is, with its checksum, and A under its name for what is clean.
+
+    Raises:
+        InputError: If a file is not as its checksum says.
+    """
+    known = read_checksums(data.root)
     left_out = {data.root / name for name in ANEW}
     left_out |= {data.layout.sensor(name) for name, block in (("imu0", profile.imu), ("depth0", profile.depth_gauge))
                  if block is not None}
     renamed = {data.layout.camera_dir(camera) / "A" for camera in data.cameras} if profile.camera is not None else ()
-    for path in files.visible(data.root):
-        if path not in left_out:
-            folder = path.parent.with_name("A_clean") if path.parent in renamed else path.parent
-            files.link(path, temp / folder.relative_to(data.root) / path.name)
+
+    def link(path: Path) -> None:
+        folder = path.parent.with_name("A_clean") if path.parent in renamed else path.parent
+        name, target = path.relative_to(data.root).as_posix(), folder.relative_to(data.root) / path.name
+        files.link(path, temp / target)
+        if target.parts[0] not in LEFT_OUT:
+            value = sha256(path)
+            if known.get(name, value) != value:
+                raise InputError("is not as it was written: its checksum differs", file=path,
+                                 remedy="`run` again to make it anew.")
+            record.vouch(target.as_posix(), value)
+
+    paths = [path for path in files.visible(data.root) if path not in left_out and not path.match(f"log/{NOTES}")]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(link, paths))
 
 
 def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> None:

@@ -1,8 +1,27 @@
 """Scene files and the files that they name: whether they exist, and their text."""
 
+import os
 from pathlib import Path
 
 from varos_warp.errors import InputError
+from varos_warp.limits import check_limit
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path leads to a regular file; one with NUL in it, too long or in a loop of links leads nowhere."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError, RuntimeError):
+        return False
+
+
+def absolute(base: Path, name: str) -> Path:
+    """Path of a file by its name, relative to a folder; loops of links and names that no file has stay as they are."""
+    path = base / name
+    try:
+        return (base / path.expanduser()).resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path
 
 
 def require_file(path: Path, what: str, remedy: str, key: str | None = None) -> None:
@@ -14,8 +33,8 @@ def require_file(path: Path, what: str, remedy: str, key: str | None = None) -> 
         remedy: What to do, for the message.
         key: The key that names it.
     """
-    if not path.is_file():
-        problem = f"there is no such {what}" + (": this is a folder" if path.is_dir() else "")
+    if not is_file(path):
+        problem = f"there is no such {what}" + (": this is a folder" if os.path.isdir(path) else "")
         raise InputError(problem, file=path, key=key, remedy=remedy)
 
 
@@ -27,6 +46,7 @@ def read_text(path: Path, what: str, remedy: str, key: str | None = None) -> str
     """
     require_file(path, what, remedy, key)
     try:
+        check_limit("TEXT_BYTES", path.stat().st_size, file=path, key=key)
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("is not a text file in UTF-8", file=path, key=key, remedy=remedy) from None

@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
 from varos_warp.scene.files import read_text
@@ -115,11 +116,11 @@ def _parse(path: Path, what: str, remedy: str) -> _Source:
     """Data and line numbers of a YAML file."""
     text = read_text(path, what, remedy)
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = plain_yaml.compose(text)
         lines: dict[tuple, int] = {}
         if node is not None:
             _collect_lines(node, (), lines, path, set())
-        data = yaml.safe_load(text)
+        data = plain_yaml.construct(node)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
@@ -167,7 +168,7 @@ def _apply_override(source: _Source, override: str) -> None:
     if not equals or "" in path:
         raise InputError("is not of the form key.path=value", file=where, remedy="For example render.spp=64.")
     try:
-        value = yaml.safe_load(text)
+        value = plain_yaml.parse(text)
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,

@@ -1,14 +1,17 @@
 """Whatever ends a run, what it left under final names is whole, and the same command completes it to the same bytes."""
 
+import errno
 import os
+import pathlib
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from multiprocessing import get_context
-from types import SimpleNamespace
 
+import filelock
 import pytest
 import standins
 from standins import FlatFloorRenderer, make_scene, tree
@@ -17,7 +20,6 @@ from benchmarks.soak import small_scene
 from varos_warp.dataset import files
 from varos_warp.dataset.run import pipeline
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.write import folder
 from varos_warp.dataset.write import images as store
 from varos_warp.errors import InputError
 
@@ -281,12 +283,120 @@ def test_what_tells_what_segments_mean_never_stands_in_a_folder_without_a_datase
     assert produce(make_scene(render={"outputs": ["S"]}), tmp_path, quiet=True).complete
 
 
-def test_what_killed_runs_of_other_hosts_left_goes_when_nobody_else_can_be_at_work(tmp_path):
-    left = tmp_path / ".a.png.otherhost-123-0.tmp"
-    scene = make_scene(render={"outputs": ["D"]})
-    layout = SimpleNamespace(root=tmp_path, metadata=tmp_path / "dataset.json")
-    left.touch()
-    folder.open_folder(scene, layout, alone=False)
-    assert left.exists()
-    folder.open_folder(scene, layout, alone=True)
-    assert not left.exists()
+# ------------------------------------------------------------------------------ whose folder it is, and what is damaged
+
+
+def test_a_folder_that_is_not_ours_is_refused_before_anything_in_it_is_touched(written, tmp_path):
+    """A folder above datasets, with what live and killed runs of any host hide below it."""
+    shutil.copytree(written, tmp_path / "below")
+    for name in (".run.otherhost.1-0.0of1.lock", ".x.otherhost-1-0.tmp", f"below/.y.{files.HOST}-999999999-0.tmp"):
+        (tmp_path / name).touch()
+    before = {path: path.stat().st_mtime_ns for path in sorted(tmp_path.rglob("*"))}
+    with pytest.raises(InputError, match="holds no dataset"):
+        produce(make_scene(), tmp_path, quiet=True)
+    assert {path: path.stat().st_mtime_ns for path in sorted(tmp_path.rglob("*"))} == before
+
+
+@pytest.fixture
+def copy(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "copy")
+
+
+def flip(path):
+    """Turn over a bit in the middle of a file."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+DAMAGED = ["vehicle0/cam0/A_exr/seq01_veh0_camL0_A-00000004.exr", "vehicle0/cam0/A/seq01_veh0_camL0_A-00000004.png",
+           "vehicle0/cam1/D/seq01_veh0_camR0_D-00000002.png", "vehicle0/cam0/camL0_exposure_A.csv",
+           "vehicle0/imu0/imu0_data.csv", "vehicle0/cam0/camL0_timestamps.csv", "README.txt", "contact_sheet.png"]
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+@pytest.mark.parametrize("damage", [flip, os.unlink])
+def test_run_names_what_was_damaged_and_makes_it_again(written, copy, name, damage):
+    """Though the damage is newer than the checksums."""
+    damage(copy / name)
+    summary = produce(make_scene(), copy, quiet=True)
+    assert any(f"1 damaged or missing file, to be made again: {name}" in words for words in summary.messages)
+    assert tree(copy) == tree(written)
+
+
+def test_a_damaged_description_is_refused_for_all_else_follows_from_it(copy):
+    text = (copy / "dataset.json").read_text()
+    (copy / "dataset.json").write_text(text.replace('"spp": 8', '"spp": 9', 1))
+    before = tree(copy)
+    with pytest.raises(InputError, match=r"dataset\.json: is not as a run wrote it"):
+        produce(make_scene(), copy, quiet=True)
+    assert tree(copy) == before
+
+
+@pytest.mark.parametrize("damage", [os.unlink, flip, lambda path: path.write_bytes(path.read_bytes()[:60])])
+def test_run_makes_the_table_of_segments_again(tmp_path, damage):
+    scene = make_scene(render={"outputs": ["S"]})
+    produce(scene, tmp_path, quiet=True)
+    whole = tree(tmp_path)
+    damage(tmp_path / "segments.json")
+    assert produce(scene, tmp_path, quiet=True).rendered == 0
+    assert tree(tmp_path) == whole
+
+
+def test_what_somebody_else_put_there_is_neither_vouched_for_nor_removed(copy):
+    (copy / "notes.txt").write_text("mine")
+    produce(make_scene(), copy, quiet=True)
+    assert "notes.txt" not in (copy / "checksums").read_text()
+    assert (copy / "notes.txt").read_text() == "mine"
+
+
+def test_damage_in_a_dataset_that_is_not_complete_is_found_too(written, tmp_path):
+    """Its sums stand in the log until the last run."""
+    produce(make_scene(), tmp_path, quiet=True, shard=(0, 2))
+    flip(tmp_path / DAMAGED[0])
+    assert any(DAMAGED[0] in words for words in produce(make_scene(), tmp_path, quiet=True).messages)
+    assert tree(tmp_path) == tree(written)
+
+
+def test_an_image_that_no_run_wrote_is_made_again(written, tmp_path):
+    """A whole image of the right name, whose sum nobody has noted."""
+    produce(make_scene(), tmp_path, quiet=True, frames=slice(0, 4))
+    source, target = (tmp_path / f"vehicle0/cam0/D/seq01_veh0_camL0_D-0000000{i}.png" for i in (1, 5))
+    shutil.copyfile(source, target)
+    produce(make_scene(), tmp_path, quiet=True)
+    assert tree(tmp_path) == tree(written)
+
+
+def test_a_shard_that_ends_a_damaged_dataset_vouches_for_nothing(tmp_path):
+    produce(make_scene(), tmp_path, quiet=True, shard=(0, 2))
+    name = tmp_path / DAMAGED[2]
+    shutil.copyfile(name.with_name(name.name.replace("2.png", "4.png")), name)
+    with pytest.raises(InputError, match=r"D-00000002\.png: is not as a run wrote it.*`run` again"):
+        produce(make_scene(), tmp_path, quiet=True, shard=(1, 2))
+    assert not (tmp_path / "checksums").exists()
+    assert produce(make_scene(), tmp_path, quiet=True).complete
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of folders")
+def test_a_finished_dataset_on_a_disk_that_cannot_be_written_is_complete(copy, monkeypatch):
+    """Every attempt to write fails as it does there."""
+    os_access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK and os_access(path, mode))
+
+    def refused(*_, **__):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    for where, name in ((os, "replace"), (os, "unlink"), (pathlib.Path, "write_bytes"), (pathlib.Path, "mkdir"),
+                        (pathlib.Path, "unlink"), (filelock.FileLock, "acquire")):
+        monkeypatch.setattr(where, name, refused)
+    summary = produce(make_scene(), copy, quiet=True)
+    assert summary.complete
+    assert summary.rendered == 0
+    monkeypatch.undo()
+    (copy / DAMAGED[0]).unlink()
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        patch.setattr(os, "access", lambda path, mode: mode != os.W_OK and os_access(path, mode))
+        patch.setattr(os, "replace", refused)
+        with pytest.raises(InputError, match=r"cannot be written: Read-only file system"):
+            produce(make_scene(), copy, quiet=True)

@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
-from varos_warp.dataset.write.folder import claimed, planning
+from varos_warp.dataset.write.folder import claimed, planning, sweep
 from varos_warp.errors import InputError
 
 
@@ -55,8 +56,23 @@ def test_a_process_keeps_others_out_until_it_is_killed(tmp_path):
         process.stdout.close()
     assert hidden(tmp_path)
     with claimed(tmp_path):
-        pass
+        sweep(tmp_path)
     assert not hidden(tmp_path)
+
+
+def test_leftovers_go_by_the_lock_of_their_owner_alone(tmp_path):
+    """Of whatever host: a lock that nobody holds gives its process's files free; without one, they stay."""
+    lock, left = tmp_path / ".run.other.123-0.0of1.lock", tmp_path / "a" / ".a.png.other-123-7.tmp"
+    unknown = tmp_path / ".b.png.other-124-0.tmp"
+    left.parent.mkdir()
+    for path in (left, unknown, lock):
+        path.touch()
+    with FileLock(lock):
+        sweep(tmp_path)
+        assert left.exists()
+        assert lock.exists()
+    sweep(tmp_path)
+    assert hidden(tmp_path) == [unknown]
 
 
 def test_the_folder_is_free_after_a_failure_within(tmp_path):
@@ -86,6 +102,7 @@ def test_never_are_two_in_the_folder_however_many_try_at_once(tmp_path):
         list(pool.map(attempt, range(5)))
     assert len(outcomes) > 5
     assert all(outcomes)
+    sweep(tmp_path / "new")
     assert not hidden(tmp_path)
 
 

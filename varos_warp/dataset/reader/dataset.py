@@ -10,11 +10,13 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs, runs
+from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader import schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.files import is_file
 
 if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
@@ -61,9 +63,10 @@ class Dataset:
     def __init__(self, root: str | Path):
         self.root = Path(root)
         self._kept: dict[Any, Any] = {}
-        if not (self.root / "dataset.json").is_file():
+        if not is_file(self.root / "dataset.json"):
             raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
                              remedy="Give the folder that `varos-warp run` wrote to.")
+        refuse_links_out(self.root)
         self.meta = files.read_json(self.root / "dataset.json", remedy="Make the dataset anew.")
         if not isinstance(self.meta, dict) or self.meta.get("schema_version") != SCHEMA_VERSION:
             raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}",

@@ -1,37 +1,72 @@
 """What dataset.json must say for a dataset to be read: the entries that this package relies on, and their kinds.
 
-`writers.describe` writes more; what is not listed here may be missing.
+`writers.describe` writes more; what is not listed here may be missing. Names that become part of paths, here and in
+exports, are held to the same patterns as in a scene file, so that no dataset leads out of its folder.
 """
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from varos_warp.limits import check_limit
+from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
 Rate = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=0, le=10**8)]
+Side = Annotated[int, Field(ge=1, le=2**16)]
+Denoiser = Literal["oidn", "nlm", "none"] | None
+FRAMES_NAMED = 10**8
+"""The names of images have eight digits."""
 
 
-def _block(**entries: Any) -> Any:
-    """A block with these entries, and any others."""
-    required: dict[str, Any] = {name: (kind, ...) for name, kind in entries.items()}
-    return create_model("Block", __config__=ConfigDict(extra="allow"), **required)
+def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    ends = [end for pair in ranges for end in pair]
+    if ends != sorted(ends) or any(start == stop for start, stop in ranges) or (
+            ends and not 0 <= ends[0] <= ends[-1] <= FRAMES_NAMED):
+        raise ValueError("ranges are half-open, ascending and apart")
+    return ranges
+
+
+def _distinct(cameras: list) -> list:
+    if len({camera.id.lower() for camera in cameras}) < len(cameras):
+        raise ValueError("ids of cameras differ")
+    return cameras
+
+
+def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
+    """A block with these entries, perhaps the optional ones, and any others."""
+    kinds: dict[str, Any] = {name: (kind, ...) for name, kind in entries.items()}
+    kinds |= {name: (kind | None, None) for name, kind in (optional or {}).items()}
+    return create_model("Block", __config__=ConfigDict(extra="allow", allow_inf_nan=False), **kinds)
+
+
+def _plan() -> Any:
+    """What the planner chose."""
+    decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
+    return _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str]})  # type: ignore[valid-type]
 
 
 def _metadata() -> type[BaseModel]:
     """The whole file."""
-    camera = _block(id=str, width=int, height=int, K_center_half=tuple[Vec3, Vec3, Vec3],
+    matrix = tuple[Row4, Row4, Row4, Row4]
+    camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float},
+                    id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
-    sensor = _block(rate_hz=Rate, T_v_s=tuple[Row4, Row4, Row4, Row4], noise=dict | None)
+    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})
+    sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
+    ranges = Annotated[list[tuple[int, int]], AfterValidator(_ascending)]
+    cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_distinct)]  # type: ignore[valid-type]
     return _block(
-        name=str, sequence=str, vehicle=str, seed=int, versions=_block(varos_warp=str),
-        device=_block(name=str, model=str) | None, frames=_block(of=int, ranges=list[tuple[int, int]], rate_hz=Rate),
+        name=str, sequence=SequenceId, vehicle=VehicleId, seed=int, versions=_block(varos_warp=str),
+        device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
         outputs=list[Literal["A", "B", "C", "D", "S"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
-        samples=_block(plan=dict | None, denoise=str | None, denoise_b=str | None),
-        cameras=Annotated[list[camera], Field(min_length=1)],  # type: ignore[valid-type]  # made at run time
-        sensors=dict[Literal["imu0", "depth0"], sensor], lights=list[dict],  # type: ignore[valid-type]
-        water=_block(source=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
+        samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
+        cameras=cameras,
+        sensors=dict[Literal["imu0", "depth0"], sensor], lights=list[light],  # type: ignore[valid-type]
+        water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 
 
@@ -39,9 +74,14 @@ _METADATA = _metadata()
 
 
 def first_flaw(content: Any) -> str | None:
-    """Path of the first entry that is missing or damaged, such as ``cameras.0.width``; None: all are there."""
+    """Path of the first entry that is missing or damaged, such as ``cameras.0.width``; None: all are there.
+
+    Raises:
+        InputError: If there are more frames than the limit.
+    """
     try:
         _METADATA.model_validate(content)
     except ValidationError as error:
         return ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"]) or "all of it"
+    check_limit("FRAMES", sum(stop - start for start, stop in content["frames"]["ranges"]), key="frames.ranges")
     return None

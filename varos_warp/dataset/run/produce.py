@@ -22,7 +22,7 @@ from varos_warp.dataset.run.workers import run_in_workers
 from varos_warp.dataset.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.write import folder
 from varos_warp.dataset.write import texts as writers
-from varos_warp.dataset.write.checksums import write_checksums
+from varos_warp.dataset.write.checksums import Record
 from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.errors import InputError, RunFailed
@@ -86,14 +86,17 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         device = resolve_device(device) if renderer is None else renderer.device
     new = not layout.root.exists()
     try:
+        folder.open_folder(scene, layout)  # before anything is made or removed there
         # n workers and their parent share the folder as n + 1
         with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
-            previous = folder.open_folder(scene, layout, alone=shard[1] == 1 and not workers)
+            previous = folder.open_folder(scene, layout)
             run = _Run(scene, layout, shard, Console(quiet), device, renderer)
-            run.simulate(frames, previous)
-            if workers and images:
-                run.hand_out(workers, (scene, out, device, frames, sensors))
-            run.go(sensors, images)
+            with run.record.recording():
+                run.simulate(frames, previous)
+                run.clean_up()
+                if workers and images:
+                    run.hand_out(workers, (scene, out, device, frames, sensors))
+                run.go(sensors, images)
     finally:
         if new:
             with contextlib.suppress(OSError):
@@ -110,8 +113,9 @@ def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
         run = _Run(scene, layout, shard, console, device_of_worker(device, shard[0]))
         run.is_worker = True
-        run.simulate(frames, folder.recorded(scene, layout))
-        run.go(sensors, images=True)
+        with run.record.recording():
+            run.simulate(frames, folder.recorded(scene, layout))
+            run.go(sensors, images=True)
     run.summary.stages = run.clock.rounded()
     return run.summary, run.made
 
@@ -155,7 +159,7 @@ class _Run:
     def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
         self.device, self.renderer = device, renderer
-        self.clock, self.made = Clock(), Rendered()
+        self.clock, self.made, self.record = Clock(), Rendered(), Record(layout.root)
         self.work: list[ImageJob] = []
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
@@ -177,7 +181,38 @@ class _Run:
         before = previous["samples"] if previous else {}
         self.plan, self.recorded_device = before.get("plan"), previous and previous["device"]
         self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
-        self.store = Store(self.layout, self.scene.render, self.denoisers)
+        self.store = Store(self.layout, self.scene.render, self.denoisers, self.record.has)
+
+    def clean_up(self) -> None:
+        """Remove what killed runs left, and files that are not as a run wrote them, which are then made again.
+
+        A shard leaves them: others are at work. The run that completes the dataset compares all checksums.
+
+        Raises:
+            InputError: If dataset.json is not as it was written, by which all else was made.
+        """
+        if folder.is_read_only(self.layout.root):
+            self.refuse_damage()
+            return
+        folder.sweep(self.layout.root)
+        if self.shard[1] > 1 or not self.previous:
+            return
+        with self.clock("checksums"):
+            damaged = self.refuse_damage()
+        for name in damaged:
+            self.record.forget(name)
+
+    def refuse_damage(self) -> list[str]:
+        """Tell of files that are not as a run wrote them, and return their names; some cannot be made again."""
+        damaged = self.record.damaged()
+        own = self.layout.metadata.name
+        if own in damaged:
+            raise InputError("is not as a run wrote it: its checksum differs", file=self.layout.metadata,
+                             remedy="Restore it, or make the dataset anew in another folder.")
+        if damaged:
+            names = ", ".join(damaged[:5]) + ", ..." * (len(damaged) > 5)
+            self.say(f"{len(damaged)} damaged or missing file{'s' * (len(damaged) > 1)}, to be made again: {names}")
+        return damaged
 
     def hand_out(self, workers: int, arguments: tuple) -> None:
         """Have worker processes render what is missing; afterwards nothing is."""
@@ -190,7 +225,8 @@ class _Run:
                                          tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
         finally:
-            files.sweep(self.layout.root)  # what killed workers left
+            folder.sweep(self.layout.root)  # what killed workers left
+            self.record.reload()
         for summary, made in results:
             self.made.statistics |= made.statistics
             self.made.clamped += made.clamped
@@ -203,7 +239,7 @@ class _Run:
         """Everything after the simulation."""
         if images:
             self.find_work()
-        if self.work:
+        if self.work or self.lacks_segments(images):
             with self.clock("load"):
                 self.load()
         with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
@@ -218,10 +254,15 @@ class _Run:
             if images and not self.is_worker:
                 self.finish()
             if self.summary.complete and not self.is_worker:
-                with self.clock("checksums"):
-                    write_checksums(self.layout.root)
+                with self.clock("checksums"), folder.planning(self.layout.root):
+                    self.record.write_checksums()
         finally:
             self.write_log()
+
+    def lacks_segments(self, images: bool) -> bool:
+        """Whether what tells what S means is to be made, though no image is."""
+        outputs = {*(self.previous["outputs"] if self.previous else ()), *(self.scene.render.outputs if images else ())}
+        return "S" in outputs and not self.layout.segments.exists()
 
     def say(self, message: str) -> None:
         """Tell the user, and keep it for the summary."""
@@ -292,6 +333,10 @@ class _Run:
         if here["model"] != self.recorded_device["model"]:
             self.say(f"earlier frames were rendered on {first}, these are on {words}: pixels may differ in rounding; "
                      "dataset.json keeps the first")
+        simd, first_simd = writers.simd(), (self.previous or {}).get("versions", {}).get("simd")
+        if first_simd not in (None, simd):
+            self.say(f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
+                     "tables may differ, of images they do not; dataset.json keeps the first")
         with self.clock("plan"):
             self.plan = self.plan or self.make_plan()
 
@@ -319,7 +364,7 @@ class _Run:
         frames = set(from_runs(self.previous["frames"]["ranges"])) if before else set()
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
         self.write_metadata()
-        if self.work and "S" in self.scene.render.outputs:
+        if "S" in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
         writers.write_readme(self.layout, self.scene)
         if sensors:
@@ -382,6 +427,7 @@ class _Run:
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
+        self.record.reload()
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0
         if left:
@@ -391,9 +437,9 @@ class _Run:
         with self.clock("expose"):
             for camera in self.layout.cameras:
                 for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):
-                    frames = [f for f in self.frames if files.is_complete(self.layout.exr(camera, letter, f))]
+                    frames = [f for f in self.frames if self.record.has(self.layout.exr(camera, letter, f))]
                     expose(self.layout, getattr(self.scene.render.exposure, letter), camera, letter, frames,
-                           self.time_ns(frames), self.made.statistics)
+                           self.time_ns(frames), self.made.statistics, self.record.has)
             from varos_warp.dataset.report import contact_sheet
 
             contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")

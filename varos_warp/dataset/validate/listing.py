@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS
@@ -17,6 +16,7 @@ from varos_warp.dataset.validate.pending import Pending, check_complete, exposur
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.load import scene_from_dict
 
 RELATIVE = 1e-9
@@ -104,7 +104,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
 
 def _read_yaml(path: Path) -> dict:
     with files.reading(path):
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = plain_yaml.parse(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict):
         raise InputError("holds no keys", file=path, remedy="`run` again to make it anew.")
     return content

@@ -1,6 +1,7 @@
 """Exposure of a dataset: gains from the statistics of all frames, and the PNG that they decide."""
 
 import contextlib
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -19,7 +20,7 @@ Known = dict[tuple[str, str, int], exposure.Statistics]
 
 
 def expose(layout: Layout, setting: str | float, camera: str, letter: str, frames: list[int], time_ns: np.ndarray,
-           made: Known) -> None:
+           made: Known, has: Callable[[Path], bool] = files.is_complete) -> None:
     """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
 
     The gains come last: if it is interrupted, the next run finds the old ones and does it again.
@@ -32,6 +33,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         frames: Numbers [N] of the frames whose EXR is there.
         time_ns: Their times [N].
         made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
+        has: Whether an image file is there already, and good.
     """
     from varos_warp.scene.launch import usable_cores
 
@@ -49,7 +51,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         path = layout.png(camera, letter, frame)
         fresh = known and (camera, letter, frame) in made
         exposed = fresh or (frame in old and old[frame][0] == gain)
-        if not (exposed and files.is_complete(path)):
+        if not (exposed and has(path)):
             files.write_png(path, develop(letter, _read_half(layout.exr(camera, letter, frame)), gain))
 
     with ThreadPoolExecutor(usable_cores(), "expose") as pool:

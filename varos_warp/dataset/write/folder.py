@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
@@ -20,7 +21,9 @@ from varos_warp.scene.load import scene_to_dict
 
 _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
 """Of a run's lock file: host, process and shard."""
-PLAN_LOCK = ".plan.lock"
+PLAN_LOCK, LEFT = ".plan.lock", ".left."
+_TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
+"""Ends of the names of files that are not complete: host and process."""
 _counter = itertools.count()
 _FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is added, or made from what is there."""
@@ -35,12 +38,16 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
 
     Every run holds a lock of the operating system on a file of its own, whose name says who it is; a run that was
     killed holds none, whatever it left. (On NFS and Lustre the file system must support locks, as it mostly does.)
+    Where nothing can be written, as on a read-only disk, a dataset needs no lock.
 
     The folder is made where it is missing. Shard (i, n) renders every n-th frame from the i-th.
 
     Raises:
         InputError: If another run is at it, naming it; or the folder cannot be written to.
     """
+    if is_read_only(root):
+        yield
+        return
     own = root / f".run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
     with files.writing(root):
         root.mkdir(parents=True, exist_ok=True)
@@ -75,24 +82,52 @@ def _drop(lock: FileLock, path: Path) -> None:
     lock.release()
 
 
-def _in_use(path: Path, remove: bool = True) -> bool:
-    """Whether a process holds this lock; a file that a dead one left is removed, or stays."""
+def _in_use(path: Path, mark: bool = True) -> bool:
+    """Whether a process holds this lock; one that a dead process left is renamed, for `sweep`, or stays."""
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except (Timeout, OSError):
         return path.exists()
-    if remove:
-        _drop(lock, path)
-    else:
-        lock.release()
+    if mark:
+        with contextlib.suppress(OSError):  # Windows renames no file that is open
+            path.rename(path.with_name(LEFT + path.name.removeprefix(".run.")))
+    lock.release()
     return False
 
 
 def at_work(root: Path) -> list[str]:
     """The runs that are writing to a folder, in words; removes nothing."""
     found = [(path, _NAME.fullmatch(path.name)) for path in sorted(root.glob(".run.*.lock"))]
-    return [_words(name) for path, name in found if name and _in_use(path, remove=False)]
+    return [_words(name) for path, name in found if name and _in_use(path, mark=False)]
+
+
+def is_read_only(root: Path) -> bool:
+    """Whether a folder holds a dataset and nothing can be written there."""
+    return (root / "dataset.json").exists() and not os.access(root, os.W_OK)
+
+
+def _owners(root: Path, prefix: str) -> list[tuple[Path, tuple]]:
+    """Lock files, each with host and process."""
+    found = [(path, _NAME.fullmatch(".run." + path.name.removeprefix(prefix))) for path in root.glob(f"{prefix}*.lock")]
+    return [(path, name.group(1, 2)) for path, name in found if name]
+
+
+def sweep(root: Path) -> None:
+    """Remove what killed runs left: their lock files, which nobody holds, and the hidden files of the same processes.
+
+    The folder must be known to be ours (`open_folder`).
+    """
+    held = {owner for path, owner in _owners(root, ".run.") if _in_use(path)}
+    dead = dict(_owners(root, LEFT))
+    gone = set(dead.values()) - held
+    for temp in list(root.rglob(".*.tmp")) if gone else ():
+        owner = _TEMP.search(temp.name)
+        if owner and owner.groups() in gone:
+            temp.unlink(missing_ok=True)
+    for path, owner in dead.items():
+        if owner in gone:
+            path.unlink(missing_ok=True)  # the last, for this may be killed, too
 
 
 def _words(name: re.Match) -> str:
@@ -118,6 +153,9 @@ def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
 @contextlib.contextmanager
 def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[None]:
     """One shard at a time may plan and write dataset.json; ``tell`` is called where this means to wait."""
+    if is_read_only(root):
+        yield
+        return
     lock = FileLock(root / PLAN_LOCK)
     with files.writing(root):
         try:
@@ -134,21 +172,21 @@ def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[No
 # ------------------------------------------------------------------------------------------------------- whose it is
 
 
-def open_folder(scene, layout: Layout, alone: bool = True) -> dict | None:
-    """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new.
-
-    Where this run is ``alone`` in it, what killed ones left is removed, from any host.
+def open_folder(scene, layout: Layout) -> dict | None:
+    """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new. Changes nothing.
 
     Raises:
         InputError: If the folder belongs to something else, or holds a dataset of another scene.
     """
     root = layout.root
+    if not root.exists():
+        return None
     with files.writing(root):
-        files.sweep(root, alone)
         entries = [entry for entry in root.iterdir() if not entry.name.startswith(".")]
     if entries and not layout.metadata.exists():
         raise InputError("the folder is not empty and holds no dataset", file=root,
                          remedy="Give a new folder with -o, or empty this one.")
+    refuse_links_out(root)
     return recorded(scene, layout)
 
 

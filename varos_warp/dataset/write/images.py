@@ -2,8 +2,9 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -50,13 +51,15 @@ class Store:
     """The scene's block of that name."""
     denoisers: dict[str, str | None]
     """What denoises A and B on the host, where the renderer did not."""
+    has: Callable[[Path], bool] = files.is_complete
+    """Whether an image file is there already, and good."""
 
     def missing(self, frames: list[int]) -> Iterator[ImageJob]:
         """What there is to render of these frames."""
         for frame in frames:
             for camera in self.layout.cameras:
                 letters = "".join(letter for letter in self.render.outputs if not all(map(
-                    files.is_complete, self.layout.rendered(camera, letter, frame, self.render.linear_exr,
+                    self.has, self.layout.rendered(camera, letter, frame, self.render.linear_exr,
                                                             self.render.depth_exr))))
                 if letters:
                     yield ImageJob(frame, camera, letters)

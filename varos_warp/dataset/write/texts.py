@@ -182,7 +182,12 @@ def versions() -> dict[str, str]:
         found[package] = "absent"
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[package] = metadata.version(package)
-    return found
+    return found | {"simd": simd()}
+
+
+def simd() -> str:
+    """What NumPy's code is chosen by on this kind of CPU: the last digits of tables follow from it."""
+    return " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])) or "baseline"
 
 
 def sources(scene) -> dict[str, str | None]:

@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
-from varos_warp.scene.description.block import Block, Coordinate, NonNegative, Positive
+from varos_warp.scene.description.block import Block, Coordinate, NonNegative, Positive, SequenceId
 from varos_warp.scene.description.vehicle import Current, Trajectory, Vehicle
 from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
+from varos_warp.scene.files import absolute
 
 
 class Exposure(Block):
@@ -76,7 +77,7 @@ class Scene(Block):
     """A whole scene file."""
 
     name: str = "scene"
-    sequence: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "01"
+    sequence: SequenceId = "01"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     terrain: AnyTerrain | None = None
     objects: list[Object] = []
@@ -85,7 +86,7 @@ class Scene(Block):
     water: Water | Literal["none"] = "none"
     surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
-    gravity: Positive = 9.81
+    gravity: Annotated[float, Field(gt=0.0, le=1e3)] = 9.81
     """[m/s^2]; ORB-SLAM3 uses the same number."""
     current: Current = Current()
     vehicle: Vehicle = Vehicle()
@@ -113,4 +114,4 @@ class Scene(Block):
 
     def resolve(self, file: str) -> Path:
         """Path of a file that the scene names."""
-        return (self._base_dir / Path(file).expanduser()).resolve()
+        return absolute(self._base_dir, file)

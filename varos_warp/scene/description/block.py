@@ -4,6 +4,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
+SequenceId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
+CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
+"""Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
+VehicleId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")]
 Vec3 = tuple[float, float, float]
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 """[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
@@ -15,7 +19,9 @@ Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
 UnitRgb = tuple[Unit, Unit, Unit]
-NonNegativeRgb = tuple[NonNegative, NonNegative, NonNegative]
+Coefficient = Annotated[float, Field(ge=0.0, le=1e6)]
+"""Of scattering or absorption [1/m]: beyond, light ends within a micrometre."""
+CoefficientRgb = tuple[Coefficient, Coefficient, Coefficient]
 
 
 def _has_area(value):

@@ -7,12 +7,14 @@ from pydantic import Field, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
+    CameraId,
     EulerAngles,
     NonNegative,
     Position,
     Positive,
     Unit,
     Vec3,
+    VehicleId,
     kind_by_default,
     outside,
 )
@@ -71,17 +73,19 @@ LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 """[mm]; within these bounds every field of view is representable in single precision."""
 
 
+Pixels = Annotated[int, Field(ge=1, le=16384)]
+
+
 class Camera(Block):
     """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
 
-    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")] = "M0"
-    """Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
+    id: CameraId = "M0"
     mount: Literal["vehicle", "world"] = "vehicle"
     position: Position = (0.0, 0.0, 0.0)
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
     look_at: Position | None = None
     """Point to look at, in the axes of the mount; instead of ``rotation_euler_deg``."""
-    resolution: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (1280, 720)
+    resolution: tuple[Pixels, Pixels] = (1280, 720)
     sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
     focal_mm: LensSize = 3.4
     f_stop: Annotated[float, Field(ge=0.0, le=1e6), outside(
@@ -155,8 +159,8 @@ class Current(Block):
 class Vehicle(Block):
     """A neutrally buoyant sphere with thrusters; absent values are interpolated by mass between presets."""
 
-    id: Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")] = "0"
-    mass_kg: Positive = 40.0
+    id: VehicleId = "0"
+    mass_kg: Annotated[float, Field(ge=1e-3, le=1e9)] = 40.0
     linear_drag: NonNegative | None = None
     """d1 [N s/m]."""
     quadratic_drag: NonNegative | None = None

@@ -6,9 +6,10 @@ from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
+    Coefficient,
+    CoefficientRgb,
     EulerAngles,
     NonNegative,
-    NonNegativeRgb,
     Position,
     Positive,
     Rectangle,
@@ -307,8 +308,8 @@ Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discrimin
 class Principled(Block):
     """Blender's Principled Volume (paper, table 1)."""
 
-    density: NonNegative
-    color: NonNegativeRgb
+    density: Coefficient
+    color: CoefficientRgb
     absorption_color: UnitRgb
     anisotropy: MeanCosine = 0.0
 
@@ -316,8 +317,8 @@ class Principled(Block):
 class Coefficients(Block):
     """Scattering and absorption coefficients [1/m] per channel."""
 
-    sigma_s: NonNegativeRgb
-    sigma_a: NonNegativeRgb
+    sigma_s: CoefficientRgb
+    sigma_a: CoefficientRgb
     phase: Phase = HenyeyGreenstein()
 
 

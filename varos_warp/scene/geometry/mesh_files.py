@@ -11,6 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.limits import check_limit
 from varos_warp.scene.files import require_file
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.skins import join_skins
@@ -71,6 +72,8 @@ def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
     try:
         with np.errstate(invalid="ignore"):  # vertices that are not finite are the caller's
             read = _read_dae(path) if path.suffix.lower() == ".dae" else _read_with_trimesh(path, with_skin)
+    except InputError:
+        raise
     except Exception as error:  # every format's reader raises its own kinds
         problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
         raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
@@ -122,11 +125,13 @@ def _read_with_trimesh(path, with_skin):
     """Vertices, faces, up axis and Skin or None of a file that trimesh reads in double precision."""
     options = {"skip_materials": True} if path.suffix.lower() == ".obj" and not with_skin else {}
     loaded = trimesh.load_scene(path, process=False, **options)
-    meshes, skinned = [], []
+    meshes, skinned, count = [], [], 0
     for node in loaded.graph.nodes_geometry:
         matrix, name = loaded.graph[node]
         mesh = loaded.geometry[name]
         if isinstance(mesh, trimesh.Trimesh):
+            count += len(mesh.faces)
+            check_limit("TRIANGLES", count, file=path)
             meshes.append(_transformed(mesh.vertices, mesh.faces, matrix))
             skinned.append((mesh, bool(np.linalg.det(matrix[:3, :3]) < 0.0)))
     vertices, faces = join(meshes)
@@ -156,16 +161,25 @@ def _read_dae(path):
 
     ignored = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
     document = collada.Collada(str(path), ignore=ignored)
-    meshes = []
+    meshes, copies, triangles = [], 0, 0
     for node in document.scene.nodes if document.scene is not None else []:
-        _walk_dae(node, np.eye(4), meshes)
+        for mesh in _walk_dae(node, np.eye(4)):
+            copies += 1
+            check_limit("COPIES", copies, file=path)
+            if mesh is not None:
+                triangles += len(mesh[1])
+                check_limit("TRIANGLES", triangles, file=path)
+                meshes.append(_transformed(*mesh))
     vertices, faces = join(meshes)
     unit = document.assetInfo.unitmeter
     return vertices * (1.0 if unit is None else unit), faces, (document.assetInfo.upaxis or "Y_UP")[0].lower(), None
 
 
-def _walk_dae(node, matrix, meshes):
-    """Append (vertices, faces) of every geometry under a COLLADA node, in the axes of the document."""
+def _walk_dae(node, matrix):
+    """Each geometry under a COLLADA node, as (vertices, faces, matrix) in the axes of the document; None for a node.
+
+    A node may stand in many places, each of which may hold others: whoever counts can stop in time.
+    """
     import collada
 
     if isinstance(node, collada.scene.GeometryNode):
@@ -175,13 +189,14 @@ def _walk_dae(node, matrix, meshes):
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive.index):
                 source = primitive.sources["VERTEX"][0][4].xmlnode
                 positions = _numbers(next(e for e in source.iter() if str(e.tag).endswith("float_array")))
-                meshes.append(_transformed(positions.reshape(-1, 3), primitive.vertex_index, matrix))
+                yield positions.reshape(-1, 3), primitive.vertex_index, matrix
     elif isinstance(node, collada.scene.Node):
+        yield None
         inner = node.node if isinstance(node, collada.scene.NodeNode) else node
         for step in inner.transforms:
             matrix = matrix @ _dae_matrix(step)
         for child in inner.children:
-            _walk_dae(child, matrix, meshes)
+            yield from _walk_dae(child, matrix)
 
 
 def _dae_matrix(step):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from PIL import Image as PillowImage
 from scipy.special import ndtr, ndtri
 
 from varos_warp.errors import InputError
@@ -16,7 +15,7 @@ from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.files import require_file
 from varos_warp.scene.frames import intrinsics
-from varos_warp.scene.images import decode_image
+from varos_warp.scene.images import decode_image, open_image
 from varos_warp.scene.launch import launch_rows
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
@@ -198,8 +197,10 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
     known = " or ".join(GROUND)
     require_file(path, "image file", f"Give {known}, or the path relative to the scene file.", key)
     try:
-        with PillowImage.open(path) as image:
+        with open_image(path, key) as image:
             return decode_image(image)
+    except InputError:
+        raise
     except Exception as error:  # Pillow's readers raise many kinds on damaged files
         raise InputError(f"cannot be read as an image: {str(error).strip() or type(error).__name__}", file=path,
                          key=key, remedy="Export it anew, as PNG or JPEG.") from error

@@ -1,0 +1,154 @@
+"""Files turned at random into others: each is read, or refused as bad input, within 10 s and 1 GB.
+
+``VAROS_WARP_FUZZ`` sets the number of files (500), ``VAROS_WARP_FUZZ_SEED`` where they begin (0).
+"""
+
+import io
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import warnings
+
+import pytest
+import trimesh
+from PIL import Image
+
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.report import facts
+from varos_warp.errors import InputError
+from varos_warp.scene.geometry.mesh_files import load_mesh
+from varos_warp.scene.load import load_scene, starter_scene
+from varos_warp.scene.materials.textures import read_image
+
+COUNT, SEED = int(os.environ.get("VAROS_WARP_FUZZ", "500")), int(os.environ.get("VAROS_WARP_FUZZ_SEED", "0"))
+SECONDS, BYTES = 10, 1_000_000_000
+NUMBERS = ["1e308", "-1", "0", "NaN", ".nan", "1e999", "1000000000000", "5e-324", "-2147483649", "4294967295", "", "x"]
+TEXTS = [b"*a", b"&a ", b"!!int ", b"{", b"[", b"\0", b"\xff", b"/dev/zero", b"../", b"\\ud800", b"<<: ", b"<script>"]
+VALUES = [None, True, -1, 10**12, 1e308, float("nan"), float("inf"), "", "../x", "a/b", "\0", "<script>", [], {}, [[]],
+          {"id": "/"}, [0] * 1000]
+
+
+def dae() -> bytes:
+    """A triangle under a node, in COLLADA."""
+    return b"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="1"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="pa" count="9">0 0 0 1 0 0 0 1 0</float_array><technique_common><accessor source="#pa" count="3" stride="3">
+<param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor>
+</technique_common></source><vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1"><input
+semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><translate>1 2 3</translate><rotate>0 0 1 90</rotate>
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/>
+</scene></COLLADA>"""
+
+
+def seeds() -> dict[str, bytes]:
+    """A good file of each kind, by name."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    made = {f"x.{kind}": ball.export(file_type=kind) for kind in ("obj", "ply", "stl", "glb")}
+    made |= {"ascii.ply": ball.export(file_type="ply", encoding="ascii"), "ascii.stl": ball.export(
+        file_type="stl_ascii"), "x.dae": dae(), "scene.yaml": starter_scene()}
+    for kind in ("png", "jpeg", "tiff"):
+        file = io.BytesIO()
+        Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)
+        made[f"x.{kind}"] = file.getvalue()
+    return {name: data if isinstance(data, bytes) else data.encode() for name, data in made.items()}
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """A few changes: bits, slices, numbers, words."""
+    out = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 4, 8))):
+        at, end = sorted(rng.randrange(len(out) + 1) for _ in range(2))
+        how = rng.randrange(7)
+        if how == 0 and out:
+            out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
+        elif how == 1:
+            del out[at:at + rng.choice((1, 4, 64, end - at))]
+        elif how == 2:
+            out[at:at] = out[at:at + rng.choice((1, 4, 64))] * rng.choice((1, 2, 50))
+        elif how == 3:
+            out[at:at + 4] = rng.choice((b"\xff" * 4, b"\0" * 4, b"\x7f" * 4, rng.randbytes(4)))
+        elif how == 4:
+            out[at:at] = rng.choice(TEXTS)
+        else:
+            digits = [i for i in range(len(out)) if out[i:i + 1].isdigit()] or [0]
+            at = rng.choice(digits)
+            out[at:at + 1] = rng.choice(NUMBERS).encode()
+    return bytes(out)
+
+
+def spoil(block, rng: random.Random) -> None:
+    """Replace, remove or add an entry somewhere in a tree."""
+    while isinstance(block, dict | list) and block:
+        key = rng.choice(list(block)) if isinstance(block, dict) else rng.randrange(len(block))
+        if isinstance(block[key], dict | list) and block[key] and rng.random() < 0.8:
+            block = block[key]
+            continue
+        if rng.random() < 0.15:
+            del block[key]
+        else:
+            block[key] = rng.choice(VALUES)
+        return
+
+
+def read(path) -> None:
+    """What a user of the file does with it first."""
+    if path.name == "dataset.json":
+        data = Dataset(path.parent)
+        for make in (facts.headline, facts.water, facts.cameras, facts.equipment, facts.plan, facts.provenance):
+            assert "<script>" not in str(make(data)).replace("&lt;script>", "") or make is facts.headline
+    elif path.suffix == ".yaml":
+        load_scene(path)
+    elif path.suffix in (".png", ".jpeg", ".tiff"):
+        read_image(path)
+    else:
+        load_mesh(path)
+
+
+def attempt(path) -> None:
+    """Read a file: an `InputError` is an answer, anything else is not, nor is waiting."""
+    import resource
+
+    def late(*_):
+        raise AssertionError(f"not read within {SECONDS} s")
+
+    before, old = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read(path)
+    except InputError:
+        pass
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, old)
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < BYTES
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="alarms, and memory in kB")
+@pytest.mark.parametrize("name", [*seeds(), "dataset.json"])
+def test_files_that_were_changed_at_random_are_read_or_refused(written, tmp_path, name):
+    names = [*seeds(), "dataset.json"]
+    if name == "dataset.json":
+        shutil.copytree(written, tmp_path, dirs_exist_ok=True)
+    good, path = seeds().get(name), tmp_path / name
+    original = path.read_bytes() if good is None else good
+    for number in range(SEED, SEED + -(-COUNT // len(names))):
+        rng = random.Random(f"{name} {number}")
+        if good is None:
+            meta = json.loads(original)
+            for _ in range(rng.choice((1, 1, 2, 5))):
+                spoil(meta, rng)
+            data = json.dumps(meta).encode()
+        else:
+            data = mutated(original, rng)
+        path.write_bytes(data)
+        try:
+            attempt(path)
+        except BaseException as error:
+            error.add_note(f"{name}, number {number}: {data[:2000]!r}")
+            raise
