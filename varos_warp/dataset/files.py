@@ -237,6 +237,8 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
     """Columns by name: int64 where every entry is an integer, else float64, else text."""
     with reading(path):
         rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+        if not rows:
+            raise InputError("is empty: it has no header", file=path, remedy=_REMEDY)
         header, body = rows[0], rows[1:]
         if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
             line, row = wrong[0]
