@@ -15,8 +15,8 @@ def height(x, y):
 class HillsRenderer(standins.FlatFloorRenderer):
     """Rays marched to a height field; B is its albedo, A falls off with the distance, S parts light from dark."""
 
-    segments = tuple({"id": i, "key": key, "kind": "terrain", "material": key, "material_id": i}
-                     for i, key in ((1, "dark"), (2, "light")))
+    segments = tuple({"id": i + 1, "key": f"objects.{i}", "kind": "boulder", "material": key, "material_id": i + 1}
+                     for i, key in enumerate(("dark", "light")))
 
     def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
@@ -62,6 +62,10 @@ class HillsRenderer(standins.FlatFloorRenderer):
 def hills_scene():
     vehicle = standins.scene_dict()["vehicle"]
     camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
+    tones = {"dark": 0.3, "light": 0.6}
     return standins.make_scene(vehicle=vehicle | {"cameras": [camera]},
+                               materials={key: {"kind": "diffuse", "reflectance": [x] * 3} for key, x in tones.items()},
+                               objects=[{"kind": "boulder", "diameter": 1.0, "position": [0, 0, -3], "material": key}
+                                        for key in tones],
                                render={"denoise": "none", "denoise_b": "none", "depth_exr": True,
                                        "outputs": list("ABCDS")})

@@ -118,7 +118,9 @@ def test_an_image_of_another_frame_under_this_name_is_found(copy):
 @pytest.fixture
 def segmented(tmp_path):
     """A dataset with images D and S."""
-    produce(make_scene(render={"outputs": ["D", "S"]}), tmp_path, quiet=True, frames=slice(0, 3))
+    scene = make_scene(render={"outputs": ["D", "S"]}, terrain={"kind": "procedural", "material": "checker"},
+                       materials={"checker": {"kind": "diffuse", "reflectance": [0.5, 0.5, 0.5]}})
+    produce(scene, tmp_path, quiet=True, frames=slice(0, 3))
     return tmp_path
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.render.image.outputs import OUTPUTS
 
 
 def pixel_rays(K: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
@@ -16,9 +17,13 @@ def pixel_rays(K: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
     return np.stack([col + 0.5, row + 0.5, np.ones(np.shape(row))], -1) @ np.linalg.inv(K).T
 
 
-def planar_depth(data: Dataset, frame: int, camera: str) -> np.ndarray:
-    """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none."""
-    depth = data.depth(frame, camera).astype(float)
+def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
+    """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none.
+
+    ``pixels`` of D, if they are at hand, save reading them.
+    """
+    decode, scale = OUTPUTS["D"].decode, data.scale("D", frame, camera)
+    depth = decode(data.pixels("D", frame, camera) if pixels is None else pixels, scale).astype(float)
     if data.meta["depth"]["kind"] == "z":
         return depth
     return depth / np.linalg.norm(pixel_rays(data.intrinsics(camera), *np.indices(depth.shape)), axis=-1)

@@ -6,8 +6,10 @@ of an integration. What is held against what:
 * `pending`: whether a run has still to go on; what it will make is no damage.
 * `listing`: files against dataset.json, dataset.json against the scene in it, all of them against ``checksums``.
 * `motion`: poses in three forms, cameras and sensors against the vehicle, IMU and depth gauge against the poses.
-* `images`: PNG against EXR against the table of exposures; C against the slopes of D; S against its table.
+* `images`: PNG against EXR against the table of exposures; S against its table.
+* `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
 * `views`: D, B, C and S of each frame against those of its neighbours, through K and the poses.
+* `alignment`: B warped into other frames and cameras by D, K and the poses, to a hundredth of a pixel.
 
 Without checksums some damage cannot be seen, since nothing else tells of it: an A whose PNG, EXR and exposure row were
 all replaced alike; images of frames between which nothing moves, or of a plane that is seen alike; all sensors deleted,
@@ -16,7 +18,7 @@ dataset.json that were changed together with the scene in it; changes below the 
 """
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate import images, listing, motion, views
+from varos_warp.dataset.validate import alignment, images, listing, motion, views
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
 
@@ -37,8 +39,10 @@ def validate(root, quiet: bool = False) -> Validation:
     result, pending = Validation(data.root), Pending.of(data)
     for check in listing.CHECKS:
         result.guard(check, data, result, pending)
-    for check in (listing.check_metadata, *motion.CHECKS):
+    for check in (listing.check_metadata, listing.check_segments, *motion.CHECKS):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
     views.check_views(data, result, pending.ready(data), quiet)
+    if not pending.files:  # B is exposed
+        result.guard(alignment.check_alignment, data, result, data.frames, quiet)
     return result

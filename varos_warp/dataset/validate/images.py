@@ -10,17 +10,21 @@ from varos_warp.dataset import files
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
+from varos_warp.dataset.reader.points import planar_depth
+from varos_warp.dataset.validate import surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
-from varos_warp.dataset.validate.views import back_project
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS, to_half
 
+BORDER_OF_C = 40
+"""Steps of 8 bits by which C changes at a border: 18 degrees."""
+
 
 def check_images(data: Dataset, result: Validation, pending: Pending, quiet: bool) -> None:
-    """Every image decodes to its size and type; the 8 bit ones are their EXR exposed; C and D agree.
+    """Every image decodes to its size and type; the 8 bit ones are their EXR exposed; C, D and S agree.
 
     A and B are looked at once the exposure of all frames is done.
     """
@@ -28,13 +32,16 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     angles: list[float] = []
     frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
     for camera in data.cameras:
-        colors = [Exposures(data, result, camera, output) for output in exposed]
+        colors, sums = [Exposures(data, result, camera, output) for output in exposed], {}
         for images in in_threads(f"images {camera}", partial(_FrameImages, data, camera, colors), frames, quiet=quiet):
             problems += images.found.problems
             result.files_read += images.found.files_read
             angles += images.angles
+            for key, values in images.sums.items():
+                sums[key] = sums.get(key, 0) + values
         for color in colors:
             problems += color.verdicts()
+        surfaces.judge(result, camera, sums)
     result.add_all(problems, "images")
     if angles:
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
@@ -48,10 +55,13 @@ class _FrameImages:
         self.found = Validation(data.root)
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
+        self.sums: dict[str, np.ndarray] = {}
+        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for color in colors:
             self._guard(color.check, self)
-        for output, check in (("A", self._linear), ("D", self._steps), ("S", self._segments), ("C", self._normals)):
+        for output, check in (("A", self._linear), ("D", self._steps), ("D", self._depths),
+                              ("S", self._segments), ("C", self._normals)):
             if output in data.outputs:
                 self._guard(check)
 
@@ -91,6 +101,16 @@ class _FrameImages:
         """Pixels of D, where there is D."""
         return self.pixels("D") if "D" in self.data.outputs else None
 
+    @cached_property
+    def segments(self) -> np.ndarray:
+        """Pixels of S."""
+        return self.pixels("S")
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Pixels of C."""
+        return self.pixels("C")
+
     def _linear(self) -> None:
         """A as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
         path = self.data.layout.linear(self.camera, self.frame)
@@ -122,46 +142,52 @@ class _FrameImages:
             if not np.array_equal(made, depth):
                 self.tell(self.png("D").name, "is not its EXR (D_exr) in steps of D")
 
+    def _depths(self) -> None:
+        """Nothing is as near as the camera itself, and D has no hole where C or S goes on."""
+        levels, surface, labels = self.depth, None, None
+        if self.data.meta["depth"]["range_m"][0] == 0.0 and (levels == 0).any():
+            self.tell(self.png("D").name, f"is 0 m in {(levels == 0).sum()} pixels, the place of the camera itself")
+        if "S" in self.data.outputs:
+            surface, labels = self.segments > 0, self.segments[..., None].astype(np.int32)
+        elif "C" in self.data.outputs:
+            surface, labels = self.normals.any(-1), self.normals.astype(np.int32)
+        if surface is not None and (count := surfaces.holes(levels, surface, labels)):
+            self.tell(self.png("D").name, f"has holes: nothing in {count} pixels within a near surface")
+
     def _segments(self) -> None:
         """S numbers only what segments.json lists, and has something wherever D has."""
-        pixels = self.pixels("S")
+        pixels = self.segments
         if unknown := set(np.unique(pixels).tolist()) - {0, *(row["id"] for row in self.data.segments())}:
             self.tell(self.png("S").name, f"segments.json does not list {sorted(unknown)[:5]}")
-        if self.depth is not None and ((pixels == 0) & (self.depth < DEPTH_LEVELS)).any():
-            self.tell(self.png("S").name, "has nothing where D has a surface")
+        if self.depth is not None:
+            if ((pixels == 0) & (self.depth < DEPTH_LEVELS)).any():
+                self.tell(self.png("S").name, "has nothing where D has a surface")
+            self.sums["S"] = surfaces.border_counts(self.depth, pixels[..., None].astype(np.int32), 0)
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
-        pixels = self.pixels("C")
+        pixels = self.normals
         if self.depth is None:
             return
-        normal, missing = self.data.image("C", self.frame, self.camera), ~np.any(pixels, axis=-1)
+        missing = ~pixels.any(-1)
         if (missing & (self.depth < DEPTH_LEVELS)).any():
             self.tell(self.png("C").name, "has no surface where D has one")
-        points, rays = back_project(self.data, self.frame, self.camera)
-        away = np.einsum("...i,...i", normal, rays / np.linalg.norm(rays, axis=-1, keepdims=True)) > 0.2
+        self.sums["C"] = surfaces.border_counts(self.depth, pixels.astype(np.int16), BORDER_OF_C)
+        # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
+        K, R = self.data.intrinsics(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3].astype(np.float32)
+        rays, depth = surfaces.grid_rays(K, self.shape), planar_depth(self.data, self.frame, self.camera, self.depth)
+        normal, to_pixel = OUTPUTS["C"].decode(pixels), rays @ R.T
+        away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
         if away.mean() > 0.05:
             self.tell(self.png("C").name, f"{100 * away.mean():.0f} % of its normals point away from the camera")
-        slope = _normals_of(points, rays)
+        with np.errstate(invalid="ignore"):
+            slope = surfaces.normals_of(rays * depth[..., None].astype(np.float32), rays) @ R.T
         both = np.isfinite(slope).all(-1) & ~missing
         if both.any():
             cosine = np.einsum("...i,...i", slope[both], normal[both])
-            self.angles.append(float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1))))))
-
-
-def _normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Unit normals [H, W, 3] towards the camera from central differences of points; NaN at borders and at edges."""
-    normal = np.full(points.shape, np.nan)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        across, down = points[1:-1, 2:] - points[1:-1, :-2], points[2:, 1:-1] - points[:-2, 1:-1]
-        n = np.cross(across, down)
-        n /= np.linalg.norm(n, axis=-1, keepdims=True)
-        n *= -np.sign(np.einsum("...i,...i", n, rays[1:-1, 1:-1]))[..., None]
-        # a step in depth between neighbours is an edge, not a slope
-        second = np.linalg.norm(points[1:-1, 2:] + points[1:-1, :-2] - 2 * points[1:-1, 1:-1], axis=-1)
-        smooth = second < 0.2 * np.linalg.norm(across, axis=-1)
-    normal[1:-1, 1:-1] = np.where(smooth[..., None], n, np.nan)
-    return normal
+            self.angles.append(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))))
+        self.sums["slopes"] = surfaces.slope_sums(
+            normal, slope, surfaces.slope_noise(depth, K, self.data.meta["depth"]["scale_m"]))
 
 
 # ------------------------------------------------------------------------------------------------------------- A and B

@@ -18,6 +18,7 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.segments import segment_table
 
 RELATIVE = 1e-9
 """Numbers that differ by less are the same."""
@@ -100,6 +101,31 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         found = [f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
                  for key, here, there in files.differences(_read_yaml(path), data.camera(camera), _same, every=False)]
         result.add_all(found, "entries")
+
+
+def check_segments(data: Dataset, result: Validation) -> None:
+    """segments.json numbers terrain, objects and copies in the order of the scene, with the scene's materials."""
+    if "S" not in data.outputs:
+        return
+    scene, rows = scene_from_dict(data.meta["scene"]), data.segments()
+    keys = sorted((row["key"] for row in rows), key=_place)
+    keys += [key for key in _keys(scene) if key not in keys]
+    found = files.differences(rows, segment_table(scene, sorted(keys, key=_place)), _same)
+    result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
+                    f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
+                    for key, here, there in found], "entries")
+
+
+def _place(key: str) -> tuple:
+    """Where a key of an object stands in the order of ids: terrain, objects, copies."""
+    group, *numbers = key.split(".")
+    order = ("terrain", "objects", "scatter")
+    return order.index(group) if group in order else len(order), *(int(n) for n in numbers if n.isdigit())
+
+
+def _keys(scene) -> list[str]:
+    """Of terrain and objects; how many copies find a place only the meshes tell."""
+    return ["terrain"] * (scene.terrain is not None) + [f"objects.{i}" for i in range(len(scene.objects))]
 
 
 def _read_yaml(path: Path) -> dict:

@@ -1,5 +1,7 @@
 """Poses, the sensors' readings and the vehicle's states against each other."""
 
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -34,9 +36,9 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
     paths = [data.layout.poses(name, form) for form in POSE_FORMS]
     times, tables = zip(*((t, np.column_stack(columns).astype(float))
                           for t, *columns in map(files.read_numbers, paths)), strict=True)
-    if not all(np.array_equal(t, times[0]) for t in times):
-        result.add(f"{name}: the three pose files have different time stamps")
+    if _odd_times(result, paths, times):
         return
+    _check_sign(result, paths[POSE_FORMS.index("quaternion")], tables[POSE_FORMS.index("quaternion")][:, 3:], 4)
     T = [_poses(form, table) for form, table in zip(POSE_FORMS, tables, strict=True)]
     steep = np.abs(np.cos(tables[0][:, 4])) < GIMBAL
     apart = [np.abs(T[i] - T[j])[:, :, :3].max((1, 2)) for i, j in PAIRS]
@@ -51,6 +53,30 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
     result.measure(f"{name}: attitude, three forms", near.max(initial=0.0), 1e-12, "rad")
     R = T[1][:, :, :3]
     result.measure(f"{name}: rotation matrices", np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(), 1e-12, "")
+
+
+def _check_sign(result: Validation, path: Path, quaternion: np.ndarray, column: int) -> None:
+    """Of the two quaternions of an attitude, files of poses hold the one with w >= 0, of length 1."""
+    result.add_rows(path, "is negative; of q and -q files of poses hold that with w >= 0", quaternion[:, 0] < 0.0,
+                    quaternion[:, :1], [column])
+    off = np.abs(np.sum(quaternion**2, axis=1) - 1.0)
+    result.add_rows(path, "is of a quaternion that is not of length 1", ~(off <= 1e-12), off[:, None], [column])
+
+
+def _odd_times(result: Validation, paths: list, times: tuple) -> bool:
+    """Name the file of poses whose time stamps the other two do not have; whether there is one."""
+    same = [np.array_equal(times[i], times[j]) for i, j in PAIRS]
+    if all(same):
+        return False
+    odd = same.index(True) if any(same) else 0
+    other = PAIRS[odd][0]
+    if len(times[odd]) != len(times[other]):
+        where, what = result.name(paths[odd]), f"has {len(times[odd])} rows, not {len(times[other])} as"
+    else:
+        row = int(np.flatnonzero(times[odd] != times[other])[0])
+        where, what = result.cell(paths[odd], row, 0), f"is not the time of that row, {times[other][row]}, in"
+    result.add(f"{where}: {what} {paths[other].name}" + ("" if any(same) else "; no two files of poses agree"))
+    return True
 
 
 def _poses(form: str, columns: np.ndarray) -> np.ndarray:

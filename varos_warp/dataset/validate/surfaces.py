@@ -1,0 +1,158 @@
+"""C, D and S of one frame against each other: slopes, borders, holes.
+
+Sums over pixels are kept for each frame, so that a camera's frames can be added up before anything is judged.
+"""
+
+import numpy as np
+from scipy import ndimage
+
+from varos_warp.dataset.reader.points import pixel_rays
+from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.render.image.outputs import DEPTH_LEVELS
+
+OFFSETS = (0, -2, -1, 1, 2)
+"""Pixels by which borders of C or S are moved against jumps of D."""
+FEWEST_JUMPS = 30
+"""Fewer that meet a border say nothing."""
+FEWEST_SLOPES = 200
+"""Pixels with a slope, fewer of which say nothing."""
+
+
+def judge(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
+    """Note what the sums over a camera's frames say: ``slopes``, and borders of ``C`` and ``S``."""
+    if "slopes" in sums:
+        judge_slopes(result, camera, sums["slopes"])
+    for letter in sorted(sums.keys() & {"C", "S"}):
+        judge_borders(result, camera, letter, sums[letter])
+
+
+# --------------------------------------------------------------------------------------------------------------- holes
+
+
+def holes(depth: np.ndarray, surface: np.ndarray, labels: np.ndarray) -> int:
+    """Pixels of holes: D has nothing in range, C or S has the surface that lies around them, which is near.
+
+    Far ground seen through a gap has another depth than its surroundings, too; but the gap is in something, and S
+    knows what. Without S, C has to be alike within and around: 10 degrees or so.
+
+    Args:
+        depth: Pixels [H, W] of D.
+        surface: bool [H, W], where C or S has one.
+        labels: int [H, W, k], what is alike in a surface: numbers of S, or 8-bit normals of C.
+    """
+    parts, count = ndimage.label((depth == DEPTH_LEVELS) & surface)
+    found = 0
+    for number, box in enumerate(ndimage.find_objects(parts) if count else (), 1):
+        box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in box)
+        inside = parts[box] == number
+        ring = ndimage.binary_dilation(inside, np.ones((3, 3))) & ~inside
+        if not ring.any() or (depth[box][ring] > 0.8 * DEPTH_LEVELS).any():
+            continue
+        within, about = (np.median(labels[box][where], axis=0) for where in (inside, ring))
+        alike = 20.0 if labels.shape[-1] == 3 else 0.0
+        found += int(inside.sum()) if np.abs(within - about).max() <= alike else 0
+    return found
+
+
+# -------------------------------------------------------------------------------------------------------------- slopes
+
+
+def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Unit normals [H, W, 3] towards the camera from central differences of points; NaN at borders and at edges."""
+    normal = np.full(points.shape, np.nan, points.dtype)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across, down = points[1:-1, 2:] - points[1:-1, :-2], points[2:, 1:-1] - points[:-2, 1:-1]
+        n = np.cross(across, down)
+        n /= np.sqrt(np.einsum("...i,...i", n, n))[..., None]
+        n *= -np.sign(np.einsum("...i,...i", n, rays[1:-1, 1:-1]))[..., None]
+        # a step in depth between neighbours is an edge, not a slope
+        second = points[1:-1, 2:] + points[1:-1, :-2] - 2 * points[1:-1, 1:-1]
+        smooth = np.einsum("...i,...i", second, second) < 0.04 * np.einsum("...i,...i", across, across)
+    normal[1:-1, 1:-1] = np.where(smooth[..., None], n, np.nan)
+    return normal
+
+
+def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float) -> np.ndarray:
+    """What `judge_slopes` needs of one frame.
+
+    Args:
+        normal: C [H, W, 3]; zero where there is none.
+        slope: Normals of D [H, W, 3]; NaN where there are none.
+        noise: What a step of D makes of a normal.
+
+    Returns:
+        [4, 5]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels), then those of a
+        Lucas-Kanade step (xx, xy, yy, x, y).
+    """
+    both = np.isfinite(slope).all(-1) & normal.any(-1)
+    c, d = normal[both], slope[both]
+    count = np.full(3, float(len(c)))
+    rows = np.stack([(c * c).sum(0), (d * d).sum(0), (c * d).sum(0), noise**2 * count, count], -1)
+    solid = ndimage.binary_erosion(both, np.ones((3, 3)))[1:-1, 1:-1]
+    across, down = normal[1:-1, 2:] - normal[1:-1, :-2], normal[2:, 1:-1] - normal[:-2, 1:-1]
+    gx, gy, e = (x[solid] for x in (across / 2, down / 2, slope[1:-1, 1:-1] - normal[1:-1, 1:-1]))
+    # an edge of C is not a bend, and where C is finer than a pixel it says nothing of D
+    w = ((np.abs(gx).max(-1, initial=0) < 0.2) & (np.abs(gy).max(-1, initial=0) < 0.2)
+         & (np.abs(e).max(-1, initial=0) < 0.3))[:, None]
+    step = [(w * gx * gx).sum(), (w * gx * gy).sum(), (w * gy * gy).sum(), (w * gx * e).sum(), (w * gy * e).sum()]
+    return np.vstack([rows, step])
+
+
+def judge_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
+    """Each axis of C goes with that of D's slopes, where slopes are more than noise; and neither image is shifted.
+
+    Sound axes are correlated by 0.9 and more, flipped ones by as much below 0.
+    """
+    for axis, (cc, dd, cd, noise, count) in zip("xyz", sums[:3], strict=True):
+        if count >= FEWEST_SLOPES and cc > 0.02**2 * count and dd > max(8.0 * noise, 0.02**2 * count):
+            result.measure(f"{camera}: C against the slopes of D, {axis}, 1 - correlation", 1.0 - cd / np.sqrt(cc * dd),
+                           0.5, "")
+    xx, xy, yy, xe, ye = sums[3]
+    # per pixel, curvature must be more than the rounding of C to 8 bits
+    if min(xx, yy) > FEWEST_SLOPES * 0.004**2 and xx * yy - xy * xy > 0.01 * xx * yy:
+        shift = np.hypot(yy * xe - xy * ye, xx * ye - xy * xe) / (xx * yy - xy * xy)
+        result.measure(f"{camera}: C against the slopes of D, shift", shift, 0.5, "px")
+
+
+def slope_noise(depth: np.ndarray, K: np.ndarray, step_m: float) -> float:
+    """Standard deviation that rounding D to steps gives a normal's component: two roundings over two footprints."""
+    near = depth[np.isfinite(depth)]
+    return float(step_m / np.sqrt(6.0) / (2.0 * np.median(near) / K[0, 0])) if near.size else 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------- borders
+
+
+def border_counts(depth: np.ndarray, image: np.ndarray, least: float) -> np.ndarray:
+    """How many jumps of D meet a border of C or S that is moved by `OFFSETS` pixels: int [2, 5], across and down.
+
+    Args:
+        depth: Pixels [H, W] of D.
+        image: [H, W, channels] int.
+        least: A change of a channel by more is a border.
+    """
+    counts = np.zeros((2, len(OFFSETS)), np.int64)
+    near = depth.astype(np.float32)
+    for axis, (d, i) in enumerate(((near, image), (near.T, image.swapaxes(0, 1)))):
+        change = np.diff(d, axis=1)
+        size = np.abs(change)
+        jump = size[:, 3:-3] > 0.1 * np.minimum(d[:, 3:-4], d[:, 4:-3])
+        # a slope that is seen at a grazing angle changes as much on either side
+        jump &= np.maximum(size[:, 2:-4], size[:, 4:-2]) < 0.3 * size[:, 3:-3]
+        border = (np.abs(np.diff(i, axis=1)) > least).any(-1)
+        width = jump.shape[1]
+        counts[axis] = [(jump & border[:, 3 + s:3 + s + width]).sum() for s in OFFSETS]
+    return counts
+
+
+def judge_borders(result: Validation, camera: str, letter: str, counts: np.ndarray) -> None:
+    """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both."""
+    for direction, (here, *aside) in zip(("across", "down"), counts, strict=True):
+        if max(here, *aside) >= FEWEST_JUMPS:
+            result.measure(f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those "
+                           "in place", max(aside) / max(here, 1), 1.0, "")
+
+
+def grid_rays(K: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Directions [H, W, 3] through all pixels, camera axes, z = 1, float32."""
+    return pixel_rays(K, *np.indices(shape)).astype(np.float32)
