@@ -226,17 +226,6 @@ def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     assert path.read_text() == before
 
 
-def test_info_tells_of_poses_that_no_vehicle_can_follow_and_refuses_two_at_one_time(tmp_path):
-    path = tmp_path / "scene.yaml"
-    scene = "trajectory: {poses: [{position: [0, 0, 0]}, {position: [9, 0, 0], time_s: %s}]}\n"
-    path.write_text(scene % "0.01")
-    result = call("info", path, "-q")
-    assert result.exit_code == 0
-    assert "warning: trajectory.poses.0: 900 m/s" in result.output
-    path.write_text(scene % "0")
-    assert "trajectory.poses.1.time_s = 0.0: is not after the pose before it" in refused("info", path)
-
-
 def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
     import trimesh
 

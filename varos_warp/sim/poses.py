@@ -1,8 +1,8 @@
 """Trajectories through exact poses, without dynamics: a static observer, a path from elsewhere, a test.
 
 Position and attitude are twice continuously differentiable at all times, so that the IMU feels every change of speed:
-splines through the poses, at whose ends the vehicle has the speed that they give it. After the last pose it brakes and is
-at rest within ``REST_S``; likewise it has come from rest before the first.
+splines through the poses, at whose ends the vehicle has the speed that they give it. After the last pose it brakes and
+is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
 
 import numpy as np
