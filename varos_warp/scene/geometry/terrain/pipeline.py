@@ -88,14 +88,14 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         return result
     vertices, faces = _repair(vertices, faces, asked, key, device, log)
     steps = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
-    model, sheet = Model(vertices, faces, device) if any(steps) else None, False
+    model, sheet = Model(vertices, faces, device, asked.region) if any(steps) else None, False
     if steps[0]:
         with log.step("shrinkwrap") as share:
             sheet = is_sheet(vertices, faces)
             vertices, faces = _wrap(vertices, faces, asked, sheet, device=device, key=key, share=share)
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
-            _refuse_loss(model, vertices, faces, f"{key}.shrinkwrap_resolution", asked.shrinkwrap_resolution,
-                         "Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner than it "
+            _refuse_loss(model, (vertices, faces), log, key=f"{key}.shrinkwrap_resolution",
+                         value=asked.shrinkwrap_resolution, remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner than it "
                          "can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
     if steps[1] and asked.target_vertices < len(close(vertices, faces, how)[0]):
@@ -105,8 +105,8 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
             if len(faces) == 0 or len(close(vertices, faces, how)[0]) > asked.target_vertices:
                 raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
                                  value=asked.target_vertices, remedy=f"{remedy}.")
-            _refuse_loss(model, vertices, faces, f"{key}.target_vertices", asked.target_vertices,
-                         f"{remedy}; smooth a rough survey first ({SMOOTH})")
+            _refuse_loss(model, (vertices, faces), log, key=f"{key}.target_vertices", value=asked.target_vertices,
+                         remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
     with log.step("close"):
         log.closed = how != "none"
         vertices, faces = close(vertices, faces, how)
@@ -123,10 +123,12 @@ def _wrap(vertices, faces, asked, sheet, *, device, key, share):
                          remedy=error.remedy) from None
 
 
-def _refuse_loss(model, vertices, faces, key, value, remedy):
-    """Refuse what a step made of the model if it is a ruin."""
-    lost = model.lost_in(vertices, faces)
-    if lost is not None:
+def _refuse_loss(model, mesh, log, *, key, value, remedy):
+    """Refuse what a step made of the model if it is a ruin; warn if it lost much."""
+    lost, ruined = model.lost_in(*mesh)
+    if lost is not None and not ruined:
+        log.warnings.append(f"{key} {lost}")
+    if ruined:
         raise InputError(lost, key=key, value=value, remedy=f"{remedy}.")
 
 
