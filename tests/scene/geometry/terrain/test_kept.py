@@ -26,7 +26,7 @@ def shell(thickness=0.02, n=25):
 
 def rough(noise, n=61):
     axis = np.linspace(0.0, 60.0, n)
-    x, y = np.meshgrid(axis, axis)
+    x = np.broadcast_to(axis, (n, n))
     return grid_mesh(axis, axis, 5.0 * np.sin(x / 20.0) + noise * np.random.default_rng(0).normal(size=(n, n)))
 
 

@@ -56,16 +56,16 @@ def decimate(vertices, faces, target_vertices: int, progress=lambda share: None)
     return vertices / scale + centre, faces
 
 
-def decimate_closed(vertices, faces, most: int, how: str, progress=lambda share: None):
-    """A sheet that has ``most`` vertices or hardly fewer once it is closed: ``how`` as for ``closing.close``.
+def decimate_closed(vertices, faces, most: int, how: str, sheet: bool, progress=lambda share: None):
+    """A mesh that has ``most`` vertices or hardly fewer once it is closed: ``how`` as for ``closing.close``.
 
     How many vertices an outline needs is known only afterwards, so the last of the decimation is tried a few times. If
     all have more, the smallest is returned.
     """
-    vertices, faces = _under_skirt(vertices, faces, round(FIRST * most), how, progress)
+    vertices, faces = _under_skirt(vertices, faces, round(FIRST * most), sheet, progress)
     ask, tried = most, {}
     for _ in range(TRIALS):
-        mesh = _under_skirt(vertices, faces, ask, how)
+        mesh = _under_skirt(vertices, faces, ask, sheet)
         count = len(close(*mesh, how)[0]) if len(mesh[1]) else 0
         tried[count] = mesh
         if 0 <= most - count <= CLOSE_ENOUGH * most or ask == (ask := max(4, ask + most - count)):
@@ -73,11 +73,11 @@ def decimate_closed(vertices, faces, most: int, how: str, progress=lambda share:
     return tried[max((count for count in tried if count <= most), default=min(tried))]
 
 
-def _under_skirt(vertices, faces, target_vertices, how, progress=lambda share: None):
-    """A sheet decimated to about so many vertices; a skirt meanwhile holds its outline in place."""
+def _under_skirt(vertices, faces, target_vertices, sheet, progress=lambda share: None):
+    """A mesh decimated to about so many vertices; under a wrapped sheet stands a skirt, which holds its outline."""
     if target_vertices >= len(vertices):
         return vertices, faces
-    if how == "none":
+    if not sheet:
         return decimate(vertices, faces, target_vertices, progress)
     level, count = skirt_level(vertices), len(vertices)
     vertices, faces = add_skirt(vertices, faces)

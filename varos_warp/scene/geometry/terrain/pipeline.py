@@ -95,12 +95,13 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
             vertices, faces = _wrap(vertices, faces, asked, sheet, device=device, key=key, share=share)
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
             _refuse_loss(model, (vertices, faces), log, key=f"{key}.shrinkwrap_resolution",
-                         value=asked.shrinkwrap_resolution, remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner than it "
+                         value=asked.shrinkwrap_resolution,
+                         remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner than it "
                          "can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
     if steps[1] and asked.target_vertices < len(close(vertices, faces, how)[0]):
         with log.step("decimate") as share:
-            vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, share)
+            vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
             remedy = "Raise it or leave the decimation out"
             if len(faces) == 0 or len(close(vertices, faces, how)[0]) > asked.target_vertices:
                 raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
