@@ -96,8 +96,8 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
             _refuse_loss(model, (vertices, faces), log, key=f"{key}.shrinkwrap_resolution",
                          value=asked.shrinkwrap_resolution,
-                         remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner than it "
-                         "can tell, or in pieces; or give it one side of a shell only")
+                         remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
+                                "than it can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
     if steps[1] and asked.target_vertices < len(close(vertices, faces, how)[0]):
         with log.step("decimate") as share:
