@@ -1,5 +1,6 @@
 """IMU and depth gauge against closed forms (eq. (2) of the paper) and against the poses they belong to."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -183,3 +184,30 @@ def test_integrating_the_imu_returns_to_the_poses_with_the_second_power_of_the_i
     truth("error at 25 Hz over error at 50 Hz", source="trapezoid strapdown: 2^2", expected=4.0,
           got=errors[0] / errors[1], tolerance=0.4, reason="terms of fourth order")
     assert errors[1] < 0.02  # 16 times that of every row: about a millimetre over the course
+
+
+# -------------------------------------------------------------------------------------------------------- exact poses
+
+
+POSES = [{"time_s": 2.5, "position": (0, 0, 0)},
+         {"time_s": 3.5, "position": (0.6, 0.5, 0), "rotation_euler_deg": (9, 0, 40)},
+         {"time_s": 5.0, "position": (1.4, 0.9, 0.3), "rotation_euler_deg": (-20, 10, 90)},
+         {"time_s": 6.0, "position": (2.4, 0.9, 0.5), "rotation_euler_deg": (0, 35, 60)}]
+
+
+@cache
+def posed(duration=None):
+    return simulate(Scene(trajectory={"poses": POSES, "duration_s": duration},
+                          vehicle={"imu": {"position": (0.3, 0, 0)}}))
+
+
+@pytest.mark.parametrize("duration", [None, 10.0], ids=["to the last pose", "until it is at rest"])
+def test_integrating_the_imu_follows_exact_poses_from_rest_to_their_end(truth, duration):
+    """No speed comes or goes that the IMU does not feel, where a course begins, at its last row, and after it."""
+    simulation = posed(duration)
+    trajectory, turned = simulation.trajectory, simulation.trajectory.rotation()
+    centre = replace(trajectory, position=trajectory.position + turned.apply((0.3, 0.0, 0.0)),
+                     velocity=trajectory.velocity + turned.apply(np.cross(trajectory.angular_velocity, (0.3, 0, 0))))
+    errors = [strapdown(simulation.imu, centre, stride) for stride in (4, 2)]  # the poses are on these rows
+    truth("error at 50 Hz over error at 100 Hz, exact poses", source="trapezoid strapdown: 2^2", expected=4.0,
+          got=errors[0] / errors[1], tolerance=0.4, reason="terms of fourth order")

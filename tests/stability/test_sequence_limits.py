@@ -5,7 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
+from varos_warp.cli import app
 from varos_warp.errors import InputError
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import clock, guidance, trajectory
@@ -159,3 +161,16 @@ def test_waypoints_that_nearly_coincide_are_one_strict_waypoint(gap):
 def test_waypoints_just_further_apart_than_the_strict_ones_are_passed_by():
     assert not any(gate.angle < np.inf for gate in plan(course((0, 0, 0), (0, 2, 0), (0, 2.1001, 0)).trajectory).gates)
     assert any(gate.angle < np.inf for gate in plan(course((0, 0, 0), (0, 2, 0), (0, 2.0999, 0)).trajectory).gates)
+
+
+def test_info_tells_of_poses_that_no_vehicle_can_follow_and_refuses_two_at_one_time(tmp_path):
+    path = tmp_path / "scene.yaml"
+    scene = "trajectory: {poses: [{position: [0, 0, 0]}, {position: [9, 0, 0], time_s: %s}]}\n"
+    path.write_text(scene % "0.01")
+    result = CliRunner().invoke(app, ["info", str(path), "-q"])
+    assert result.exit_code == 0
+    assert "warning: trajectory.poses.0: 900 m/s" in result.output
+    path.write_text(scene % "0")
+    result = CliRunner().invoke(app, ["info", str(path), "-q"])
+    assert result.exit_code == 2
+    assert "trajectory.poses.1.time_s = 0.0: is not after the pose before it" in result.stderr

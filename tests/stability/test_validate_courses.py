@@ -19,13 +19,17 @@ def course(**changes):
                             "render": {"outputs": ["D"]}} | changes)
 
 
-def corners():
-    """Exact poses that end at full speed: the vehicle then stands still at once."""
+def corners(**trajectory):
+    """Exact poses that end at full speed."""
     poses = [{"time_s": 0, "position": [0, 0, 0]},
              {"time_s": 1, "position": [1, 0, 0], "rotation_euler_deg": [0, 0, 90]},
              {"time_s": 3, "position": [1, 3, 0], "rotation_euler_deg": [90, 0, 90]},
              {"time_s": 4, "position": [0, 3, 1]}]
-    return course(trajectory={"poses": poses})
+    return course(trajectory={"poses": poses, **trajectory})
+
+
+def corners_and_a_stop():
+    return corners(duration_s=7.0)
 
 
 def far_away_with_noise():
@@ -47,7 +51,7 @@ def a_single_moment():
     return course(trajectory={"poses": [{"position": [0, 0, 0]}], "duration_s": 0.005})
 
 
-@pytest.mark.parametrize("make", [corners, far_away_with_noise, standing_still, a_single_moment])
+@pytest.mark.parametrize("make", [corners, corners_and_a_stop, far_away_with_noise, standing_still, a_single_moment])
 def test_a_simulated_course_is_sound(make, tmp_path):
     produce(make(), tmp_path / "out", images=False, quiet=True)
     result = validate(tmp_path / "out", quiet=True)

@@ -66,10 +66,11 @@ class Choices:
 class Repair:
     """What `preprocess` does to meshes."""
 
-    vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many.")] = None
+    vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many, skirt included.")] = None
     merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than so many m.")] = 0.001
     fill_holes: Annotated[float | None, typer.Option(
         min=0.0, help="Fill holes up to so many metres wide, by default ten median edges.")] = None
+    smooth: Annotated[int, typer.Option(min=0, max=1000, help="Rounds of smoothing, for rough surveys.")] = 0
     shrinkwrap: Annotated[str, typer.Option(
         metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
         "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto"
@@ -89,8 +90,8 @@ class Repair:
         check_choice("--up-axis", self.up_axis, (None, "x", "y", "z"))
         check_choice("--close", self.close, ("skirt", "solid", "none"))
         return {"vertices": self.vertices, "merge_tolerance_m": self.merge_tolerance, "fill_holes_m": self.fill_holes,
-                "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap), "close": self.close,
-                "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis}
+                "smoothing_rounds": self.smooth, "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap),
+                "close": self.close, "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis}
 
 
 def parse_frames(text: str | None) -> slice:

@@ -10,12 +10,16 @@ from varos_warp.scene.description.vehicle import Pose
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.guidance import Course, Guidance, Leg, turn, weight
+from varos_warp.sim.poses import REST_S
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
 from varos_warp.sim.vehicle.current import Current
 
 SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""
+
+MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
+"""Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
 
 
 def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> Iterator[str]:
@@ -69,19 +73,35 @@ def _is_half(turned: np.ndarray) -> bool:
     return isclose(float(np.linalg.norm(turned)), pi, rel_tol=1e-9)
 
 
-def on_poses(poses: list[Pose], last_frame_s: float) -> Iterator[str]:
-    """Where exact poses make the sensors read something odd."""
-    turned = attitudes(poses)
-    if len(poses) > 1 and poses[0].time_s > 0.0:
-        yield (f"trajectory.poses: stands still until the first pose at {poses[0].time_s:g} s; "
-               "the speed jumps there")
-    if len(poses) > 1 and last_frame_s > poses[-1].time_s + 0.5 * TICK_S:
-        yield (f"trajectory.poses: stands still after the last pose at {poses[-1].time_s:g} s; "
-               "the speed jumps there")
+def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
+    """Where exact poses do not say what happens, or ask for what no underwater vehicle does.
+
+    Args:
+        poses: Of the scene.
+        motion: Columns of the trajectory through them.
+        last_frame_s: Time of the last frame [s].
+    """
+    times, turned = np.array([pose.time_s for pose in poses]), attitudes(poses)
+    if len(poses) > 1 and times[0] > 0.0:
+        yield (f"trajectory.poses: before the first pose at {times[0]:g} s the vehicle comes from being at rest "
+               f"{REST_S:g} s earlier")
+    if len(poses) > 1 and last_frame_s > times[-1] + 0.5 * TICK_S:
+        yield (f"trajectory.poses: after the last pose at {times[-1]:g} s the vehicle brakes and is at rest "
+               f"{REST_S:g} s later")
     for i in range(1, len(poses)):
         if _is_half(turn(turned[i - 1], turned[i])):
             yield (f"trajectory.poses.{i}: exactly half a turn from the pose before it; "
                    "which way it turns is arbitrary (add a pose between)")
+    for name, most, scale, unit in (("velocity", MOST_SPEED, 1.0, "m/s"),
+                                    ("acceleration", MOST_ACCELERATION, 1.0, "m/s^2"),
+                                    ("angular_velocity", MOST_RATE, 180.0 / pi, "deg/s")):
+        size = np.linalg.norm(motion[name], axis=1)
+        worst = int(np.argmax(size))
+        if size[worst] > most:
+            i = min(int(np.searchsorted(times, worst * TICK_S)), len(poses) - 1)
+            yield (f"trajectory.poses.{i}: {scale * size[worst]:.3g} {unit} at {worst * TICK_S:.4g} s, near this pose; "
+                   f"no underwater vehicle does more than {scale * most:.3g} {unit} (check time_s and the unit of "
+                   "position)")
 
 
 def on_run(scene: Scene, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> Iterator[str]:

@@ -1,17 +1,30 @@
 """Trajectories through exact poses, without dynamics: a static observer, a path from elsewhere, a test.
 
-Between the poses position and attitude are interpolated twice continuously differentiable, so that the IMU has
-analytic accelerations. Before the first and after the last pose the vehicle stands still.
+Position and attitude are twice continuously differentiable at all times, so that the IMU feels every change of speed:
+splines through the poses, at whose ends the vehicle has the speed that they give it. After the last pose it brakes and
+is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_RATE_HZ, TICK_S
+
+REST_S = 2.0
+"""Time from the last pose to rest, and from rest to the first pose [s]."""
+
+SPEED = CubicHermiteSpline([0.0, 1.0], [1.0, 0.0], [0.0, 0.0])
+"""What is left of the speed at the last pose, by the share of the time to rest; it begins and ends without a jolt."""
+
+JOLT = CubicHermiteSpline([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])
+"""Speed that comes of a unit acceleration at the last pose, which fades away in a unit of time."""
+
+RATES = ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration")))
+"""Order of the derivatives of position and attitude, and their names."""
 
 
 def pose_times(poses: list[description.Pose]) -> np.ndarray:
@@ -40,19 +53,50 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
     positions = np.array([pose.position for pose in poses], float)
     q = np.array([attitude.as_quat(scalar_first=True) for attitude in turned])
     tick = np.arange(ticks, dtype=float)
-    clamped = np.clip(tick, times[0], times[-1])
-    pose = np.searchsorted(times, clamped)
+    on_course = np.clip(tick, times[0], times[-1])
+    pose = np.searchsorted(times, on_course)
     columns = {"position": positions[pose], "quaternion": q[pose]}
-    columns |= {name: np.zeros((ticks, 3))
-                for name in ("velocity", "acceleration", "angular_velocity", "angular_acceleration")}
+    columns |= {name: np.zeros((ticks, 3)) for _, names in RATES for name in names}
     if len(poses) > 1:
-        between, moving = times[pose] != clamped, tick == clamped
+        between = times[pose] != on_course
         path = CubicSpline(times * TICK_S, positions - positions[0], bc_type="natural")
         attitude = RotationSpline(times * TICK_S, Rotation.concatenate(turned))
-        t = clamped * TICK_S
+        t = on_course * TICK_S
         columns["position"][between] = (path(t) + positions[0])[between]
         columns["quaternion"][between] = attitude(t).as_quat(scalar_first=True)[between]
-        for order, names in ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration"))):
+        for order, names in RATES:
             for name, spline in zip(names, (path, attitude), strict=True):
-                columns[name][moving] = spline(t, order)[moving]
+                columns[name][:] = spline(t, order)
+        legs = np.minimum(np.diff(times)[[0, -1]] * TICK_S, REST_S)
+        _run_out(columns, tick != on_course, (tick - on_course) * TICK_S, legs)
     return columns
+
+
+def _run_out(columns: dict[str, np.ndarray], rows: np.ndarray, seconds: np.ndarray, fading: np.ndarray) -> None:
+    """Brake after the last pose, and gather speed before the first, which is the same backwards in time; in place.
+
+    At the end of the course the rates are w and alpha (v and a). After it the vehicle turns by A(t) about alpha and
+    by W(t) about w: both axes are fixed, and the rates and accelerations follow exactly.
+
+    Args:
+        columns: At ``rows`` they hold the state at the nearest end of the course.
+        rows: bool [N], those off the course.
+        seconds: Time since the end of the course, negative before its beginning [N].
+        fading: Time in which the acceleration at the beginning and at the end of the course fades away [2] [s].
+    """
+    after, sign = np.abs(seconds[rows, None]), np.sign(seconds[rows, None])
+    T, x = REST_S, (after / REST_S).clip(max=1.0)
+    W, dW, ddW = sign * T * SPEED.antiderivative()(x), SPEED(x), sign / T * SPEED.derivative()(x)
+    T = np.where(sign < 0.0, *fading)
+    x = (after / T).clip(max=1.0)
+    A, dA, ddA = T * T * JOLT.antiderivative()(x), sign * T * JOLT(x), JOLT.derivative()(x)
+    v, a = columns["velocity"][rows], columns["acceleration"][rows]
+    w, alpha = columns["angular_velocity"][rows], columns["angular_acceleration"][rows]
+    last, turn = Rotation.from_quat(columns["quaternion"][rows], scalar_first=True), Rotation.from_rotvec(W * w)
+    first_rate = turn.inv().apply(dA * alpha)
+    columns["position"][rows] += W * v + A * a
+    columns["velocity"][rows] = dW * v + dA * a
+    columns["acceleration"][rows] = ddW * v + ddA * a
+    columns["quaternion"][rows] = (last * Rotation.from_rotvec(A * alpha) * turn).as_quat(scalar_first=True)
+    columns["angular_velocity"][rows] = dW * w + first_rate
+    columns["angular_acceleration"][rows] = ddW * w + turn.inv().apply(ddA * alpha) - np.cross(dW * w, first_rate)

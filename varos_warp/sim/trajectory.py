@@ -154,9 +154,10 @@ def _follow_poses(scene: Scene, step: int) -> Simulation:
         check_length(last * TICK_S, f"trajectory.poses.{len(poses) - 1}.time_s", "the poses last")
     frames = frame_count(duration, step) if duration else floor(last / step) + 1
     rows = _rows(scene, frames, step)
-    trajectory = _trajectory(through_poses(poses, rows))
+    columns = through_poses(poses, rows)
+    messages = list(advice.on_poses(poses, columns, (frames - 1) * step * TICK_S))
+    trajectory = _trajectory(columns)
     pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
-    messages = list(advice.on_poses(poses, (frames - 1) * step * TICK_S))
     return Simulation(trajectory, np.arange(frames) * step, None, None, messages, trajectory.position, pose)
 
 

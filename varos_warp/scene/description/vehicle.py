@@ -234,6 +234,8 @@ class Trajectory(Block):
 
     waypoints: list[Waypoint] | None = None
     poses: list[Pose] | None = None
+    """Splines pass through them. After the last the vehicle brakes, and is at rest 2 s later; likewise before the first
+    it comes from rest. The acceleration is continuous throughout."""
     speed: Positive = 0.5
     """Leg speed where a waypoint names none [m/s]."""
     max_angular_speed_deg: Positive = 30.0

@@ -34,12 +34,14 @@ class Preprocess(Block):
     """Vertices nearer than this become one."""
     fill_holes_m: NonNegative | None = None
     """Holes up to this wide are filled; absent: up to ten median edges. A shrinkwrap closes all of them."""
+    smoothing_rounds: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Rounds of Taubin's smoothing, for rough surveys."""
     shrinkwrap_resolution: Annotated[int, Field(ge=2, le=10_000)] | Literal["auto"] | None = None
     """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model."""
     close: Literal["skirt", "solid", "none"] = "skirt"
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
     target_vertices: Annotated[int, Field(ge=4)] | None = None
-    """Decimate to about this many vertices."""
+    """Decimate to this many vertices, skirt and bottom included, or hardly fewer."""
 
 
 class Detail(Block):

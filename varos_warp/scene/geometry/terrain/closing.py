@@ -29,6 +29,13 @@ def add_skirt(vertices, faces):
     return np.concatenate([vertices, feet]), np.concatenate([faces, walls])
 
 
+def close(vertices, faces, how: str):
+    """A sheet closed by ``skirt``, by skirt and bottom (``solid``), or not at all (``none``)."""
+    if how != "none":
+        vertices, faces = add_skirt(vertices, faces)
+    return add_bottom(vertices, faces) if how == "solid" else (vertices, faces)
+
+
 def without_skirt(vertices, faces, level: float):
     """The sheet alone: the faces with no vertex at the level of the skirt's feet."""
     low = vertices[:, 2] < level + 0.5 * DEPTH * np.ptp(vertices, axis=0).max()

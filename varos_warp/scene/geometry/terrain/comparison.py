@@ -19,9 +19,14 @@ def mesh_facts(vertices: np.ndarray, faces: np.ndarray) -> dict:
     label = pieces(faces, len(vertices)) if len(faces) else np.zeros(0, int)
     return {"vertices": len(vertices), "triangles": len(faces),
             "bounds_m": [vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()],
-            "area_m2": float(0.5 * np.linalg.norm(area_normals(vertices, faces), axis=1).sum()),
+            "area_m2": mesh_area(vertices, faces),
             "pieces": len(np.unique(label)), "watertight": len(once) == 0 and len(many) == 0,
             "boundary_edges": len(once), "edges_of_many_faces": len(many)}
+
+
+def mesh_area(vertices, faces) -> float:
+    """Area of a mesh [m^2]."""
+    return float(0.5 * np.linalg.norm(area_normals(vertices, faces), axis=1).sum())
 
 
 def sample_surface(vertices, faces, samples: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:

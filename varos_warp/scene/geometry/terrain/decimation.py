@@ -4,6 +4,7 @@ import fast_simplification
 import numpy as np
 
 from varos_warp.scene.geometry.joining import join, merge_equal
+from varos_warp.scene.geometry.terrain.closing import add_skirt, close, skirt_level, without_skirt
 from varos_warp.scene.geometry.terrain.repair import clean, fill_holes
 from varos_warp.scene.geometry.topology import boundary_edges, compact, edge_uses
 
@@ -22,6 +23,14 @@ SIDE = 200.0
 
 MOST_MENDED = 0.01
 """Edges of more than two faces, as a share of the faces, beyond which they are the model's own and stay."""
+
+FIRST = 4.0
+"""Vertices, as a share of the number asked, from which the last of the decimation starts."""
+
+TRIALS = 4
+
+CLOSE_ENOUGH = 0.002
+"""Share of the number of vertices asked that may be missing."""
 
 MENDINGS = 8
 """Most rounds of cutting out edges of more than two faces and filling the holes."""
@@ -45,6 +54,35 @@ def decimate(vertices, faces, target_vertices: int, progress=lambda share: None)
     vertices, faces = clean(*_simplify(vertices, faces, target))
     vertices, faces = _mend(vertices, faces)
     return vertices / scale + centre, faces
+
+
+def decimate_closed(vertices, faces, most: int, how: str, sheet: bool, progress=lambda share: None):
+    """A mesh that has ``most`` vertices or hardly fewer once it is closed: ``how`` as for ``closing.close``.
+
+    How many vertices an outline needs is known only afterwards, so the last of the decimation is tried a few times. If
+    all have more, the smallest is returned.
+    """
+    vertices, faces = _under_skirt(vertices, faces, round(FIRST * most), sheet, progress)
+    ask, tried = most, {}
+    for _ in range(TRIALS):
+        mesh = _under_skirt(vertices, faces, ask, sheet)
+        count = len(close(*mesh, how)[0]) if len(mesh[1]) else 0
+        tried[count] = mesh
+        if 0 <= most - count <= CLOSE_ENOUGH * most or ask == (ask := max(4, ask + most - count)):
+            break
+    return tried[max((count for count in tried if count <= most), default=min(tried))]
+
+
+def _under_skirt(vertices, faces, target_vertices, sheet, progress=lambda share: None):
+    """A mesh decimated to about so many vertices; under a wrapped sheet stands a skirt, which holds its outline."""
+    if target_vertices >= len(vertices):
+        return vertices, faces
+    if not sheet:
+        return decimate(vertices, faces, target_vertices, progress)
+    level, count = skirt_level(vertices), len(vertices)
+    vertices, faces = add_skirt(vertices, faces)
+    vertices, faces = decimate(vertices, faces, round(target_vertices * len(vertices) / count), progress)
+    return without_skirt(vertices, faces, level)
 
 
 def _simplify(vertices, faces, target, **options):

@@ -8,17 +8,21 @@ from dataclasses import dataclass, field
 
 from pydantic import ValidationError
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, warn
 from varos_warp.scene.description.world import Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
 from varos_warp.scene.geometry.terrain import repair
-from varos_warp.scene.geometry.terrain.closing import add_bottom, add_skirt, skirt_level, without_skirt
+from varos_warp.scene.geometry.terrain.closing import close, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
-from varos_warp.scene.geometry.terrain.decimation import decimate
+from varos_warp.scene.geometry.terrain.decimation import decimate_closed
+from varos_warp.scene.geometry.terrain.kept import Model
+from varos_warp.scene.geometry.terrain.smoothing import ROUGH_DEG, roughness_deg, smooth
 from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
-STEPS = ("read", "merge", "repair", "shrinkwrap", "decimate", "close", "compare")
+STEPS = ("read", "merge", "repair", "smooth", "shrinkwrap", "decimate", "close", "compare")
+
+SMOOTH = "--smooth 10, or smoothing_rounds: 10"
 
 
 @dataclass
@@ -61,14 +65,15 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         faces: int32 [F, 3].
         key: Where the options stand, for messages.
         device: Where the projections run.
-        log: Takes times, counts and warnings.
+        log: Takes times, counts and warnings; none: warnings are Python's.
         options: Those of ``scene.description.world.Preprocess``.
 
     Returns:
         Vertices float64 [V, 3] and faces int32 [F, 3].
 
     Raises:
-        InputError: Nothing is left, the tolerance is larger than the mesh's edges, or an option is none.
+        InputError: Nothing is left, the tolerance is larger than the mesh's edges, an option is none, or a step ruins
+            the mesh.
     """
     try:
         asked = Preprocess(**options)
@@ -76,35 +81,60 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         first = error.errors()[0]
         raise InputError(first["msg"], key=".".join(map(str, (key, *first["loc"]))), value=first["input"],
                          remedy="docs/terrain.md tells of the options.") from None
-    log = Log() if log is None else log
+    if log is None:
+        result = preprocess(vertices, faces, key=key, device=device, log=(log := Log()), **options)
+        for text in log.warnings:
+            warn(f"{key}: {text}")
+        return result
     vertices, faces = _repair(vertices, faces, asked, key, device, log)
-    wrapped_sheet = False
-    if asked.shrinkwrap_resolution is not None:
+    steps = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
+    model, sheet = Model(vertices, faces, device, asked.region) if any(steps) else None, False
+    if steps[0]:
         with log.step("shrinkwrap") as share:
-            wrapped_sheet = is_sheet(vertices, faces)
-            try:
-                vertices, faces = shrinkwrap(vertices, faces, asked.shrinkwrap_resolution, asked.region,
-                                             sheet=wrapped_sheet, device=device, progress=share)
-            except InputError as error:
-                raise InputError(error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution,
-                                 remedy=error.remedy) from None
+            sheet = is_sheet(vertices, faces)
+            vertices, faces = _wrap(vertices, faces, asked, sheet, device=device, key=key, share=share)
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
-    if asked.target_vertices is not None and asked.target_vertices < len(vertices):
+            _refuse_loss(model, (vertices, faces), log, key=f"{key}.shrinkwrap_resolution",
+                         value=asked.shrinkwrap_resolution,
+                         remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
+                                "than it can tell, or in pieces; or give it one side of a shell only")
+    how = asked.close if sheet else "none"
+    if steps[1] and asked.target_vertices < len(close(vertices, faces, how)[0]):
         with log.step("decimate") as share:
-            vertices, faces = _decimate(vertices, faces, asked.target_vertices, wrapped_sheet, share)
-        if len(faces) == 0:
-            raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
-                             value=asked.target_vertices, remedy="Raise it.")
+            vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
+            remedy = "Raise it or leave the decimation out"
+            if len(faces) == 0 or len(close(vertices, faces, how)[0]) > asked.target_vertices:
+                raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
+                                 value=asked.target_vertices, remedy=f"{remedy}.")
+            _refuse_loss(model, (vertices, faces), log, key=f"{key}.target_vertices", value=asked.target_vertices,
+                         remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
     with log.step("close"):
-        log.closed = wrapped_sheet and asked.close != "none"
-        vertices, faces = add_skirt(vertices, faces) if log.closed else (vertices, faces)
-        if log.closed and asked.close == "solid":
-            vertices, faces = add_bottom(vertices, faces)
+        log.closed = how != "none"
+        vertices, faces = close(vertices, faces, how)
     return vertices, faces
 
 
+def _wrap(vertices, faces, asked, sheet, *, device, key, share):
+    """The model shrinkwrapped; a refusal names the key."""
+    try:
+        return shrinkwrap(vertices, faces, asked.shrinkwrap_resolution, asked.region, sheet=sheet, device=device,
+                          progress=share)
+    except InputError as error:
+        raise InputError(error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution,
+                         remedy=error.remedy) from None
+
+
+def _refuse_loss(model, mesh, log, *, key, value, remedy):
+    """Refuse what a step made of the model if it is a ruin; warn if it lost much."""
+    lost, ruined = model.lost_in(*mesh)
+    if lost is not None and not ruined:
+        log.warnings.append(f"{key} {lost}")
+    if ruined:
+        raise InputError(lost, key=key, value=value, remedy=f"{remedy}.")
+
+
 def _repair(vertices, faces, asked, key, device, log):
-    """The mesh cropped, merged, cleaned, its faces up, its holes filled."""
+    """The mesh cropped, merged, cleaned, its faces up, its holes filled, smoothed."""
     with log.step("merge"):
         vertices, faces = log.count(repair.drop_not_finite(vertices, faces))
         if asked.region is not None and len(faces):
@@ -120,17 +150,15 @@ def _repair(vertices, faces, asked, key, device, log):
                              remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.")
         vertices, faces = log.count(repair.orient(vertices, faces, device))
         widest = repair.HOLE_EDGES * median_edge(vertices, faces) if asked.fill_holes_m is None else asked.fill_holes_m
-        return log.count(repair.fill_holes(vertices, faces, widest))
-
-
-def _decimate(vertices, faces, target_vertices, sheet, share):
-    """Fewer triangles; under a wrapped sheet stands a skirt meanwhile, which holds its outline in place."""
-    if not sheet:
-        return decimate(vertices, faces, target_vertices, share)
-    level, count = skirt_level(vertices), len(vertices)
-    vertices, faces = add_skirt(vertices, faces)
-    vertices, faces = decimate(vertices, faces, round(target_vertices * len(vertices) / count), share)
-    return without_skirt(vertices, faces, level)
+        vertices, faces = log.count(repair.fill_holes(vertices, faces, widest))
+    with log.step("smooth"):
+        if asked.smoothing_rounds:
+            vertices = smooth(vertices, faces, asked.smoothing_rounds)
+        rough = roughness_deg(vertices, faces) if asked.target_vertices is not None else 0.0
+        if rough > ROUGH_DEG and is_sheet(vertices, faces):
+            log.warnings.append(f"the survey is rough: neighbouring faces differ by {rough:.0f} degrees on average, "
+                                f"and fewer of them will be shards; smooth it first ({SMOOTH})")
+    return vertices, faces
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
