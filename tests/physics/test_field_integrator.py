@@ -141,7 +141,7 @@ def view(lamps, coefficients, resolution=(24, 16)):
                  trajectory={"poses": [{"position": [0, 0, 0]}]})
 
 
-def assert_same_as_path(scene, parts, device="cpu", spp=(64, 512), bias=BIAS, precision=0.03):
+def assert_same_as_path(scene, parts, device="cpu", spp=(64, 128), bias=BIAS, precision=0.03):
     """Means over quarters of the image, by layer and channel: Welch's test beside the stated bias, Sidak over all.
 
     Errors are the spread of eight renderings: pixels share virtual point lights, and paths have heavy tails.
