@@ -168,7 +168,7 @@ def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_ren
     assert (summary.rendered, summary.kept) == (80, 0)
     assert summary.device == "2 x cpu (numpy)"
     assert summary.stages["encode"] > 0
-    assert len(list((tmp_path / "out" / "log").iterdir())) == 2  # one for each worker that came to its end
+    assert len(list((tmp_path / "out" / "log").glob("*.json"))) == 2  # one for each worker that came to its end
     again = produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2)
     assert (again.rendered, again.kept, again.device) == (0, 80, None)
 

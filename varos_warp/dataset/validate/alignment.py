@@ -1,8 +1,8 @@
 """Images against poses to a hundredth of a pixel: B of one view warped into another by D, K and the poses.
 
 What is left over is measured in each of 24 blocks by one Lucas-Kanade step. A single block of a sound dataset is off by
-0.04 px, at random, since B is noisy. An error of K or of the mounting shifts all blocks by a law that is known: the part
-of the shifts that follows it is found by least squares, and its noise falls with the square root of the blocks.
+0.04 px, at random, since B is noisy. An error of K or of the mounting shifts all blocks by a known law: the part of the
+shifts that follows it is found by least squares, and its noise falls with the square root of the blocks.
 """
 
 from dataclasses import dataclass, replace
@@ -61,7 +61,7 @@ class View:
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
-    """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v [px], z [m]."""
+    """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
     points = pixel_rays(first.K, row, col) * (scale * z)[:, None] @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
     p = (points - second.T_w_c[:3, 3]) @ second.T_w_c[:3, :3] @ second.K.T
     return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
@@ -153,7 +153,7 @@ def systematic(d: np.ndarray, w: np.ndarray, J: np.ndarray) -> tuple[float, floa
 
 
 def _pairs(data: Dataset, frames: list[int]) -> dict[str, list]:
-    """Pairs of views by what they are: of one camera 1, 2, 4 ... frames apart, and of two cameras at the same moment."""
+    """Pairs of views by kind: of one camera 1, 2, 4 ... frames apart, and of two cameras at the same moment."""
     found: dict[str, list] = {}
     for camera in data.cameras:
         if data.camera(camera)["mount"] == "world":
