@@ -46,8 +46,8 @@ def planned():
 
 @pytest.fixture(scope="module")
 def known(planned):
-    """By the field, right to 0.2 %: its 256 samples have at most a fifth of the noise of any tolerance asked below."""
-    image = planned[1].render(POSE, outputs="A", spp=256, seed=5, integrator="field").A
+    """By the field, right to 0.2 %: its 512 samples have at most a fifth of the noise of any tolerance asked below."""
+    image = planned[1].render(POSE, outputs="A", spp=512, seed=5, integrator="field").A
     radiance = image.radiance.astype(float)
     noise = np.sqrt(np.square(image.stderr, dtype=float).mean((0, 1))) / brightness(radiance.mean((0, 1)))
     assert noise.max() < 0.2 * 0.05
