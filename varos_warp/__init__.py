@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # what __getattr__ fetches, for type checkers and editors
     from varos_warp.scene.water import phase_function as phase_function
     from varos_warp.sim.trajectory import simulate as simulate
 
-__version__ = "0.4.0"
+__version__ = "0.5.0"
 
 _HOMES = {
     "InputError": "varos_warp.errors",
