@@ -59,13 +59,14 @@ class HillsRenderer(standins.FlatFloorRenderer):
         return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
 
 
-def hills_scene():
+def hills_scene(outputs="ABCDS", **camera_keys):
+    """The scene; ``camera_keys`` replace those of its camera."""
     vehicle = standins.scene_dict()["vehicle"]
     camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
     tones = {"dark": 0.3, "light": 0.6}
-    return standins.make_scene(vehicle=vehicle | {"cameras": [camera]},
+    return standins.make_scene(vehicle=vehicle | {"cameras": [camera | camera_keys]},
                                materials={key: {"kind": "diffuse", "reflectance": [x] * 3} for key, x in tones.items()},
                                objects=[{"kind": "boulder", "diameter": 1.0, "position": [0, 0, -3], "material": key}
                                         for key in tones],
                                render={"denoise": "none", "denoise_b": "none", "depth_exr": True,
-                                       "outputs": list("ABCDS")})
+                                       "outputs": list(outputs)})

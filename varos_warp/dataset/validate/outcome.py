@@ -46,10 +46,11 @@ class Validation:
 
     def add_all(self, problems: list[str], what: str) -> None:
         """Note problems of one kind; of very many only how many there are."""
-        for problem in problems[:MOST_PROBLEMS]:
+        new = [problem for problem in dict.fromkeys(problems) if problem not in self.problems]
+        for problem in new[:MOST_PROBLEMS]:
             self.add(problem)
-        if len(problems) > MOST_PROBLEMS:
-            self.add(f"... and {len(problems) - MOST_PROBLEMS} more {what} like these")
+        if len(new) > MOST_PROBLEMS:
+            self.add(f"... and {len(new) - MOST_PROBLEMS} more {what} like these")
 
     def name(self, path: Path) -> str:
         """A file's path in the dataset."""
