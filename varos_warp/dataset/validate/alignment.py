@@ -32,7 +32,7 @@ FLOOR_PX = 0.005
 """What interpolation of aliased texture may add: of B without noise, at 144x80 pixels, 0.002."""
 MARGIN = 4.0
 """Limits in standard errors. Sound data of the demo, in clear and turbid water, of one camera and a pair, hardly moving
-or without texture, lies at 0.8 to 2.4, half or less of the limit with the floor."""
+or without texture, lies at 0.8 to 2.5, half or less of the limit with the floor."""
 UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw": 1e-3, "f": 1e-3, "cx": 1.0, "cy": 1.0,
             "D": 1e-3}
 """Of the camera's mounting [m, rad], focal length and scale of D [shares], principal point [px]; with small steps."""
