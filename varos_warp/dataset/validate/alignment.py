@@ -1,8 +1,8 @@
 """Images against poses to a hundredth of a pixel: B of one view warped into another by D, K and the poses.
 
-What is left over is measured in each of 24 blocks by one Lucas-Kanade step. A single block of a sound dataset is off
-by 0.04 px, at random, since B is noisy. An error of K or of the mounting shifts all blocks by a law that is known: the
-part of the shifts that follows it is found by least squares, and its noise falls with the square root of the blocks.
+What is left over is measured in each of 24 blocks by one Lucas-Kanade step. A single block of a sound dataset is off by
+0.04 px, at random, since B is noisy. An error of K or of the mounting shifts all blocks by a known law: the part of the
+shifts that follows it is found by least squares, and its noise falls with the square root of the blocks.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ FLOOR_PX = 0.005
 """What interpolation of aliased texture may add: of B without noise, at 144x80 pixels, 0.002."""
 MARGIN = 4.0
 """Limits in standard errors. Sound data of the demo, in clear and turbid water, of one camera and a pair, hardly moving
-or without texture, lies at 0.8 to 2.4, half or less of the limit with the floor."""
+or without texture, lies at 0.8 to 2.5, half or less of the limit with the floor."""
 UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw": 1e-3, "f": 1e-3, "cx": 1.0, "cy": 1.0,
             "D": 1e-3}
 """Of the camera's mounting [m, rad], focal length and scale of D [shares], principal point [px]; with small steps."""
@@ -63,7 +63,7 @@ class View:
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
-    """Where a second view has points of a first, at pixels (row, col) and depth ``scale`` z [N]: u, v [px], z [m]."""
+    """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
     points = pixel_rays(first.K, row, col) * (scale * z)[:, None] @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
     p = (points - second.T_w_c[:3, 3]) @ second.T_w_c[:3, :3] @ second.K.T
     return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
@@ -155,7 +155,7 @@ def systematic(d: np.ndarray, w: np.ndarray, J: np.ndarray) -> tuple[float, floa
 
 
 def _pairs(data: Dataset, frames: list[int]) -> dict[str, list]:
-    """Pairs of views by what they are: of one camera 1, 2, 4 ... frames apart, and of two cameras at one moment."""
+    """Pairs of views by kind: of one camera 1, 2, 4 ... frames apart, and of two cameras at the same moment."""
     found: dict[str, list] = {}
     for camera in data.cameras:
         if data.camera(camera)["mount"] == "world":
