@@ -36,7 +36,7 @@ def measure(scene, frames: int, workers: int, device: str, out: Path, step: int 
     """
     summary = produce(scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None,
                       quiet=True)
-    logs = [json.loads(path.read_text()) for path in (out / "log").iterdir()]
+    logs = [json.loads(path.read_text()) for path in (out / "log").glob("*.json")]
     seconds, spp = summary.stages, [entry["spp"] for log in logs for entry in log["frames"] if "spp" in entry]
     ending, images = seconds["expose"] + seconds["checksums"], sum(len(log["frames"]) for log in logs)
     return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,

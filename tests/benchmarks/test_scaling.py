@@ -30,7 +30,7 @@ def test_a_run_is_measured_by_its_log(tmp_path):
     scene = small_scene(6, (16, 9), integrator="path", max_scatterings=1, denoise="none", denoise_b="none")
     row = scaling.measure(scene, 6, 0, "cpu", tmp_path / "out")
     assert row["images"] == 24
-    log, = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").iterdir())
+    log, = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").glob("*.json"))
     assert 0 < row["frames_per_s"] <= 1.01 * 5 / sum(entry["seconds"] for entry in log["frames"][1:])
     assert row["spp"] > 0
     assert 0 <= row["until_first_image_s"] < row["seconds"] - 5 / row["frames_per_s"]

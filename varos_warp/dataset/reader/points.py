@@ -22,8 +22,11 @@ def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | No
 
     ``pixels`` of D, if they are at hand, save reading them.
     """
-    decode, scale = OUTPUTS["D"].decode, data.scale("D", frame, camera)
-    depth = decode(data.pixels("D", frame, camera) if pixels is None else pixels, scale).astype(float)
+    if pixels is None:
+        depth = data.depth(frame, camera)
+    else:
+        depth = OUTPUTS["D"].decode(pixels, data.scale("D", frame, camera))
+    depth = depth.astype(float)
     if data.meta["depth"]["kind"] == "z":
         return depth
     return depth / np.linalg.norm(pixel_rays(data.intrinsics(camera), *np.indices(depth.shape)), axis=-1)
