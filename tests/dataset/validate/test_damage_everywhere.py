@@ -233,6 +233,14 @@ SHARP = {
 """What moves images by a hundredth of a pixel takes a few more pixels."""
 
 
+def problems_after(damage, dataset, tmp_path):
+    """What is found, without checksums, in a damaged copy."""
+    root = shutil.copytree(dataset, tmp_path / "copy")
+    (root / "checksums").unlink()
+    damage(root)
+    return validate(root, quiet=True).problems
+
+
 @pytest.fixture(scope="module")
 def sharp(tmp_path_factory):
     """B and D of the hills through a longer lens, at 320x180: 490 pixels a radian in place of 110."""
@@ -251,19 +259,13 @@ def test_a_sharp_dataset_is_sound(sharp):
 @pytest.mark.parametrize("name", SHARP)
 def test_a_tenth_of_a_pixel_is_found(sharp, tmp_path, name):
     damage, problem = SHARP[name]
-    root = shutil.copytree(sharp, tmp_path / "copy")
-    (root / "checksums").unlink()
-    damage(root)
-    assert problem in "\n".join(validate(root, quiet=True).problems)
+    assert problem in "\n".join(problems_after(damage, sharp, tmp_path))
 
 
 @pytest.mark.parametrize("name", EVERYWHERE)
 def test_damage_is_found_without_checksums(hilly, tmp_path, name):
     damage, problem = EVERYWHERE[name]
-    root = shutil.copytree(hilly, tmp_path / "copy")
-    (root / "checksums").unlink()
-    damage(root)
-    problems = validate(root, quiet=True).problems
+    problems = problems_after(damage, hilly, tmp_path)
     assert (problem in "\n".join(problems)) if problem else not problems
 
 

@@ -69,6 +69,12 @@ def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarr
     return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
 
 
+def lucas_kanade(xx, xy, yy, xe, ye) -> tuple[np.ndarray, np.ndarray]:
+    """Step in x and y from the sums of products of gradients x, y and the difference e that the step explains."""
+    determinant = xx * yy - xy * xy
+    return (yy * xe - xy * ye) / determinant, (xx * ye - xy * xe) / determinant
+
+
 def shifts(first: View, second: View) -> dict[str, np.ndarray]:
     """The Lucas-Kanade step of each block with texture that both views see.
 
@@ -96,7 +102,7 @@ def shifts(first: View, second: View) -> dict[str, np.ndarray]:
     total = lambda x: np.bincount(block, x, BLOCKS[0] * BLOCKS[1])  # noqa: E731
     with np.errstate(divide="ignore", invalid="ignore"):
         xx, xy, yy, xe, ye, weight = map(total, (w * gx * gx, w * gx * gy, w * gy * gy, w * gx * e, w * gy * e, w))
-        d = np.stack([yy * xe - xy * ye, xx * ye - xy * xe], -1) / (xx * yy - xy * xy)[:, None]
+        d = np.stack(lucas_kanade(xx, xy, yy, xe, ye), -1)
         least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
         error = np.sqrt(total(w * e * e) / weight / least)
         middle = [total(w * x) / weight for x in (row, col, z)]

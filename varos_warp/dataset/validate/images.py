@@ -10,7 +10,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
-from varos_warp.dataset.reader.points import planar_depth
+from varos_warp.dataset.reader.points import pixel_rays, planar_depth
 from varos_warp.dataset.validate import surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
@@ -175,7 +175,8 @@ class _FrameImages:
         self.sums["C"] = surfaces.border_counts(self.depth, pixels.astype(np.int16), BORDER_OF_C)
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
         K, R = self.data.intrinsics(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3].astype(np.float32)
-        rays, depth = surfaces.grid_rays(K, self.shape), planar_depth(self.data, self.frame, self.camera, self.depth)
+        rays = pixel_rays(K, *np.indices(self.shape)).astype(np.float32)
+        depth = planar_depth(self.data, self.frame, self.camera, self.depth)
         normal, to_pixel = OUTPUTS["C"].decode(pixels), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
         if away.mean() > 0.05:

@@ -6,7 +6,7 @@ Sums over pixels are kept for each frame, so that a camera's frames can be added
 import numpy as np
 from scipy import ndimage
 
-from varos_warp.dataset.reader.points import pixel_rays
+from varos_warp.dataset.validate.alignment import lucas_kanade
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 
@@ -107,11 +107,10 @@ def judge_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
         if count >= FEWEST_SLOPES and cc > 0.02**2 * count and dd > max(8.0 * noise, 0.02**2 * count):
             result.measure(f"{camera}: C against the slopes of D, {axis}, 1 - correlation", 1.0 - cd / np.sqrt(cc * dd),
                            0.5, "")
-    xx, xy, yy, xe, ye = sums[3]
+    xx, xy, yy = sums[3, :3]
     # per pixel, curvature must be more than the rounding of C to 8 bits
     if min(xx, yy) > FEWEST_SLOPES * 0.004**2 and xx * yy - xy * xy > 0.01 * xx * yy:
-        shift = np.hypot(yy * xe - xy * ye, xx * ye - xy * xe) / (xx * yy - xy * xy)
-        result.measure(f"{camera}: C against the slopes of D, shift", shift, 0.5, "px")
+        result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*lucas_kanade(*sums[3])), 0.5, "px")
 
 
 def slope_noise(depth: np.ndarray, K: np.ndarray, step_m: float) -> float:
@@ -151,8 +150,3 @@ def judge_borders(result: Validation, camera: str, letter: str, counts: np.ndarr
         if max(here, *aside) >= FEWEST_JUMPS:
             result.measure(f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those "
                            "in place", max(aside) / max(here, 1), 1.0, "")
-
-
-def grid_rays(K: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Directions [H, W, 3] through all pixels, camera axes, z = 1, float32."""
-    return pixel_rays(K, *np.indices(shape)).astype(np.float32)

@@ -81,21 +81,20 @@ class Record:
 
     def damaged(self) -> list[str]:
         """Files that are not as any run wrote them, or gone though `checksums` lists them; reads all that is there."""
-        there = [path for path in listed_files(self.root) if self._name(path) in self.known]
-        found = [self._name(path) for path, value in zip(there, self._sums(there), strict=True)
-                 if value not in self.known[self._name(path)]]
+        found = [name for name, value in self._there() if value not in self.known[name]]
         listed = read_checksums(self.root)
         return sorted([name for name in listed if not (self.root / name).exists()] + found)
 
-    def _sums(self, paths: list[Path]) -> list[str]:
-        def value(path: Path) -> str:
-            name = self._name(path)
+    def _there(self) -> list[tuple[str, str]]:
+        """(name, sum) of each file that is there and that some run wrote."""
+        def value(name: str) -> str:
             if name not in self._now:
-                self._now[name] = sha256(path)
+                self._now[name] = sha256(self.root / name)
             return self._now[name]
 
+        names = [name for path in listed_files(self.root) if (name := self._name(path)) in self.known]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            return list(pool.map(value, paths))
+            return list(zip(names, pool.map(value, names), strict=True))
 
     def forget(self, name: str) -> None:
         """Remove a damaged file, so that it is made again."""
@@ -110,13 +109,12 @@ class Record:
             InputError: If a file is not as a run wrote it, cannot be read, or the list cannot be written.
         """
         self.reload()
-        paths = [path for path in listed_files(self.root) if self._name(path) in self.known]
         lines = []
-        for path, value in zip(paths, self._sums(paths), strict=True):
-            if value not in self.known[self._name(path)]:
-                raise InputError("is not as a run wrote it: its checksum differs", file=path,
+        for name, value in self._there():
+            if value not in self.known[name]:
+                raise InputError("is not as a run wrote it: its checksum differs", file=self.root / name,
                                  remedy="`run` again to make it anew.")
-            lines.append(f"{value}  {self._name(path)}\n")
+            lines.append(f"{value}  {name}\n")
         files.write_bytes(self.root / NAME, "".join(lines).encode())
         return self.root / NAME
 

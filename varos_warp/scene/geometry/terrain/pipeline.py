@@ -87,9 +87,9 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
             warn(f"{key}: {text}")
         return result
     vertices, faces = _repair(vertices, faces, asked, key, device, log)
-    steps = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
-    model, sheet = Model(vertices, faces, device, asked.region) if any(steps) else None, False
-    if steps[0]:
+    wraps, decimates = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
+    model, sheet = Model(vertices, faces, device, asked.region) if wraps or decimates else None, False
+    if wraps:
         with log.step("shrinkwrap") as share:
             sheet = is_sheet(vertices, faces)
             vertices, faces = _wrap(vertices, faces, asked, sheet, device=device, key=key, share=share)
@@ -99,7 +99,7 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
                          remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
                                 "than it can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
-    if steps[1] and asked.target_vertices < len(close(vertices, faces, how)[0]):
+    if decimates and asked.target_vertices < len(close(vertices, faces, how)[0]):
         with log.step("decimate") as share:
             vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
             remedy = "Raise it or leave the decimation out"
