@@ -92,7 +92,7 @@ def table():
     rng = np.random.default_rng(5)
     made = LightField()
     made.grid = node_grid()
-    for name, shape in (("irradiance", (9, 13, 7, 5)), ("source", (9, 13, 8, 5))):
+    for name, shape in (("irradiance", (13, 7, 5, 9)), ("source", (13, 8, 5, 9))):
         setattr(made, name, wp.array(rng.uniform(0.5, 1.5, (*shape, 3)), dtype=wp.vec3, device="cpu"))
     return made
 

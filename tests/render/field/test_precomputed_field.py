@@ -105,7 +105,7 @@ def flux_through_spheres(light, phase, sigma):
     field, = made._kept.values()
     grid, E = field.grid, field.irradiance.numpy()[..., 0]
     d = solver.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
-    net = (E[:, :, 0, 0] - E[:, :, -1, 0]) * (d * np.exp(-grid.decay[0] * d))[:, None]
+    net = (E[:, 0, 0] - E[:, -1, 0]).T * (d * np.exp(-grid.decay[0] * d))[:, None]
     if light["kind"] == "point":
         return d, net[:, 0] + np.exp(-sigma * d)
     x = np.linspace(0, np.pi, 20001)

@@ -39,9 +39,9 @@ class LightField:
 
     grid: NodeGrid
     irradiance: wp.array4d(dtype=wp.vec3)
-    """Irradiance of planes: [distance, angle, gamma of the normal, phi], gamma and phi in even steps."""
+    """Irradiance of planes: [angle, gamma of the normal, phi, distance], gamma and phi in even steps."""
     source: wp.array4d(dtype=wp.vec3)
-    """Source function of multiple scattering: [distance, angle, gamma, phi], gamma in even steps of its square root."""
+    """Source function of multiple scattering: [angle, gamma, phi, distance], gamma in even steps of its square root."""
 
 
 @wp.struct
@@ -61,9 +61,15 @@ class Field:
 
 
 @wp.func
+def scale_exponent(grid: NodeGrid, d: float):
+    """Optical depth by which the light falls off, about."""
+    return wp.min(d * grid.decay, wp.vec3(60.0))
+
+
+@wp.func
 def scale_at(grid: NodeGrid, d: float):
     """Roughly how the scattered light falls off with the distance, without its constants."""
-    return exp3(-wp.min(d * grid.decay, wp.vec3(60.0))) / d
+    return exp3(-scale_exponent(grid, d)) / d
 
 
 @wp.func
@@ -132,12 +138,18 @@ def gamma_phi(frame: LightFrame, d: wp.vec3):
 
 
 @wp.func
+def direction_place(nodes: int, u: float):
+    """Fractional place of u in [0, 1] among the nodes of an axis."""
+    return wp.clamp(u, 0.0, 1.0) * (float(nodes - 1) - 1.0e-3)
+
+
+@wp.func
 def look_up(values: wp.array4d(dtype=wp.vec3), grid: NodeGrid, frame: LightFrame, u: float, v: float):
-    """Value of a table at a point; (u, v) in [0, 1] are the places of the direction on the last two axes."""
+    """Value of a table at a point; (u, v) in [0, 1] are the places of the direction on its axes."""
     place = grid_place(grid, frame.distance, frame.theta)
-    x = wp.clamp(u, 0.0, 1.0) * (float(values.shape[2] - 1) - 1.0e-3)
-    y = wp.clamp(v, 0.0, 1.0) * (float(values.shape[3] - 1) - 1.0e-3)
-    return wp.cw_mul(quadrilinear(values, place[0], place[1], x, y), scale_at(grid, frame.distance))
+    x = direction_place(values.shape[1], u)
+    y = direction_place(values.shape[2], v)
+    return wp.cw_mul(quadrilinear(values, place[1], x, y, place[0]), scale_at(grid, frame.distance))
 
 
 @wp.func

@@ -11,37 +11,42 @@ from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.field.open_water import (
     LightField,
     NodeGrid,
+    direction_place,
+    gamma_phi,
+    grid_place,
+    light_frame,
     node_angle,
     node_distance,
     scale_at,
+    scale_exponent,
     source_function,
 )
 from varos_warp.kernels.field.single_scattering import single_scattering
-from varos_warp.kernels.numerics import make_gauss_legendre
+from varos_warp.kernels.numerics import make_gauss_legendre, quadrilinear
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count
-from varos_warp.kernels.world.medium import Medium, transmittance
+from varos_warp.kernels.world.medium import Medium, exp3, transmittance
 
 wp.set_module_options({"enable_backward": False})
 
-PANEL = wp.constant(3.0)
+PANEL, PANEL_NODES = wp.constant(3.0), wp.constant(8)
 """Longest stretch of a ray with eight nodes, in the logarithm of the distance from the light."""
 
-legendre_node = make_gauss_legendre(8)
+legendre_node = make_gauss_legendre(PANEL_NODES)
 
 
 @wp.func
-def node_point(grid: NodeGrid, row: int, col: int):
-    """Position of a node; the light is at the origin and its axis along z."""
+def node_point(grid: NodeGrid, d: float, col: int):
+    """Position at distance d at the angle of a node; the light is at the origin and its axis along z."""
     theta = node_angle(grid, col)
-    return node_distance(grid, row) * wp.vec3(wp.sin(theta), 0.0, wp.cos(theta))
+    return d * wp.vec3(wp.sin(theta), 0.0, wp.cos(theta))
 
 
 @wp.func
-def towards(grid: NodeGrid, row: int, col: int, direction: wp.vec2):
-    """Unit vector of a direction (gamma, phi) at a node."""
+def towards(grid: NodeGrid, col: int, direction: wp.vec2):
+    """Unit vector of a direction (gamma, phi) there."""
     theta = node_angle(grid, col)
     to_light = wp.vec3(-wp.sin(theta), 0.0, -wp.cos(theta))
     across = wp.vec3(-wp.cos(theta), 0.0, wp.sin(theta))
@@ -55,43 +60,67 @@ def tabulate_single_scattering(
     scene: SceneData,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
-    first_row: int,
+    first_col: int,
     # out
-    radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
+    radiance: wp.array3d(dtype=wp.vec3),  # [angle, direction, distance], divided by scale_at
 ):
     """Radiance of light scattered once that arrives at the nodes."""
-    tile_row, col, i = wp.tid()
-    row = first_row + tile_row
-    d = towards(grid, row, col, directions[i])
-    L = single_scattering(scene.medium, get_light(scene.lights, 0), node_point(grid, row, col), d, FAR)
-    radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
+    tile_col, i = wp.tid()
+    col = first_col + tile_col
+    d = towards(grid, col, directions[i])
+    for row in range(grid.distances):
+        distance = node_distance(grid, row)
+        L = single_scattering(scene.medium, get_light(scene.lights, 0), node_point(grid, distance, col), d, FAR)
+        radiance[col, i, row] = wp.cw_div(L, scale_at(grid, distance))
+
+
+# ------------------------------------------------------------------------------------- from one scattering to the next
+
+
+@wp.struct
+class RayNode:
+    """What a ray that ends at distance 1 from the light meets, as a node of the quadrature of what arrives there."""
+
+    t: float
+    """Distance from the end of the ray."""
+    weight: float
+    """Of the quadrature, over the distance from the light."""
+    distance: float
+    """Distance from the light."""
+    col: float
+    """Place among the angles of the table, and of the direction among its gammas and phis."""
+    x: float
+    y: float
 
 
 @wp.func
-def next_order(medium: Medium, field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
-    """Radiance that the source function of a field adds to an infinite ray.
+def ray_node(field: LightField, light: Light, end: wp.vec3, d: wp.vec3, t: float, weight: float):
+    """The node at ``t`` of the ray that comes to ``end`` along -d."""
+    frame = light_frame(light, end + t * d)
+    direction = gamma_phi(frame, d)
+    node = RayNode()
+    node.t = t
+    node.distance = frame.distance
+    node.weight = weight / frame.distance
+    node.col = grid_place(field.grid, frame.distance, frame.theta)[1]
+    node.x = direction_place(field.source.shape[1], wp.sqrt(direction[0]))
+    node.y = direction_place(field.source.shape[2], direction[1])
+    return node
 
-    The source falls off roughly as the inverse distance from the light, so it is nearly constant in asinh(y/h). The ray
-    is divided at the light's foot, where the light passes from ahead to behind.
-    """
-    to_light = light_centre(light) - p
-    foot = wp.dot(to_light, d)
-    h = wp.max(wp.length(to_light - foot * d), 1.0e-3 * wp.length(to_light))
-    reach = node_distance(field.grid, field.grid.distances - 1)
-    start = asinh(-foot / h)
-    L = wp.vec3(0.0)
-    for side in range(2):
-        low = wp.where(side == 0, start, wp.max(start, 0.0))
-        high = wp.where(side == 0, 0.0, asinh((reach - foot) / h))
-        panels = int(wp.ceil(wp.max(high - low, 0.0) / PANEL))
-        width = (high - low) / float(wp.max(panels, 1))
-        for k in range(8 * panels):
-            node = legendre_node(k & 7)
-            x = low + width * (float(k >> 3) + node[0])
-            t = wp.max(foot + 0.5 * h * (wp.exp(x) - wp.exp(-x)), 0.0)
-            weight = node[1] * width * 0.5 * h * (wp.exp(x) + wp.exp(-x))
-            L += weight * wp.cw_mul(transmittance(medium, t), source_function(field, light, p + t * d, d))
-    return L
+
+@wp.func
+def add_next_order(medium: Medium, field: LightField, grid: NodeGrid, node: RayNode, rows: int,
+                   radiance: wp.array(dtype=wp.vec3)):
+    """Add what a node contributes to the ``radiance`` at the first ``rows`` distances, divided by scale_at."""
+    last = float(field.grid.distances - 1) - 1.0e-3
+    place = wp.log(grid.nearest * node.distance / field.grid.nearest) / field.grid.log_step
+    d = float(grid.nearest)
+    for row in range(rows):
+        S = quadrilinear(field.source, node.col, node.x, node.y, wp.clamp(place, 0.0, last))
+        falls = scale_exponent(field.grid, d * node.distance) - scale_exponent(field.grid, d)
+        radiance[row] += d * node.weight * wp.cw_mul(exp3(-d * node.t * medium.sigma_t - falls), S)
+        place += grid.log_step / field.grid.log_step
+        d *= wp.exp(grid.log_step)
 
 
 @wp.kernel(enable_backward=False)
@@ -100,16 +129,40 @@ def tabulate_next_order(
     field: LightField,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
-    first_row: int,
+    first_col: int,
     # out
-    radiance: wp.array3d(dtype=wp.vec3),  # [distance, angle, direction], divided by scale_at
+    radiance: wp.array3d(dtype=wp.vec3),  # [angle, direction, distance], divided by scale_at; 0 before
 ):
-    """Radiance that arrives at the nodes of ``grid`` after light of the ``field`` has scattered once more."""
-    tile_row, col, i = wp.tid()
-    row = first_row + tile_row
-    d = towards(grid, row, col, directions[i])
-    L = next_order(scene.medium, field, get_light(scene.lights, 0), node_point(grid, row, col), d)
-    radiance[row, col, i] = wp.cw_div(L, scale_at(grid, node_distance(grid, row)))
+    """Radiance that arrives at the nodes of ``grid`` after light of the ``field`` has scattered once more.
+
+    Rays that end at the same angle, in the same direction, differ in scale only. Along them the source falls off
+    roughly as the inverse distance from the light, so it is nearly constant in x = asinh(y/h), y from the light's foot.
+    The ray is divided there, where the light passes from ahead to behind, and goes on until it leaves the field.
+    """
+    tile_col, i = wp.tid()
+    col = first_col + tile_col
+    light = get_light(scene.lights, 0)
+    end = node_point(grid, 1.0, col)
+    d = towards(grid, col, directions[i])
+    foot = wp.dot(light_centre(light) - end, d)
+    h = wp.max(wp.sqrt(wp.max(1.0 - foot * foot, 0.0)), 1.0e-3)
+    farthest = node_distance(field.grid, field.grid.distances - 1) / grid.nearest
+    x = asinh(-foot / h)
+    before = int(wp.ceil(wp.max(-x, 0.0) / PANEL))
+    width = wp.where(before > 0, -x / float(wp.max(before, 1)), PANEL)
+    rows = grid.distances
+    while rows > 0:
+        for k in range(PANEL_NODES):
+            gauss = legendre_node(k)
+            at = x + width * gauss[0]
+            t = wp.max(foot + h * wp.sinh(at), 0.0)
+            node = ray_node(field, light, end, d, t, gauss[1] * width * h * wp.cosh(at))
+            add_next_order(scene.medium, field, grid, node, rows, radiance[col, i])
+        x += width
+        before -= 1
+        if before <= 0:
+            width = PANEL
+            rows = wp.min(int(wp.ceil(wp.log(farthest / (h * wp.cosh(x))) / grid.log_step)), grid.distances)
 
 
 @wp.kernel(enable_backward=False)

@@ -29,7 +29,7 @@ from varos_warp.scene.water.phase.phase_function import PhaseFunction
 NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 """Distances from the light that have nodes, the last as optical depth too; what is nearer is in proportion."""
 FINE = (64, 20, 48)
-"""Nodes of the distance from a light, steps of the angle in its cone, and outside of it."""
+"""Nodes of the distance from a light, steps of the angle in its cone, and outside of it, for linear interpolation."""
 MIDDLE = (32, 10, 14)
 """The same for light scattered twice, which is smoother."""
 COARSE = (32, 8, 10)
@@ -79,7 +79,7 @@ class LightFieldSolver:
     def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
         self.phase = water.phase
-        self.fine, self.middle, self.coarse = self.grid(FINE), self.grid(MIDDLE), self.grid(COARSE)
+        self.fine, self.middle, self.coarse = map(self.grid, (FINE, MIDDLE, COARSE))
         self._scene = self._light_alone()
 
     def grid(self, nodes: tuple[int, int, int]) -> NodeGrid:
@@ -98,7 +98,7 @@ class LightFieldSolver:
     def solve(self) -> dict[str, np.ndarray]:
         """The arrays of a LightField, ``irradiance`` and ``source``, float32 with the channels last."""
         self._once_to, self._twice_to, self._again_to = _matrices(self.phase, ONCE, TWICE, AGAIN)
-        once = self._launch(tabulate_single_scattering, self.fine, ONCE, [self._scene, self.fine])
+        once = self._scattered_once()
         first = self._source(once, self._once_to)
         twice = self._scattered_again(first, self.middle, TWICE)
         from_middle = Refinement(self.middle, self.fine, twice, self.water.sigma_t)
@@ -111,7 +111,7 @@ class LightFieldSolver:
         return {"irradiance": _as_grid(irradiance, NORMALS), "source": _as_grid(source, LEAVING)}
 
     def _all_further_orders(self, second: np.ndarray) -> tuple[np.ndarray, "Refinement"]:
-        """Light [COARSE..., AGAIN, 3] scattered three times and more, after it left its second scattering."""
+        """Light [angles, AGAIN, distances, 3] scattered three times and more, after it left its second scattering."""
         thrice = self._scattered_again(second, self.coarse, AGAIN)
         refined = Refinement(self.coarse, self.fine, thrice, self.water.sigma_t)
         shape, scale = thrice.shape, refined.amplitude
@@ -146,21 +146,31 @@ class LightFieldSolver:
 
     # ------------------------------------------------------------------------------------------ from node to node
 
+    def _scattered_once(self) -> np.ndarray:
+        """Light [angles, ONCE, distances, 3] that arrives at the fine nodes after it was scattered once."""
+        return self._tabulated(tabulate_single_scattering, self.fine, ONCE, [self._scene, self.fine])
+
     def _scattered_again(self, source: np.ndarray, grid: NodeGrid, directions: Directions) -> np.ndarray:
-        """Light [grid..., directions, 3] that arrives after it left scatterings as ``source`` [FINE..., LEAVING, 3]."""
-        table = LightField()
-        table.grid, table.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
-        return self._launch(tabulate_next_order, grid, directions, [self._scene, table, grid])
+        """Light [angles, directions, distances, 3] that arrives at nodes after it left scatterings at the fine ones.
+
+        Args:
+            source: What leaves there, [angles, LEAVING, distances, 3].
+            grid: Nodes where it arrives.
+            directions: From where.
+        """
+        field = LightField()
+        field.grid, field.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
+        return self._tabulated(tabulate_next_order, grid, directions, [self._scene, field, grid])
+
+    def _tabulated(self, kernel, grid: NodeGrid, directions: Directions, inputs) -> np.ndarray:
+        shape = (grid.inside + grid.outside + 1, len(directions.pairs), grid.distances)
+        radiance = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        pairs = wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
+        self.launcher.rows(kernel, shape[:2], [*inputs, pairs], [radiance], tile_rows=1)
+        return radiance.numpy()
 
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
         return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
-
-    def _launch(self, kernel, grid: NodeGrid, directions: Directions, inputs) -> np.ndarray:
-        shape = (grid.distances, grid.inside + grid.outside + 1, len(directions.pairs))
-        radiance = wp.empty(shape, dtype=wp.vec3, device=self.device)
-        pairs = wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
-        self.launcher.rows(kernel, shape, [*inputs, pairs], [radiance], tile_rows=1)
-        return radiance.numpy()
 
     def _light_alone(self) -> SceneData:
         """The light at the origin, along z, in the water."""
@@ -181,29 +191,30 @@ class Refinement:
     Args:
         coarse: The one grid.
         fine: The other.
-        like: Radiance [coarse..., n, 3] of the order of what is to be refined.
+        like: Radiance [angles, n, distances, 3] of the order of what is to be refined, at the coarse nodes.
         sigma_t: Extinction [1/m], float64 [3].
     """
 
     def __init__(self, coarse: NodeGrid, fine: NodeGrid, like: np.ndarray, sigma_t: np.ndarray):
         d = NEAREST_M * np.exp(coarse.log_step * np.arange(coarse.distances))
-        depth = np.outer(d, sigma_t)[:, None, None]
-        amplitude = np.maximum(like.max(axis=(1, 2), keepdims=True), 1e-30)
-        amplitude = amplitude * np.exp(GROWTH * np.minimum(depth, FARTHEST_DEPTH))
+        depth = np.outer(d, sigma_t)
+        amplitude = np.maximum(like.max(axis=(0, 1)), 1e-30) * np.exp(GROWTH * np.minimum(depth, FARTHEST_DEPTH))
         # farther away an order says nothing of the sum of them all: it goes on as ``scale_at`` does
-        last = (depth <= FARTHEST_DEPTH).sum(axis=0, keepdims=True) - 1
-        nodes = np.arange(len(d))[:, None, None, None]
-        amplitude = np.take_along_axis(amplitude, np.minimum(nodes, last), axis=0)
-        self._splines = [make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others).astype(np.float32)
-                         for at, others in zip(_places(coarse), _places(fine), strict=True)]
+        last = (depth <= FARTHEST_DEPTH).sum(axis=0) - 1
+        amplitude = amplitude[np.minimum(np.arange(len(d))[:, None], last), np.arange(3)]
+        along, across = (make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others)
+                         for at, others in zip(_places(coarse), _places(fine), strict=True))
         self.amplitude = amplitude.astype(np.float32)
-        """How large values are about at each distance; splines and errors are of what is left without it."""
-        self._fine_amplitude = np.exp(np.tensordot(self._splines[0], np.log(amplitude), 1)).astype(np.float32)
+        """How large values are about at each distance [distances, 3]; splines and errors are of what is left."""
+        rescaled = np.exp(along @ np.log(amplitude))[:, None] * along[..., None] / amplitude
+        self._along = np.einsum("fic,cd->icfd", rescaled, np.eye(3)).reshape(3 * len(d), -1).astype(np.float32)
+        self._across = across.astype(np.float32)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Values [coarse..., n, 3] at the fine nodes."""
-        smooth = np.einsum("ai,bj,ij...->ab...", *self._splines, values / self.amplitude, optimize=True)
-        return smooth * self._fine_amplitude
+        """Values [angles, n, distances, 3] at the fine nodes."""
+        angles, n = values.shape[:2]
+        along = values.reshape(angles * n, -1) @ self._along
+        return (self._across @ along.reshape(angles, -1)).reshape(len(self._across), n, -1, 3)
 
 
 @functools.lru_cache(maxsize=1)
@@ -218,16 +229,14 @@ def _matrices(phase: PhaseFunction, once: Directions, *more: Directions) -> list
 
 
 def _as_grid(values: np.ndarray, directions: Directions) -> np.ndarray:
-    """Values [..., n, 3] in n directions as [..., gamma, phi, 3]."""
-    return values.reshape(*values.shape[:-2], len(directions.s), len(directions.phi), 3)
+    """Values [angles, n, distances, 3] in n directions as [angles, gamma, phi, distances, 3]."""
+    return values.reshape(len(values), len(directions.s), len(directions.phi), *values.shape[2:])
 
 
 def _applied(matrix: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A matrix [m, n] applied to values [..., n, 3]."""
-    *nodes, n, channels = values.shape
-    flat = np.ascontiguousarray(np.moveaxis(values, -1, -2)).reshape(-1, n)
-    product = (flat @ matrix.T.astype(np.float32)).reshape(*nodes, channels, -1)
-    return np.ascontiguousarray(np.moveaxis(product, -1, -2))
+    """A matrix [m, n] applied to values [angles, n, distances, 3]."""
+    angles, n, *rest = values.shape
+    return (matrix.astype(np.float32) @ values.reshape(angles, n, -1)).reshape(angles, -1, *rest)
 
 
 def _places(grid: NodeGrid) -> tuple[np.ndarray, np.ndarray]:
