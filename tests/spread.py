@@ -23,9 +23,15 @@ def tile_means(image):
 
 
 def spread_and_expected(radiance, count):
-    """Variance of images [seeds, H, W, 3], and what it makes their claims be on average [H, W, 3]."""
+    """Variance of images [seeds, H, W, 3], and what it makes their claims be on average [H, W, 3].
+
+    Images may be the sum of several kinds of samples, [seeds, kind, H, W, 3].
+    """
+    if radiance.ndim == 4:
+        radiance, count = radiance[:, None], count[:, None]
     spread, inverse = radiance.var(axis=0, ddof=1), np.mean(1.0 / count, axis=0)
-    return spread, inverse * tile_means(spread / inverse)
+    expected = sum(one * tile_means(own / one) for own, one in zip(spread, inverse, strict=True))
+    return radiance.sum(axis=1).var(axis=0, ddof=1), expected
 
 
 def absolute(radiance, claimed, count, where):
@@ -49,16 +55,16 @@ def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, pre
 
     Args:
         ratio: `absolute` or `relative`.
-        radiance: Images [seeds, H, W, 3].
+        radiance: Images [seeds, H, W, 3], or the kinds of samples whose sum they are [seeds, kind, H, W, 3].
         stderr: What they claim.
-        count: Samples of the pixels [seeds, H, W, 1], where not alike.
+        count: Samples of the pixels, alike with one channel, where not alike.
         where: Pixels that count [H, W].
         bias: Stated bound of the ratio's bias.
         precision: The jackknife's error must be smaller.
     """
     n = len(radiance)
-    count = np.ones((n, *radiance.shape[1:3], 1)) if count is None else count
-    where = np.ones(radiance.shape[1:3], bool) if where is None else where
+    count = np.ones((*radiance.shape[:-1], 1)) if count is None else count
+    where = np.ones(radiance.shape[-3:-1], bool) if where is None else where
     radiance, claimed = np.asarray(radiance, float), np.square(stderr, dtype=float)
 
     def log_ratio(kept):
@@ -70,3 +76,8 @@ def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, pre
     assert error.max() < precision, f"too noisy to tell: {error}"
     off = np.maximum(np.abs(pseudo.mean(axis=0)) - bias, 0.0)
     assert_plausible(2.0 * stats.t.sf(off / error, n - 1))
+
+
+def evenly(noise, taken, spp, cost):
+    """In place of `varos_warp.render.image.adapt.share_out`: all tiles take as many samples."""
+    return np.broadcast_to(np.subtract(spp, taken)[:, None, None, None], noise.shape)

@@ -1,7 +1,7 @@
 """The images of light: A with the water and B without, from their samples to what a denoiser leaves."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,9 +13,11 @@ from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, develop, tile_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
+from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
-from varos_warp.kernels.transport.path import PathBounds, PathSpec, make_path_kernel
+from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
+from varos_warp.kernels.transport.segment import PathBounds, PathSpec
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
 from varos_warp.render.field.open_water import OpenWater, along_camera
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
@@ -31,6 +33,11 @@ from varos_warp.scene.device import DeviceScene
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
 the correction's variance."""
+SPLITTING = 4
+"""Camera segments to a subpath, where nothing else is known."""
+SEGMENT_COST = 0.17
+"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.09 was measured on an
+H200, 0.33 on a CPU (Munkholmen)."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
@@ -49,6 +56,24 @@ class Shot(NamedTuple):
     """Albedo and normals, traced once for all images of a frame."""
 
 
+class SampleKind(NamedTuple):
+    """One kind of samples whose sum is an image."""
+
+    kernel: wp.Kernel
+    to_a_sample: int
+    """How many there are to a sample per pixel, where nothing else is known."""
+    cost: float
+    """Of one of them."""
+    queued: bool
+    """Whether the kernel's threads go on to the next part."""
+    stream: int
+    """Which random numbers they have."""
+
+
+ALL_ALIKE = SampleKind(None, 1, 1.0, False, 0)
+"""Samples of images that have one kind only."""
+
+
 class RadianceRenderer:
     """Renders A and B of one scene on one device."""
 
@@ -56,8 +81,6 @@ class RadianceRenderer:
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
         self.open_water = OpenWater(scene, self.launcher)
-        self.apart = self.device != "cpu"
-        """Whether, with the field, the camera's own segments have a kernel of their own, see `PathSpec.apart`."""
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
@@ -80,40 +103,49 @@ class RadianceRenderer:
         layers = (layer in options.layers for layer in LAYERS)
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures)
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
-        after = [bounds.scatterings, bounds.bounces, wp.uint32(shot.key), film]
-        self.films.take(film, [kernel], before, after, options.spp)
-        return (yield from self._develop(film, shot, options.layers, options.denoise))
+        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp)
+        return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
         view, options, world = shot.view, shot.options, self.world
-        keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(2)]
+        keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = world.lit(shot.T_w_v)
-        kernels = self._path_kernels(shot, bounds, with_field)
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
-        # a single pixel has no other side to decide for it
-        shares = with_field and tuple(view.resolution) != (1, 1)
-        first = first_samples(options.spp) if shares else options.spp
-        film = self.films.black(view.resolution, adapts=shares)
         before = [scene, world.camera(view, shot.T_w_v)]
-        after = [field, self._virtual_lights(scene, view, keys[0]), bounds, wp.uint32(keys[1]), film]
-        self.films.take(film, kernels, before, after, first, queued=True)
-        if first < options.spp:
+        after = [field, self._virtual_lights(scene, view, keys[2]), bounds]
+        kinds = self._kinds_of_samples(shot, bounds, with_field)
+        spp = [kind.to_a_sample * options.spp for kind in kinds]
+        # one sample does not tell its noise, and a single pixel has no other side to decide for it
+        shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1)
+        films = [self.films.black(view.resolution, adapts=shares) for _ in kinds]
+        first = [first_samples(count) if shares else count for count in spp]
+
+        def take(samples):
+            for kind, film, count in zip(kinds, films, samples, strict=True):
+                self.films.take(film, kind.kernel, before, [*after, wp.uint32(keys[kind.stream])], count, kind.queued)
+
+        take(first)
+        if first != spp:
             # by the noise of the first, of which a denoiser takes most
             denoised = (options.denoise or self.scene.render.denoise) != "none"
-            noise = other_noise(*(yield from self.films.tile_statistics(film, DENOISED if denoised else 1.0)))
-            self.films.take(film, kernels, before, after, share_out(noise, first, options.spp), queued=True)
+            statistics = yield from self.films.tile_statistics(films, DENOISED if denoised else 1.0)
+            take(share_out(other_noise(*statistics), first, spp, [kind.cost for kind in kinds]))
         # plain reflectances need no guides (render/image/denoise.py)
         guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
-        return (yield from self._develop(film, shot, options.layers, options.denoise, guides, by_paths=True))
+        return (yield from self._develop(films, shot, options.layers, options.denoise, guides, kinds))
 
-    def _path_kernels(self, shot: Shot, bounds: PathBounds, with_field: bool) -> list[wp.Kernel]:
+    def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool) -> list[SampleKind]:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
-        apart = self.apart and with_field and world.has_surfaces  # without surfaces there are no subpaths
-        return [make_path_kernel(part) for part in (spec.apart() if apart else [spec])]
+        kinds = []
+        if camera := spec.camera():
+            kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False, 0))
+        if subpaths := spec.subpaths():
+            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, 1))
+        return kinds
 
     def _virtual_lights(self, scene, view, key: int) -> wp.array:
         """Virtual point lights of a frame."""
@@ -134,9 +166,9 @@ class RadianceRenderer:
         film = self.films.black(resolution)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures)
         before = [world.data, world.camera(shot.view, shot.T_w_v, pinhole=True)]
-        self.films.take(film, [kernel], before, [ALL, wp.uint32(shot.key), film], shot.options.spp_b)
+        self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
-        return (yield from self._develop(film, shot, (), method, shot.guides() if guided else {}))
+        return (yield from self._develop([film], shot, (), method, shot.guides() if guided else {}))
 
     def trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
         """Albedo and normals at the centres of the pixels."""
@@ -147,30 +179,33 @@ class RadianceRenderer:
         self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
         return guides
 
-    def _develop(self, film: Film, shot: Shot, wanted_layers, method: str | None, guides=None, by_paths: bool = False
-                 ) -> Steps[RadianceImage]:
-        """The `RadianceImage` of a film."""
-        shape = film.sums.shape[1:]
+    def _develop(self, films: list[Film], shot: Shot, wanted_layers, method: str | None, guides=None,
+                 kinds: Sequence[SampleKind] = ()) -> Steps[RadianceImage]:
+        """The `RadianceImage` that is the sum of films; of paths, if there are kinds of samples."""
+        shape = shot.view.resolution[::-1]
         names = (*LAYERS, "correction", "base_variance", "radiance", "stderr")
-        images = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in names}
-        variance, blocks = (self.films.buffer(*film.count.shape[1:]) for _ in "vb")
-        self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
-        self.launcher.run(develop, shape, [film, variance], list(images.values()))
+        images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in names}
+        variance, blocks = (wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device) for _ in "vb")
+        for film in films:
+            self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
+            self.launcher.run(develop, shape, [film, variance], list(images.values()))
         # what a denoiser works on, still on the device
-        apart = ("correction", "base_variance") if by_paths else ()
+        apart = ("correction", "base_variance") if kinds else ()
         work = {name: images[name] for name in ("radiance", *apart)} | (guides or {})
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:
             wanted = work | {"block_error": blocks} | {name: images[name] for name in ("stderr", *wanted_layers)}
-        lost, count, *arrays = yield from self.launcher.fetch(film.lost, film.count, *wanted.values())
-        self.films.keep(film)
-        on_host = dict(zip(wanted, arrays, strict=True))
-        if lost[0]:
-            warn(f"at least {lost[0]} samples of an image were infinite or not a number; they count as black, "
+        kept = [array for film in films for array in (film.lost, film.count)]
+        fetched = yield from self.launcher.fetch(*kept, *wanted.values())
+        on_host = dict(zip(wanted, fetched[len(kept):], strict=True))
+        lost = sum(int(count[0]) for count in fetched[:len(kept):2])
+        if lost:
+            warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
                  "and the image is darker there")
-        spp = float((count.mean(0) * tile_pixels(*shape)).sum() / np.prod(shape))
-        facts = {"lost_samples": int(lost[0]), "spp": spp}
+        facts = {"lost_samples": lost, "spp": _samples_per_pixel(fetched[1:len(kept):2], shape, kinds or [ALL_ALIKE])}
+        for film in films:
+            self.films.keep(film)
         if "block_error" in on_host:
             on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
         if "denoised" in on_host:
@@ -205,3 +240,10 @@ class RadianceRenderer:
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None
+
+
+def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]) -> float:
+    """Samples per pixel, mean over the image: as many as cost as much."""
+    area = tile_pixels(*shape) / np.prod(shape)
+    spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
+    return spent / sum(kind.cost * kind.to_a_sample for kind in kinds)

@@ -59,14 +59,14 @@ def developed(film):
     """The ``NAMES`` [H, W, 3]."""
     shape = film.sums.shape[1:]
     variance, _ = tile_variances(film)
-    out = [wp.empty(shape, dtype=wp.vec3, device="cpu") for _ in range(7)]
+    out = [wp.zeros(shape, dtype=wp.vec3, device="cpu") for _ in NAMES]
     wp.launch(kernel.develop, dim=shape, inputs=[film, variance], outputs=out, device="cpu")
     return dict(zip(NAMES, (image.numpy() for image in out), strict=True))
 
 
 def tile_variances(film):
     """Of one sample, and of the mean of a block, [tile row, tile column]."""
-    out = [wp.empty(film.count.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "sb"]
+    out = [wp.zeros(film.count.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "sb"]
     wp.launch(kernel.tile_variances, dim=out[0].shape, inputs=[film], outputs=out, device="cpu")
     return out
 

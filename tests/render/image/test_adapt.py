@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from spread import evenly
 
 from varos_warp.render import radiance
 from varos_warp.render.image.adapt import DARK, MOST_SHARED, brightness, other_noise, share_out
@@ -25,8 +26,8 @@ def sides(rng, count):
 def trial(rng, own):
     """Mean of the image when the number of samples of a side follows from the other, or (wrongly) from its own."""
     hits, mean, variance = sides(rng, FIRST)
-    noise = other_noise(mean[::-1], variance[::-1]) if own else other_noise(mean, variance)
-    more = share_out(noise, FIRST, SPP)
+    noise = other_noise(mean[None, ::-1], variance[None, ::-1]) if own else other_noise(mean[None], variance[None])
+    more = share_out(noise, FIRST, SPP, 1.0)[0]
     total = hits + rng.binomial(more[..., None], RARE)
     return (total / RARE / (FIRST + more)[..., None]).mean()
 
@@ -42,39 +43,47 @@ def test_the_mean_is_unbiased_and_would_not_be_if_a_side_decided_for_itself():
 
 def uneven():
     """Mean and variance of 30 x 30 tiles: a third 100 times as noisy as the next, a third without noise."""
-    mean, variance = np.full((2, 30, 30, 3), 2.0), np.full((2, 30, 30, 3), 4.0 * 0.01)
-    variance[:, :10] *= 100.0
-    variance[:, 20:] = 0.0
+    mean, variance = np.full((1, 2, 30, 30, 3), 2.0), np.full((1, 2, 30, 30, 3), 4.0 * 0.01)
+    variance[:, :, :10] *= 100.0
+    variance[:, :, 20:] = 0.0
     return mean, variance
 
 
 def test_samples_are_shared_out_in_proportion_to_the_deviation():
     """As many as asked on average, ten times as many where the deviation is ten times as large, within the limits."""
     noise = other_noise(*uneven())
-    count = share_out(noise, 2, 40.0) + 2
+    count = share_out(noise, 2, 40.0, 1.0)[0] + 2
     assert count.mean() == pytest.approx(40.0, abs=1.0)
     assert np.all(count[:, 22:] == 2)
     assert np.all(np.abs(count[:, :9] - 10.0 * count[:, 14:18].mean()) <= 10.0)
-    noise[:, 0, 0] = 1e9
-    count = share_out(noise, 2, 40.0) + 2
+    noise[:, :, 0, 0] = 1e9
+    count = share_out(noise, 2, 40.0, 1.0)[0] + 2
     assert count.max() == MOST_SHARED * 40
     assert count.mean() == pytest.approx(40.0, abs=1.0)
-    assert not share_out(np.zeros((2, 3, 4)), 2, 40.0).any()
+    assert not share_out(np.zeros((1, 2, 3, 4)), 2, 40.0, 1.0).any()
 
 
 def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
     mean, variance = uneven()
     changed = variance.copy()
-    changed[0] *= np.linspace(0.5, 2.0, 30)[:, None]
-    before, after = (share_out(other_noise(mean, v), 2, 40.0) for v in (variance, changed))
+    changed[:, 0] *= np.linspace(0.5, 2.0, 30)[:, None]
+    before, after = (share_out(other_noise(mean, v), 2, 40.0, 1.0)[0] for v in (variance, changed))
     assert np.array_equal(before[0], after[0])
     assert not np.array_equal(before[1], after[1])
 
 
 def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
     np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
-    black = np.zeros((2, 3, 3, 3))
-    assert not share_out(other_noise(black, black), 4, 64).any()
+    black = np.zeros((1, 2, 3, 3, 3))
+    assert not share_out(other_noise(black, black), 4, 64, 1.0).any()
+
+
+def test_cheap_samples_are_many():
+    """Of two kinds that are as noisy, one of a hundredth of the cost: ten times as many, for as much work as asked."""
+    noise, spp, cost = np.full((2, 2, 6, 8), 0.01), np.array([4.0, 16.0]), np.array([0.01, 1.0])
+    count = share_out(noise, [2, 2], spp, cost) + 2
+    assert count[0].mean() == pytest.approx(10.0 * count[1].mean(), rel=0.02)
+    assert count.mean((1, 2, 3)) @ cost == pytest.approx(spp @ cost, rel=0.02)
 
 
 # --------------------------------------------------------------------------------------------------------- an image
@@ -105,7 +114,7 @@ def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_s
 
     shared = images(0)
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
-    monkeypatch.setattr(radiance, "share_out", lambda noise, taken, spp: np.full(noise.shape, round(spp) - taken))
+    monkeypatch.setattr(radiance, "share_out", evenly)
     even = images(100)
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()

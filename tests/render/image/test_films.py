@@ -52,7 +52,7 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     rng = np.random.default_rng(1)
     takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
     for samples in takes:
-        made.take(film, [count_samples], [], [film], samples)
+        made.take(film, count_samples, [], [], samples)
     assert film.parts is None or not film.parts.shape[0]
     row, col = np.indices(shape)
     taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
@@ -72,18 +72,18 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
     made._resident = resident
     film = made.black((9, 17))
     for samples in (3, 5):
-        made.take(film, [count_parts_in_turn] * 2, [], [film], samples, queued=True)
+        made.take(film, count_parts_in_turn, [], [], samples, queued=True)
     sums = film.sums.numpy()[..., 0]
-    assert np.array_equal(sums[0], np.full((17, 9), 2 * 8))
-    assert np.array_equal(sums[4], np.full((17, 9), 2 * 28))
-    assert film.lost.numpy()[0] == 2 * 9 * 17 * (2 + 3)  # kernels, pixels, parts of 3 and of 5 samples
+    assert np.array_equal(sums[0], np.full((17, 9), 8))
+    assert np.array_equal(sums[4], np.full((17, 9), 28))
+    assert film.lost.numpy()[0] == 9 * 17 * (2 + 3)  # pixels, parts of 3 and of 5 samples
     assert sums[1].any() == (resident < min(lot, 2 * 9 * 17))
 
 
 def test_films_are_black_when_they_are_used_again():
     made = Films(Launcher("cpu"))
     film = made.black((5, 3))
-    made.take(film, [count_samples], [], [film], 2)
+    made.take(film, count_samples, [], [], 2)
     made.keep(film)
     again = made.black((5, 3))
     assert again is film

@@ -117,11 +117,11 @@ def test_a_tighter_tolerance_takes_more_samples(planned):
 
 
 def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned, known):
-    """8 images tell their error to about a tenth."""
+    """8 images tell their error to about a tenth; what is foretold is that of the worst of four."""
     scene, renderer, plan = planned
     found = error_of([rendered(scene, renderer, plan, seed).radiance for seed in range(80, 88)], known)
     assert np.all(found <= plan.error)
-    assert 0.6 * scene.render.tolerance < found.max() <= scene.render.tolerance
+    assert 0.5 * scene.render.tolerance < found.max() <= scene.render.tolerance
 
 
 def test_the_denoised_image_keeps_the_tolerance(known):
@@ -151,9 +151,9 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
 
 
 @pytest.mark.parametrize(("tolerance", "seconds", "spp", "asked"), [
-    (1e-4, None, 3689, "0.01 %"), (5e-324, 0.1, 6, "4.9e-322 %")], ids=["small", "tiny"])
+    (1e-4, None, 2766, "0.01 %"), (5e-324, 0.1, 4, "4.9e-322 %")], ids=["small", "tiny"])
 def test_a_tolerance_that_cannot_be_had_is_said_first(planned, tolerance, seconds, spp, asked):
-    """64 x 36 pixels; a CPU's samples take 12 microseconds nominally, of paths alone 1.7 times less."""
+    """64 x 36 pixels; a CPU's samples take 16 microseconds nominally, of paths alone 1.7 times less."""
     plan = plan_render(make_scene(tolerance=tolerance, max_seconds_per_frame=seconds), planned[1], [POSE])
     assert plan.spp == spp
     assert plan.reasons[0] == plan.shortfall

@@ -262,7 +262,7 @@ def tile_variances(
     film: Film,
     # out, [tile row, tile column]
     samples: wp.array2d(dtype=wp.vec3d),  # of one sample
-    blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels
+    blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels, added
 ):
     """Estimates of variances; infinite for one sample. A single value of ``blocks`` is a poor estimate; average them.
 
@@ -290,7 +290,7 @@ def tile_variances(
                 pixels += wp.float64(1.0)
     mean = total / pixels
     samples[tile_row, tile_col] = squares / around
-    blocks[tile_row, tile_col] = wp.cw_mul(mean, mean)
+    blocks[tile_row, tile_col] += wp.cw_mul(mean, mean)
 
 
 @wp.func
@@ -319,24 +319,26 @@ def develop(
     radiance: wp.array2d(dtype=wp.vec3),
     stderr: wp.array2d(dtype=wp.vec3),
 ):
-    """Mean of each layer, their sum and its standard error; ``correction`` is contained; all [height, width].
+    """Add a film to an image that is the sum of several: mean of each layer, their sum and its standard error.
 
-    The standard error comes from the samples of all pixels of a tile, and a little from the tiles around, because
-    pixels that missed rare bright samples would claim too small an error. ``base_variance`` is the pixel's own variance
-    of everything but the correction: mostly edges, textures and the blur of a lens.
+    All are [height, width] and 0 before the first film; ``correction`` is contained in the layers. The standard error
+    comes from the samples of all pixels of a tile, and a little from the tiles around, because pixels that missed rare
+    bright samples would claim too small an error. ``base_variance`` is the pixel's own variance of everything but the
+    correction: mostly edges, textures and the blur of a lens.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
     n = wp.float64(wp.max(count, 1))
-    direct[row, col] = wp.vec3(sums.direct / n)
-    single[row, col] = wp.vec3(sums.single / n)
-    multiple[row, col] = wp.vec3(sums.multiple / n)
-    correction[row, col] = wp.vec3(sums.correction / n)
+    direct[row, col] += wp.vec3(sums.direct / n)
+    single[row, col] += wp.vec3(sums.single / n)
+    multiple[row, col] += wp.vec3(sums.multiple / n)
+    correction[row, col] += wp.vec3(sums.correction / n)
     # the sum of the layers as stored, so that they add up to it exactly
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    mean_variance = with_tiles_around(variance, row / TILE, col / TILE) / n
     off = base_difference(sums, count)
-    base_variance[row, col] = wp.vec3(wp.cw_mul(off, off))
+    base_variance[row, col] += wp.vec3(wp.cw_mul(off, off))
+    before = stderr[row, col]
+    variance_here = with_tiles_around(variance, row / TILE, col / TILE) / n
     for c in range(3):
-        stderr[row, col][c] = float(wp.sqrt(mean_variance[c]))
+        stderr[row, col][c] = wp.sqrt(before[c] * before[c] + float(variance_here[c]))

@@ -5,13 +5,15 @@ bright samples would stop early, and stay too dark. So the pixels of every tile 
 a chessboard. All take a few samples first; how many more those of one side take is decided from the first samples of
 the other side alone, which know nothing of theirs. So the mean of every pixel is unbiased.
 
-The samples of an image are shared out in proportion to the noise of one, which is how they leave the least error in all
-(Neyman 1934).
+The samples of an image are shared out in proportion to the noise of one over the root of its cost, which is how they
+leave the least error for the time (Neyman 1934). An image of paths is the sum of two kinds of samples, the camera's
+segments and subpaths; the former cost less, so there are more of them (splitting, Arvo and Kirk 1990).
 """
 
 from functools import reduce
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter
 
 DARK = 0.1
@@ -36,19 +38,19 @@ def brightness(mean: np.ndarray) -> np.ndarray:
 
 
 def other_noise(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Relative variance of one sample, float64 [2, rows, columns], as the other side of each tile saw it.
+    """Relative variance of one sample, float64 [kind, 2, rows, columns], as the other side of each tile saw it.
 
     That of the worst channel; and as the variance of a few samples may have missed the bright ones, that of the tiles
     around counts too.
 
     Args:
-        mean: Radiance of the tiles [2, rows, columns, 3], of each side by itself.
+        mean: Radiance of the tiles of each kind, whose sum is the image, [kind, 2, rows, columns, 3].
         variance: Variance of one sample, alike.
     """
-    level = np.array([brightness(side.mean((0, 1))) for side in mean[::-1]])[:, None, None] ** 2
+    level = np.array([brightness(side.mean((0, 1))) for side in mean.sum(0)[::-1]])[:, None, None] ** 2
     scale = np.divide(1.0, level, out=np.zeros_like(level), where=level > 0.0)
-    other = worst_channel(variance[::-1] * scale)
-    return np.maximum(other, uniform_filter(other, (1, 3, 3), mode="nearest"))
+    other = worst_channel(variance[:, ::-1] * scale)
+    return np.maximum(other, uniform_filter(other, (1, 1, 3, 3), mode="nearest"))
 
 
 def worst_channel(images: np.ndarray) -> np.ndarray:
@@ -56,29 +58,32 @@ def worst_channel(images: np.ndarray) -> np.ndarray:
     return reduce(np.maximum, np.moveaxis(images, -1, 0))
 
 
-def share_out(noise: np.ndarray, taken: int, spp: float) -> np.ndarray:
-    """Further samples per pixel of each side and tile, int32 [2, rows, columns]: ``spp`` in all on average, or fewer.
+def share_out(noise: np.ndarray, taken: ArrayLike, spp: ArrayLike, cost: ArrayLike) -> np.ndarray:
+    """Further samples per pixel of each kind, side and tile, int32 [kind, 2, rows, columns].
 
-    In proportion to the deviation of one sample; the numbers of each side are found by itself.
+    In proportion to the deviation of one sample over the root of its cost; the numbers of each side are found by
+    itself.
 
     Args:
         noise: Relative variance of one sample, of `other_noise`.
-        taken: Samples that every pixel has.
-        spp: Samples per pixel, mean over the image.
+        taken: Samples of each kind that every pixel has.
+        spp: Samples of each kind that the mean pixel is to have. Kinds may have more and less; all cost as much.
+        cost: Of a sample of each kind.
     """
-    return np.stack([_share_out(np.sqrt(side), taken, spp) for side in noise])
+    taken, spp, cost = (np.reshape(np.asarray(values, float), (-1, 1, 1)) for values in (taken, spp, cost))
+    return np.stack([_share_out(np.sqrt(noise[:, side] / cost), taken, spp, cost) for side in range(2)], 1)
 
 
-def _share_out(deviation: np.ndarray, taken: int, spp: float) -> np.ndarray:
-    if not deviation.any():
-        return np.zeros(deviation.shape, np.int32)
-    most = max(MOST_SHARED * spp, taken)
-    # scales of the deviation at which none gets more, and at which all have the most that they may
-    low, high = taken / deviation.max(), most / deviation[deviation > 0.0].min()
-    for _ in range(20):
+def _share_out(weight: np.ndarray, taken: np.ndarray, spp: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    if not weight.any():
+        return np.zeros(weight.shape, np.int32)
+    most, asked = np.maximum(MOST_SHARED * spp, taken), (spp * cost).sum()
+    # scales of the weight at which none gets more, and at which all have the most that they may
+    low, high = taken.min() / weight.max(), most.max() / weight[weight > 0.0].min()
+    for _ in range(24):
         middle = np.sqrt(low * high)
-        mean = np.minimum(np.maximum(middle * deviation, taken), most).mean()
-        low, high = (middle, high) if mean <= spp else (low, middle)
+        spent = (cost * np.clip(middle * weight, taken, most)).mean((1, 2)).sum()
+        low, high = (middle, high) if spent <= asked else (low, middle)
     # whole numbers with the same mean: parts of a sample go to the tiles in turn
-    turn = (GOLDEN * np.arange(deviation.size) % 1.0).reshape(deviation.shape)
-    return np.floor(np.clip(low * deviation, taken, most) + turn).astype(np.int32) - taken
+    turn = (GOLDEN * np.arange(weight[0].size) % 1.0).reshape(weight[0].shape)
+    return (np.floor(np.clip(low * weight, taken, most) + turn) - taken).astype(np.int32)

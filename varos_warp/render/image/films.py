@@ -68,18 +68,16 @@ class Films:
         """Sums, or anything else with a float64 for each channel."""
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def take(self, film: Film, kernels: Sequence[wp.Kernel], before, after, samples: int | np.ndarray,
-             queued: bool = False):
+    def take(self, film: Film, kernel: wp.Kernel, before, after, samples: int | np.ndarray, queued: bool = False):
         """Take more samples.
 
         Args:
             film: The film.
-            kernels: Take the samples of ``film.parts`` from the number that they get between ``before`` and ``after``;
-                of several each has a share in every sample.
-            before: Their arguments before that number,
-            after: and after it.
+            kernel: Takes the samples of ``film.parts`` from the number that it gets between ``before`` and ``after``.
+            before: Its arguments before that number,
+            after: and after it, before the film.
             samples: How many, of all pixels or [side, tile row, tile column].
-            queued: Whether their threads go on to the `next_part`.
+            queued: Whether its threads go on to the `next_part`.
         """
         self.launcher.upload(samples, film.wanted)
         samples = np.broadcast_to(samples, film.count.shape)
@@ -97,10 +95,10 @@ class Films:
             film.part_sums = self.buffer(SUMS, parts)
             self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
             threads = min(parts, self._resident) if queued else parts
-            for kernel in kernels:
-                film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
-                self.launcher.rows(kernel, (threads,), before, after, tile_rows=int(np.clip(parts // 32, 64, 1024)))
-                self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
+            film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
+            tile_rows = int(np.clip(parts // 32, 64, 1024))
+            self.launcher.rows(kernel, (threads,), before, [*after, film], tile_rows=tile_rows)
+            self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
         film.parts = film.part_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, [], [film])
 
@@ -111,19 +109,23 @@ class Films:
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
 
-    def tile_statistics(self, film: Film, denoised: float = 1.0) -> Steps[list[np.ndarray]]:
-        """Mean and variance of one sample, [side, tile row, tile column, 3].
+    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> Steps[np.ndarray]:
+        """Mean and variance of one sample, [2, film, side, tile row, tile column, 3].
 
         Args:
-            film: The film.
+            films: Whose sum is an image.
             denoised: All but one part in so many of the correction's variance is taken away later.
         """
-        pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
-        self.launcher.run(pixel_statistics, pixels[0].shape, [film, denoised], pixels)
-        tiles = [self.buffer(*film.count.shape) for _ in pixels]
-        for image, means in zip(pixels, tiles, strict=True):
-            self.launcher.run(average_tiles, means.shape, [image], [means])
-        return (yield from self.launcher.fetch(*tiles))
+        tiles = []
+        for film in films:
+            pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
+            self.launcher.run(pixel_statistics, pixels[0].shape, [film, denoised], pixels)
+            tiles.append([self.buffer(*film.count.shape) for _ in "mv"])
+            for image, means in zip(pixels, tiles[-1], strict=True):
+                self.launcher.run(average_tiles, means.shape, [image], [means])
+        means, variances = zip(*tiles, strict=True)
+        fetched = yield from self.launcher.fetch(*means, *variances)
+        return np.reshape(fetched, (2, len(films), *fetched[0].shape))
 
 
 def tile_pixels(height: int, width: int) -> np.ndarray:

@@ -39,7 +39,7 @@ field there are fewer rare bright samples."""
 COMPARED_SPP, RARE_COUNTS = 8, 2.0
 """Samples per pixel of the images by which integrators are compared; and how many times less the work by noise before
 denoising counts than that by noise after it, for a denoiser takes most of it."""
-NOMINAL_SECONDS = {"cpu": 12e-6, "cuda": 50e-9}
+NOMINAL_SECONDS = {"cpu": 16e-6, "cuda": 40e-9}
 """Time of a sample of a pixel with the field, on two cores or a large GPU; constant for the same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 """`max_seconds_per_frame` where the scene says nothing."""

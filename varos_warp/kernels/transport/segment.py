@@ -1,0 +1,135 @@
+"""A segment of a path, as the kernels of path.py and camera_segment.py trace it, and the light of one more event on it.
+
+Light of one more event is scattered on the segment, or reflected at its end, straight from the lights.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
+
+import warp as wp
+
+from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampling import half_key, uniforms
+from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
+from varos_warp.kernels.transport.pixel import sample_pixel
+from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
+from varos_warp.kernels.world.camera import Camera
+from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.texture import footprint_width
+
+wp.set_module_options({"enable_backward": False})
+
+LOW_DIMENSIONS = wp.constant(14)
+"""Number of groups of four numbers that are low-discrepancy points; later vertices hardly benefit."""
+
+
+@dataclass(frozen=True)
+class PathSpec:
+    """What a path kernel is compiled for; features that a scene lacks cost nothing."""
+
+    medium: bool = True
+    """The water scatters."""
+    direct: bool = True
+    single: bool = True
+    multiple: bool = True
+    """Which layers are wanted."""
+    instances: bool = False
+    """There are instances."""
+    textures: bool = True
+    """Some material is more than one constant reflectance."""
+    surfaces: bool = True
+    """There are surfaces."""
+    field: bool = False
+    """The field of open water is known."""
+    camera_field: bool = False
+    """It is also known along this camera's rays."""
+
+    def camera(self) -> "PathSpec | None":
+        """What the camera's own segments need; None if no layer does."""
+        if self.direct or self.single or (self.multiple and self.field):
+            return replace(self, multiple=self.multiple and self.field)
+        return None
+
+    def subpaths(self) -> "PathSpec | None":
+        """What subpaths need; None if there are none: of open water the field knows all."""
+        if self.multiple and (self.surfaces or not self.field):
+            return replace(self, direct=False, single=False)
+        return None
+
+
+@wp.struct
+class PathBounds:
+    """Bounds on paths."""
+
+    scatterings: int
+    bounces: int
+    """The largest number of each."""
+
+
+@wp.func(inline=False)
+def draw(key: wp.uint32, pixel: int, sample: int, group: int):
+    """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent numbers far down a path.
+
+    Even and odd samples have sequences of their own.
+    """
+    half = half_key(key, sample & 1)
+    if group < LOW_DIMENSIONS:
+        return sobol4(half, pixel, sample >> 1, 2 * group)
+    return uniforms(half, pixel, sample >> 1, group)
+
+
+class Segment(NamedTuple):
+    """Device functions of a segment."""
+
+    first_hit: wp.Function
+    visible: wp.Function
+    end_vertex: wp.Function
+    scattered_once: wp.Function
+    reflected_once: wp.Function
+    image_place: wp.Function
+
+
+@cache
+def make_segment(instances: bool, textures: bool, lights_in_view: bool) -> Segment:
+    """The functions of a segment for scenes with or without instances, textures, and lights that the camera may see."""
+    first_hit, visible = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+
+    @wp.func
+    def end_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
+        """The vertex at the end of a segment along ``d``, whose ray stands for a cone of ``angle``."""
+        n = shading_normal(scene, hit)
+        return surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
+
+    @wp.func
+    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: float, v: float):
+        """Light scattered once into a segment; unless ``whole``, minus that of open water."""
+        L = wp.vec3(0.0)
+        scattered = sample_in_scattered(scene, o, d, t, u, v)
+        if brightest(scattered.L) > 0.0:
+            if visible(scene, scattered.p, scattered.q):
+                L = scattered.L
+            if not whole:
+                L -= scattered.L
+        return L
+
+    @wp.func
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
+        """Direct light that the surface at the end of a segment reflects into it, at that end."""
+        reflected = sample_reflected(scene, hit, end, u, v)
+        if brightest(reflected.L) > 0.0:
+            if not visible(scene, reflected.p, reflected.q):
+                reflected.L = wp.vec3(0.0)
+                reflected.blocked = 1
+        return reflected
+
+    @wp.func
+    def image_place(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
+        """Image point (x, y) of a sample, and its weight."""
+        if wp.static(lights_in_view):
+            return sample_pixel(scene, camera, row, col, u)
+        return wp.vec3(float(col) + u[0], float(row) + u[1], 1.0)
+
+    return Segment(first_hit, visible, end_vertex, scattered_once, reflected_once, image_place)
