@@ -37,11 +37,7 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
     Raises:
         InputError: If Rerun is not installed, the frames are none, or something in the dataset cannot be read.
     """
-    try:
-        import rerun
-    except ImportError as error:
-        raise InputError("the viewer Rerun is not installed", key="view",
-                         remedy='Install it with `pip install "varos_warp[view]"`.') from error
+    rerun = load_rerun("view")
     data = Dataset(root)
     numbers = _select(data, frames)
     stream = rerun.RecordingStream("varos_warp")
@@ -58,6 +54,20 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
     return Path(save)
 
 
+def load_rerun(verb: str, instead: str = ""):
+    """The module ``rerun``, for a verb that shows something; ``instead`` says what else would do.
+
+    Raises:
+        InputError: If it is not installed.
+    """
+    try:
+        import rerun
+    except ImportError as error:
+        raise InputError("the viewer Rerun is not installed", key=verb,
+                         remedy=f'Install it with `pip install "varos_warp[view]"`{instead}.') from error
+    return rerun
+
+
 def _select(data: Dataset, frames: slice) -> list[int]:
     """Numbers of the dataset's frames in a slice of the sequence."""
     wanted = range(*frames.indices(data.meta["frames"]["of"]))
@@ -70,8 +80,12 @@ def _select(data: Dataset, frames: slice) -> list[int]:
 
 
 def local_origin(data: Dataset) -> np.ndarray:
-    """Whole metres [3] near the first camera's first position, or zero where that is near enough."""
-    position = data.views()[1][:, :3, 3]
+    """What a dataset's positions are moved by [3]: see `moved_by`."""
+    return moved_by(data.views()[1][:, :3, 3])
+
+
+def moved_by(position: np.ndarray) -> np.ndarray:
+    """Whole metres [3] near the first of the positions [N, 3], or zero where all are near enough."""
     return np.round(position[0]) if np.abs(position).max() > FAR_M else np.zeros(3)
 
 
