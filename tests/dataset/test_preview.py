@@ -134,7 +134,7 @@ def test_the_picture_is_the_frame(scene_file, tmp_path, where):
     spp = 32
     result = call(scene_file, "-o", tmp_path / "out", *where, "--camera", "R0", "--width", 48, "--spp", spp, "--once")
     assert result.exit_code == 0, result.output
-    assert f"camera R0, 48 x 27: 1 samples per pixel, exposure gain {GAIN:g}" in result.stderr
+    assert f"camera R0, 48 x 27: 1 sample per pixel, exposure gain {GAIN:g}" in result.stderr
     assert f"{spp} samples per pixel" in result.stderr.splitlines()[-1]
     pixels = np.array(Image.open(tmp_path / "out" / "preview.png"))
     scene = load_scene(scene_file, ["vehicle.cameras.1.resolution=[48, 27]"])

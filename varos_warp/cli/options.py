@@ -67,9 +67,9 @@ class Look:
     """From where `preview` looks, and how closely."""
 
     frame: Annotated[int | None, typer.Option(min=0, metavar="N", help="Which frame; the first by default.")] = None
-    time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course [s] instead.")] = None
+    time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course in seconds instead.")] = None
     camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None
-    width: Annotated[int, typer.Option(min=16, help="Of the image [pixels]; at most the camera's own.")] = 320
+    width: Annotated[int, typer.Option(min=16, help="Of the image in pixels; at most the camera's own.")] = 320
     spp: Annotated[int | None, typer.Option(
         min=1, help="Refine up to so many samples per pixel; the scene's, or 64, by default.")] = None
 

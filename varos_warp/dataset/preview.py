@@ -38,7 +38,7 @@ B_SPP = 4
 """Samples per pixel of B: with guides they leave less noise than 20 without (render/image/denoise.py)."""
 POLL_SECONDS = 0.1
 """How often the files are looked at."""
-FAR_M = 100.0
+KEPT_ORIGIN_M = 100.0
 """A course that moves farther has its geometry uploaded anew, around a nearer origin."""
 
 NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current", "vehicle", "trajectory", "render"}
@@ -122,7 +122,8 @@ def _refine(view: View, screen, most: int, desk: "_Desk", console: Console) -> N
         pixels, gain = developed("A", denoise_image(image, scene.render.denoise), scene)
         screen.show("A", pixels)
         seconds = time.monotonic() - desk.since
-        words = f"{image.spp or 0:g} samples per pixel, exposure gain {gain:.3g}, after {seconds:.1f} s"
+        count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
+        words = f"{count}, exposure gain {gain:.3g}, after {seconds:.1f} s"
         if not stage:
             console.tell(f"camera {view.camera.id}, {pixels.shape[1]} x {pixels.shape[0]}: {words}")
             if "B" in screen.outputs:
@@ -223,7 +224,7 @@ class _Desk:
         solid["files"] = files_named(scene, solid)
         old = self._renderer
         if old is None or solid != self._solid or np.abs(
-                local_origin(scene, old.parts) - old.world.origin).max() > FAR_M:
+                local_origin(scene, old.parts) - old.world.origin).max() > KEPT_ORIGIN_M:
             self.console.tell("loading terrain, objects and textures ...")
             self._renderer = FrameRenderer(scene, self.device)
             self._solid = solid

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.view import load_rerun, moved_by
+from varos_warp.dataset.view import load_rerun, moved_by, open_viewer
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.frames import camera_pose, intrinsics
@@ -42,24 +42,24 @@ class RerunScreen:
     """Shows A, B, the course and the camera; each save of the scene is a step of the time line ``save``.
 
     Args:
-        stream: A `rerun.RecordingStream`; absent: a new one for which the viewer is opened.
+        stream: A `rerun.RecordingStream`; absent: a new one, for which the viewer is opened when there is a scene.
 
     Raises:
-        InputError: If Rerun is not installed.
+        InputError: If Rerun is not installed; and later, if it cannot be opened.
     """
 
     outputs = "AB"
 
     def __init__(self, stream=None):
         self.rr = load_rerun("preview", ", or write PNG files with -o FOLDER")
-        self.stream = stream or self.rr.RecordingStream("varos_warp_preview")
-        self._saves = 0
-        if stream is None:
-            self.stream.spawn(default_blueprint=_blueprint())
+        self.stream, self._saves = stream, 0
 
     def place(self, view) -> None:
-        """Begin a step: where the camera is on which course."""
+        """Begin a step: where the camera is on which course. The first opens the viewer."""
         rr, camera = self.rr, view.camera
+        if self.stream is None:
+            self.stream = rr.RecordingStream("varos_warp_preview")
+            open_viewer(self.stream, _blueprint(), "preview", "Write PNG files with -o FOLDER.")
         self.stream.set_time("save", sequence=self._saves)
         self._saves += 1
         T, origin = camera_pose(camera, view.T_w_v), moved_by(view.course)
