@@ -174,6 +174,15 @@ def test_a_save_is_followed_with_no_more_work_than_it_takes(scene_file, counted,
     assert counted == {"built": built, "simulated": simulated}
 
 
+def test_a_course_that_leaves_the_origin_gets_a_nearer_one(scene_file, counted):
+    """Without ground to hold it: at 10 000 km single precision has steps of a metre."""
+    far = {"poses": [{"position": [1e7, 0, 1]}]}
+    edit(scene_file, terrain=None, objects=[])
+    screen = watch(scene_file, lambda: edit(scene_file, trajectory=far), viewpoint=Viewpoint(width=48))
+    np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
+    assert counted == {"built": 2, "simulated": 2}
+
+
 def test_no_kernel_is_loaded_again_for_other_lights_or_water(scene_file):
     scene = load_scene(scene_file)
     renderer = FrameRenderer(scene, "cpu")

@@ -96,11 +96,11 @@ def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int 
     Raises:
         InputError: If the scene cannot be shown when the preview begins, or an image cannot be written.
     """
-    console, desk = Console(quiet), _Desk(Path(path), viewpoint, device, tuple(overrides), Console(quiet))
-    shown = False
+    console = Console(quiet)
+    edited, shown = _EditedScene(Path(path), viewpoint, device, tuple(overrides), console), False
     while True:
         try:
-            view = desk.reload()
+            view = edited.reload()
         except InputError as error:
             if once or not shown:
                 raise
@@ -108,20 +108,20 @@ def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int 
             screen.tell(error.message)
         else:
             screen.place(view)
-            _refine(view, screen, spp or view.renderer.scene.render.spp or MOST_SPP, desk, console)
+            _refine(view, screen, spp or view.renderer.scene.render.spp or MOST_SPP, edited, console)
             shown = True
         if once:
             return
-        desk.wait()
+        edited.wait()
 
 
-def _refine(view: View, screen, most: int, desk: "_Desk", console: Console) -> None:
+def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Console) -> None:
     """Show better and better images until they are good enough, or the scene changes."""
     scene, stage = view.renderer.scene, ""
     for image in refined(lambda **how: view.render("A", integrator="path", **how), most):
         pixels, gain = developed("A", denoise_image(image, scene.render.denoise), scene)
         screen.show("A", pixels)
-        seconds = time.monotonic() - desk.since
+        seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
         words = f"{count}, exposure gain {gain:.3g}, after {seconds:.1f} s"
         if not stage:
@@ -130,7 +130,7 @@ def _refine(view: View, screen, most: int, desk: "_Desk", console: Console) -> N
                 without_water = view.render("B", spp_b=B_SPP, denoise_b="oidn").denoised
                 screen.show("B", developed("B", without_water, scene)[0])
         stage = words
-        if desk.changed():
+        if edited.changed():
             return
     console.tell(f"{stage}; complete")
 
@@ -182,8 +182,8 @@ def added(mean: RadianceImage, image: RadianceImage) -> RadianceImage:
                    base_variance=blended("base_variance", 2), spp=total, layers={}, block_error=None)
 
 
-class _Desk:
-    """A scene file that is being edited, and what was made of it so far."""
+class _EditedScene:
+    """A scene file at work, and what was made of it so far."""
 
     def __init__(self, path: Path, viewpoint: Viewpoint, device: str, overrides: tuple[str, ...], console: Console):
         self.path, self.viewpoint, self.device, self.overrides = path, viewpoint, device, overrides
