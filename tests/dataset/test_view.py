@@ -3,6 +3,7 @@
 import io
 import os
 import shutil
+import socket
 import sys
 
 import numpy as np
@@ -158,6 +159,30 @@ def test_without_rerun_there_is_one_clear_message(written, monkeypatch):
     result = CliRunner().invoke(app, ["view", str(written)])
     assert result.exit_code == 2
     assert "varos_warp[view]" in result.stderr
+
+
+def test_a_viewer_that_cannot_be_opened_is_one_clear_message(written, monkeypatch):
+    """No display; no program; and one that is open already, here or through a tunnel, is used without a display."""
+    from rerun import RecordingStream
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        monkeypatch.setattr("varos_warp.dataset.view.VIEWER_PORT", server.getsockname()[1])
+        result = CliRunner().invoke(app, ["view", str(written)])
+        assert result.exit_code == 2
+        assert "there is no display for the viewer Rerun. Write a recording with --save FILE.rrd." in result.stderr
+        server.listen()
+
+        def spawn(self, **_):
+            raise RuntimeError("Failed to find the executable in PATH.\n\n    more")
+
+        monkeypatch.setattr(RecordingStream, "spawn", spawn)
+        result = CliRunner().invoke(app, ["view", str(written)])
+    assert result.exit_code == 2
+    assert "cannot be opened: Failed to find the executable in PATH. Activate the environment" in result.stderr
 
 
 def test_the_command_line_writes_a_recording(written, tmp_path):

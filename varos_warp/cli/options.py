@@ -63,6 +63,28 @@ class Choices:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Look:
+    """From where `preview` looks, and how closely."""
+
+    frame: Annotated[int | None, typer.Option(min=0, metavar="N", help="Which frame; the first by default.")] = None
+    time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course in seconds instead.")] = None
+    camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None
+    width: Annotated[int, typer.Option(min=16, help="Of the image in pixels; at most the camera's own.")] = 320
+    spp: Annotated[int | None, typer.Option(
+        min=1, help="Refine up to so many samples per pixel; the scene's, or 64, by default.")] = None
+
+    def parsed(self) -> dict:
+        """Fields of `Viewpoint`.
+
+        Raises:
+            InputError: If both a frame and a time are given.
+        """
+        if self.frame is not None and self.time is not None:
+            raise InputError("cannot be given together", key="--frame and --time", remedy="Give one of them.")
+        return {"frame": self.frame or 0, "time_s": self.time, "camera": self.camera, "width": self.width}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Repair:
     """What `preprocess` does to meshes."""
 

@@ -4,6 +4,10 @@ Times are those of the dataset, in nanoseconds, on the time line ``time``; frame
 Rerun keeps positions in single precision, so a world far from the origin is moved nearer; ``origin`` says by how much.
 """
 
+import contextlib
+import os
+import socket
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +20,8 @@ from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
+VIEWER_PORT = 9876
+"""Rerun's own."""
 FAR_M = 1000.0
 """Positions beyond this have steps of more than 0.06 mm in single precision."""
 AXES = {"x": [230, 80, 70], "y": [90, 180, 90], "z": [80, 130, 230]}
@@ -35,19 +41,16 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
         The file; None where the viewer was opened.
 
     Raises:
-        InputError: If Rerun is not installed, the frames are none, or something in the dataset cannot be read.
+        InputError: If Rerun is not installed or cannot be opened, the frames are none, or something in the dataset
+            cannot be read.
     """
-    try:
-        import rerun
-    except ImportError as error:
-        raise InputError("the viewer Rerun is not installed", key="view",
-                         remedy='Install it with `pip install "varos_warp[view]"`.') from error
+    rerun = load_rerun("view")
     data = Dataset(root)
     numbers = _select(data, frames)
     stream = rerun.RecordingStream("varos_warp")
     recorder = _Recorder(rerun, stream, data)
     if save is None:
-        stream.spawn(default_blueprint=_blueprint(data))
+        open_viewer(stream, _blueprint(data), "view", "Write a recording with --save FILE.rrd.")
         recorder.record(numbers, quiet)
         stream.flush()
         return None
@@ -56,6 +59,44 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
         recorder.record(numbers, quiet)
         stream.disconnect()
     return Path(save)
+
+
+def load_rerun(verb: str, instead: str = ""):
+    """The module ``rerun``, for a verb that shows something; ``instead`` says what else would do.
+
+    Raises:
+        InputError: If it is not installed.
+    """
+    try:
+        import rerun
+    except ImportError as error:
+        raise InputError("the viewer Rerun is not installed", key=verb,
+                         remedy=f'Install it with `pip install "varos_warp[view]"`{instead}.') from error
+    return rerun
+
+
+def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
+    """Open the viewer for a stream, or use the one that is open.
+
+    Raises:
+        InputError: If it cannot be opened: there is no display, or the program is not where programs are looked for.
+    """
+    displays = {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"}
+    if sys.platform.startswith("linux") and not displays & set(os.environ) and not _is_open():
+        raise InputError("there is no display for the viewer Rerun", key=verb, remedy=remedy)
+    try:
+        stream.spawn(default_blueprint=blueprint)
+    except RuntimeError as error:
+        raise InputError("the viewer Rerun cannot be opened: " + str(error).strip().splitlines()[0].rstrip("."),
+                         key=verb, remedy=f"Activate the environment that it is installed in. {remedy}") from error
+
+
+def _is_open() -> bool:
+    """Whether a viewer listens, on this machine or through a tunnel."""
+    with contextlib.suppress(OSError):
+        socket.create_connection(("127.0.0.1", VIEWER_PORT), timeout=0.5).close()
+        return True
+    return False
 
 
 def _select(data: Dataset, frames: slice) -> list[int]:
@@ -70,8 +111,12 @@ def _select(data: Dataset, frames: slice) -> list[int]:
 
 
 def local_origin(data: Dataset) -> np.ndarray:
-    """Whole metres [3] near the first camera's first position, or zero where that is near enough."""
-    position = data.views()[1][:, :3, 3]
+    """What a dataset's positions are moved by [3]: see `moved_by`."""
+    return moved_by(data.views()[1][:, :3, 3])
+
+
+def moved_by(position: np.ndarray) -> np.ndarray:
+    """Whole metres [3] near the first of the positions [N, 3], or zero where all are near enough."""
     return np.round(position[0]) if np.abs(position).max() > FAR_M else np.zeros(3)
 
 

@@ -1,5 +1,6 @@
 """One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
 
+import copy
 import functools
 from collections.abc import Iterable
 from typing import Any
@@ -56,6 +57,16 @@ class FrameRenderer:
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
         self.radiance = RadianceRenderer(scene, self.world, self.films)
+
+    def relit(self, scene: Scene) -> "FrameRenderer":
+        """A renderer of a scene that differs in water, lights, cameras or course only: nothing is built anew for it.
+
+        Not for use at the same time as this one: both render into the same films.
+        """
+        other = copy.copy(self)
+        other.scene, other.world = scene, self.world.relit(scene)
+        other.radiance = RadianceRenderer(scene, other.world, self.films)
+        return other
 
     @property
     def compile_seconds(self) -> float:

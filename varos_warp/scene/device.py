@@ -1,5 +1,7 @@
 """A scene in device memory: meshes with their BVHs, copies, materials, lights and water, in a local float32 world."""
 
+import copy
+
 import numpy as np
 import warp as wp
 
@@ -66,6 +68,18 @@ class DeviceScene:
         self.data.medium = medium_record(self.water, device)
         if parts:
             self._upload_geometry(parts)
+
+    def relit(self, scene: Scene) -> "DeviceScene":
+        """The same terrain, objects and materials in the water and with the lights and cameras of another scene.
+
+        Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
+        """
+        other = copy.copy(self)
+        other.scene, other.water = scene, optical_properties(scene)
+        other.data = SceneData()
+        other.data.assign(self.data)
+        other.data.medium = medium_record(other.water, self.device)
+        return other
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """One mesh of all parts in world axes, one of each instanced mesh in its own; arrays per face hold all."""

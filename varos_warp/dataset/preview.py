@@ -1,0 +1,295 @@
+"""A scene while it is edited: a small image A that refines, and is made anew when the scene or a file of it is saved.
+
+Only what a change touches is done again: the course where it depends on the change, geometry and textures likewise.
+Lights, water and cameras cost nothing but the image. That is computed by paths alone, for the precomputed field would
+have to be solved again for each new water or cone, which takes longer than the samples that it saves here.
+"""
+
+import contextlib
+import itertools
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varos_warp.dataset.progress import Console
+from varos_warp.dataset.run.produce import simulated
+from varos_warp.errors import InputError
+from varos_warp.render.image import exposure
+from varos_warp.render.image.denoise import denoise_image
+from varos_warp.render.image.frame import RadianceImage
+from varos_warp.render.image.outputs import OUTPUTS, to_half
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.files import is_file
+from varos_warp.scene.geometry.parts import local_origin
+from varos_warp.scene.load import load_scene
+from varos_warp.sim.clock import TICK_S
+
+MOST_SPP = 64
+"""Samples per pixel at which an image is good enough, where the scene names none."""
+STEP_SECONDS = 2.0
+"""Samples are taken in steps of no more than about this: so long may a change have to wait."""
+B_SPP = 4
+"""Samples per pixel of B: with guides they leave less noise than 20 without (render/image/denoise.py)."""
+POLL_SECONDS = 0.1
+"""How often the files are looked at."""
+KEPT_ORIGIN_M = 100.0
+"""A course that moves farther has its geometry uploaded anew, around a nearer origin."""
+
+NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current", "vehicle", "trajectory", "render"}
+"""Blocks that terrain, objects and materials do not depend on."""
+NOT_MOVING: dict[str, Any] = dict.fromkeys(
+    ("name", "sequence", "terrain", "objects", "scatter", "materials", "water"), True)
+NOT_MOVING["vehicle"] = {"lights", "cameras"}
+"""Blocks that the course does not depend on."""
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """From where to look."""
+
+    frame: int = 0
+    """Number of a frame of the sequence."""
+    time_s: float | None = None
+    """Any time of the course instead [s]."""
+    camera: str | None = None
+    """Id of a camera; absent: the first."""
+    width: int = 320
+    """Of the image [pixels], if the camera's own is not smaller."""
+
+
+class View(NamedTuple):
+    """What is looked at: a scene with small cameras, uploaded, from a pose."""
+
+    renderer: FrameRenderer
+    camera: Camera
+    T_w_v: np.ndarray
+    course: np.ndarray
+    """Positions of the vehicle [N, 3] [m]."""
+
+    def render(self, letter: str, **options) -> RadianceImage:
+        """Image A or B."""
+        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, **options), letter)
+
+
+def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int | None = None, device: str = "auto",
+            overrides: Iterable[str] = (), once: bool = False, quiet: bool = False) -> None:
+    """Show a scene, and again whenever one of its files is saved, until the user interrupts it.
+
+    A scene that cannot be loaded any more is told of, and the last image stays.
+
+    Args:
+        path: The scene file.
+        screen: Where images are shown (screens.py).
+        viewpoint: From where.
+        spp: Most samples per pixel; absent: the scene's, or 64.
+        device: ``auto``, ``cpu`` or ``cuda:N``.
+        overrides: ``key.path=value``.
+        once: Return when the image is as good as it gets.
+        quiet: Nothing on stderr but what is wrong with the scene.
+
+    Raises:
+        InputError: If the scene cannot be shown when the preview begins, or an image cannot be written.
+    """
+    console = Console(quiet)
+    edited, shown = _EditedScene(Path(path), viewpoint, device, tuple(overrides), console), False
+    while True:
+        try:
+            view = edited.reload()
+        except InputError as error:
+            if once or not shown:
+                raise
+            Console().tell(f"varos-warp: {error.message}")
+            screen.tell(error.message)
+        else:
+            screen.place(view)
+            _refine(view, screen, spp or view.renderer.scene.render.spp or MOST_SPP, edited, console)
+            shown = True
+        if once:
+            return
+        edited.wait()
+
+
+def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Console) -> None:
+    """Show better and better images until they are good enough, or the scene changes."""
+    scene, stage = view.renderer.scene, ""
+    for image in refined(lambda **how: view.render("A", integrator="path", **how), most):
+        pixels, gain = developed("A", denoise_image(image, scene.render.denoise), scene)
+        screen.show("A", pixels)
+        seconds = time.monotonic() - edited.since
+        count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
+        words = f"{count}, exposure gain {gain:.3g}, after {seconds:.1f} s"
+        if not stage:
+            console.tell(f"camera {view.camera.id}, {pixels.shape[1]} x {pixels.shape[0]}: {words}")
+            if "B" in screen.outputs:
+                without_water = view.render("B", spp_b=B_SPP, denoise_b="oidn").denoised
+                screen.show("B", developed("B", without_water, scene)[0])
+        stage = words
+        if edited.changed():
+            return
+    console.tell(f"{stage}; complete")
+
+
+def developed(letter: str, radiance: np.ndarray, scene: Scene) -> tuple[np.ndarray, float]:
+    """Pixels uint8 [H, W, 3] of an image, exposed as a sequence of this frame alone would be, and the gain."""
+    half, _ = to_half(radiance)
+    setting = getattr(scene.render.exposure, letter)
+    gain = float(exposure.gains(setting, letter, np.zeros(1), [exposure.statistics(half)])[0])
+    return OUTPUTS[letter].encode(half, gain), gain
+
+
+def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[RadianceImage]:
+    """Images of 1, 2, 4 ... samples per pixel, up to ``most`` or one more; in smaller steps where they are slow.
+
+    The first is not part of the others: one sample does not tell its own error, by which images are denoised. For the
+    same reason no step is of one.
+
+    Args:
+        render: Makes an image of ``spp`` samples with the random numbers of a ``frame``.
+        most: Samples per pixel.
+    """
+    mean = render(spp=1, frame=0)
+    yield mean
+    if mean.spp is None or most == 1:  # known without samples, or good enough
+        return
+    taken, step = 0, 2
+    for number in itertools.count(1):
+        start = time.monotonic()
+        image = render(spp=step, frame=number)
+        mean, taken = added(mean, image) if taken else image, taken + step
+        yield mean
+        if taken >= most:
+            return
+        affordable = int(step * STEP_SECONDS / max(time.monotonic() - start, 1e-3))
+        step = max(2, min(taken, affordable, most - taken))
+
+
+def added(mean: RadianceImage, image: RadianceImage) -> RadianceImage:
+    """The mean of all samples of two independent images of one view, without layers and errors of blocks."""
+    total = mean.spp + image.spp
+    shares = np.float32(mean.spp / total), np.float32(image.spp / total)
+
+    def blended(name: str, power: int = 1) -> np.ndarray:
+        return sum(share**power * getattr(part, name) for share, part in zip(shares, (mean, image), strict=True))
+
+    variance = sum((share * part.stderr) ** 2 for share, part in zip(shares, (mean, image), strict=True))
+    return replace(mean, radiance=blended("radiance"), stderr=np.sqrt(variance), correction=blended("correction"),
+                   base_variance=blended("base_variance", 2), spp=total, layers={}, block_error=None)
+
+
+class _EditedScene:
+    """A scene file at work, and what was made of it so far."""
+
+    def __init__(self, path: Path, viewpoint: Viewpoint, device: str, overrides: tuple[str, ...], console: Console):
+        self.path, self.viewpoint, self.device, self.overrides = path, viewpoint, device, overrides
+        self.console = console
+        self.since = time.monotonic()
+        """When the last change was noticed."""
+        self._stamps: dict[Path, tuple | None] = {}
+        self._simulation: Any = None
+        self._moving: Any = None
+        self._renderer: FrameRenderer | None = None
+        self._solid: Any = None
+
+    def reload(self) -> View:
+        """Load the scene, and do again what depends on its changes.
+
+        Raises:
+            InputError: If something is wrong with it.
+        """
+        self._stamps = {self.path: _stamp(self.path)}  # before it is read: what is saved meanwhile is a change
+        scene = load_scene(self.path, self.overrides)
+        self._stamps |= files_named(scene, scene.model_dump())
+        cameras = [smaller(camera, self.viewpoint.width) for camera in scene.vehicle.cameras]
+        scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
+        camera = _camera(cameras, self.viewpoint.camera)
+        trajectory = self._simulated(scene).trajectory
+        T_w_v = trajectory.T_w_v(_tick(self.viewpoint, self._simulation))
+        return View(self._uploaded(scene), camera, T_w_v, trajectory.position)
+
+    def _simulated(self, scene: Scene):
+        moving = scene.model_dump(exclude=NOT_MOVING)
+        if moving != self._moving:
+            self._simulation = simulated(scene, self.console.quiet)
+            self._moving = moving
+        return self._simulation
+
+    def _uploaded(self, scene: Scene) -> FrameRenderer:
+        solid = scene.model_dump(exclude=NOT_SOLID)
+        solid["files"] = files_named(scene, solid)
+        old = self._renderer
+        if old is None or solid != self._solid or np.abs(
+                local_origin(scene, old.parts) - old.world.origin).max() > KEPT_ORIGIN_M:
+            self.console.tell("loading terrain, objects and textures ...")
+            self._renderer = FrameRenderer(scene, self.device)
+            self._solid = solid
+        else:
+            self._renderer = old.relit(scene)
+        return self._renderer
+
+    def changed(self) -> bool:
+        """Whether a file is not as it was when it was read."""
+        return self._now() != self._stamps
+
+    def wait(self) -> None:
+        """Return once a file has changed, and is no longer being written."""
+        while not self.changed():
+            time.sleep(POLL_SECONDS)
+        self.since = time.monotonic()
+        before, now = None, self._now()
+        while before != now:
+            time.sleep(POLL_SECONDS)
+            before, now = now, self._now()
+
+    def _now(self) -> dict[Path, tuple | None]:
+        return {path: _stamp(path) for path in self._stamps}
+
+
+def files_named(scene: Scene, content: Any) -> dict[Path, tuple | None]:
+    """Stamps of the files that the texts in some content of a scene may name; None for what is no file, or not yet."""
+    if isinstance(content, str):
+        path = scene.resolve(content)
+        return {path: _stamp(path)}
+    parts = content.values() if isinstance(content, dict) else content if isinstance(content, list | tuple) else ()
+    return {path: stamp for part in parts for path, stamp in files_named(scene, part).items()}
+
+
+def _stamp(path: Path) -> tuple | None:
+    """What differs when a file was saved."""
+    with contextlib.suppress(OSError, ValueError):
+        if is_file(path):
+            state = path.stat()
+            return state.st_mtime_ns, state.st_size, state.st_ino
+    return None
+
+
+def smaller(camera: Camera, width: int) -> Camera:
+    """The same field of view in no more than so many pixels across."""
+    scale = min(1.0, width / camera.resolution[0])
+    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+
+
+def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
+    known = {camera.id: camera for camera in cameras}
+    if wanted is not None and wanted not in known:
+        raise InputError("no such camera", key="--camera", value=wanted, remedy=f"There are: {', '.join(known)}.")
+    return cameras[0] if wanted is None else known[wanted]
+
+
+def _tick(viewpoint: Viewpoint, simulation) -> int:
+    """Row of the trajectory at which to look."""
+    frame, time_s, ticks = viewpoint.frame, viewpoint.time_s, simulation.frame_ticks
+    if time_s is not None:
+        end = TICK_S * (len(simulation.trajectory.time_ns) - 1)
+        if not 0.0 <= time_s <= end:
+            raise InputError("is not on the course", key="--time", value=time_s, remedy=f"It lasts {end:g} s.")
+        return round(time_s / TICK_S)
+    if not 0 <= frame < len(ticks):
+        raise InputError("there is no such frame", key="--frame", value=frame,
+                         remedy=f"The sequence has frames 0 to {len(ticks) - 1}.")
+    return int(ticks[frame])
