@@ -246,4 +246,4 @@ def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: 
     """Samples per pixel, mean over the image: as many as cost as much."""
     area = tile_pixels(*shape) / np.prod(shape)
     spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
-    return spent / sum(kind.cost * kind.to_a_sample for kind in kinds)
+    return round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)
