@@ -102,7 +102,7 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
     count = len(close(vertices, faces, how)[0]) if decimates else 0
     if decimates and asked.target_vertices > count:
         log.warnings.append(f"{asked.target_vertices} vertices were asked for, but the surface has only {count}, and "
-                            "decimation adds none; a larger --shrinkwrap N, or shrinkwrap_resolution: N, makes it finer")
+                            "decimation adds none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer")
     if decimates and asked.target_vertices < count:
         with log.step("decimate") as share:
             vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
