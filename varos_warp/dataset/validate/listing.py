@@ -96,7 +96,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
     if known is not scene:
         made["scene"] = scene_to_dict(scene)
         for key in ("phase", "g", "phase_function"):
-            del made["water"][key]
+            made["water"].pop(key, None)
     profile = (meta.get("noise") or {}).get("profile", {})
     for name, block in (("imu0", "imu"), ("depth0", "depth_gauge")):
         if profile.get(block):
