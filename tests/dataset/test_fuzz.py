@@ -5,6 +5,7 @@ Scenes that load are built and checked, too, and one in four of them is simulate
 ``VAROS_WARP_FUZZ`` sets the number of files (500), ``VAROS_WARP_FUZZ_SEED`` where they begin (0).
 """
 
+import copy
 import io
 import json
 import os
@@ -106,7 +107,7 @@ def spoil(block, rng: random.Random) -> None:
         elif type(block[key]) in (int, float) and rng.random() < 0.5:
             block[key] *= rng.choice(FACTORS)
         else:
-            block[key] = rng.choice(VALUES)
+            block[key] = copy.deepcopy(rng.choice(VALUES))
         return
 
 
