@@ -18,6 +18,11 @@ class HillsRenderer(standins.FlatFloorRenderer):
     segments = tuple({"id": i + 1, "key": f"objects.{i}", "kind": "boulder", "material": key, "material_id": i + 1}
                      for i, key in enumerate(("dark", "light")))
 
+    @staticmethod
+    def second(x, tone):
+        """Where the second object is seen, bool [H, W]."""
+        return tone > 0.5
+
     def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
         T, (width, rows) = camera_pose(view, T_w_v), view.resolution
@@ -55,18 +60,34 @@ class HillsRenderer(standins.FlatFloorRenderer):
             "C": SimpleNamespace(normal=np.where(found[..., None], n, 0.0).astype(np.float32)),
             "D": SimpleNamespace(depth=z.astype(np.float32),
                                  range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32)),
-            "S": SimpleNamespace(instance=np.where(found, 1 + (tone > 0.5), 0).astype(np.int32), material=None)}
+            "S": SimpleNamespace(instance=np.where(found, 1 + self.second(x, tone), 0).astype(np.int32),
+                                 material=None)}
         return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
 
 
-def hills_scene(outputs="ABCDS", **camera_keys):
-    """The scene; ``camera_keys`` replace those of its camera."""
+class SidesRenderer(HillsRenderer):
+    """S parts left from right."""
+
+    segments = tuple(row | {"kind": "pipe"} for row in HillsRenderer.segments)
+
+    @staticmethod
+    def second(x, tone):
+        return x > 0.0
+
+
+SIDES = [{"kind": "pipe", "radius": 30.0, "length": 60.0, "position": [x, 0, -30]} for x in (-30, 30)]
+"""Two objects, left and right, of which `SidesRenderer` sees the surface."""
+
+
+def hills_scene(outputs="ABCDS", objects=None, **camera_keys):
+    """The scene; ``camera_keys`` replace those of its camera. By default its objects enclose all that is seen."""
+    about = {"kind": "boulder", "diameter": 100.0, "position": [0, 0, -3]}
     vehicle = standins.scene_dict()["vehicle"]
     camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
     tones = {"dark": 0.3, "light": 0.6}
     return standins.make_scene(vehicle=vehicle | {"cameras": [camera | camera_keys]},
                                materials={key: {"kind": "diffuse", "reflectance": [x] * 3} for key, x in tones.items()},
-                               objects=[{"kind": "boulder", "diameter": 1.0, "position": [0, 0, -3], "material": key}
-                                        for key in tones],
+                               objects=[block | {"material": key}
+                                        for block, key in zip(objects or [about, about], tones, strict=True)],
                                render={"denoise": "none", "denoise_b": "none", "depth_exr": True,
                                        "outputs": list(outputs)})

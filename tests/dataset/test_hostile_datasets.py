@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from varos_warp.cli import app
 from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report import write_report
+from varos_warp.dataset.report import facts, write_report
 from varos_warp.errors import InputError
 
 SCRIPT = "<script>alert(1)</script>"
@@ -38,6 +38,7 @@ def change(root, path: tuple, value) -> None:
     (("cameras", 0, "id"), "M0/../../../x"), (("cameras", 0, "id"), "../"), (("cameras", 0, "id"), "R0"),
     (("sequence",), "a/"), (("sequence",), "01\n"), (("vehicle",), "/"), (("vehicle",), "."),
     (("frames", "ranges"), [[0, 10**12]]), (("frames", "ranges"), [[5, 2]]), (("frames", "ranges"), [[-5, 2]]),
+    (("frames", "ranges"), [[0.0, 10]]), (("cameras", 0, "width"), 64.0),
     (("frames", "ranges"), [[0, 9], [3, 10]]), (("cameras", 0, "width"), 10**9), (("cameras", 0, "height"), 0),
     (("cameras", 0, "K_opencv", 0, 0), float("nan")), (("cameras", 0, "K_center_half", 1, 1), float("inf")),
     (("samples", "denoise"), SCRIPT), (("gravity", 2), float("nan")), (("surface_depth_m",), float("-inf")),
@@ -46,6 +47,11 @@ def test_an_entry_that_no_dataset_has_is_refused(copy, path, value):
     change(copy, path, value)
     with pytest.raises(InputError, match=r"dataset\.json"):
         Dataset(copy)
+
+
+def test_a_light_without_a_place_is_shown_without_one(copy):
+    change(copy, ("lights", 0, "position"), None)
+    assert "light 0" in facts.equipment(Dataset(copy))
 
 
 def test_more_frames_than_the_limit_are_refused_unless_it_is_raised(copy, monkeypatch):

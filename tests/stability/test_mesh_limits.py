@@ -122,7 +122,7 @@ def test_a_terrain_of_any_unit_is_repaired_when_its_tolerance_has_the_same(scale
 
 def test_a_tolerance_larger_than_the_terrain_is_refused():
     with pytest.raises(InputError, match="merge_tolerance_m"):
-        terrain.preprocess(SHEET[0] * 1e-6, SHEET[1])
+        terrain.preprocess(SHEET[0] * 1e-6, SHEET[1], merge_tolerance_m=0.001)
 
 
 def test_coordinates_that_overflow_are_dropped_from_a_terrain_and_refused_in_an_object(tmp_path):

@@ -89,7 +89,8 @@ class Repair:
     """What `preprocess` does to meshes."""
 
     vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many, skirt included.")] = None
-    merge_tolerance: Annotated[float, typer.Option(min=0.0, help="Merge vertices nearer than so many m.")] = 0.001
+    merge_tolerance: Annotated[float | None, typer.Option(
+        min=0.0, help="Merge vertices nearer than so many m, by default 1 mm or a quarter of the median edge.")] = None
     fill_holes: Annotated[float | None, typer.Option(
         min=0.0, help="Fill holes up to so many metres wide, by default ten median edges.")] = None
     smooth: Annotated[int, typer.Option(min=0, max=1000, help="Rounds of smoothing, for rough surveys.")] = 0

@@ -1,6 +1,7 @@
 """sRGB images as linear reflectances."""
 
 import contextlib
+import logging
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 from PIL import Image
 
 from varos_warp.limits import check_limit
+
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
 LARGEST = 8192
 """Longest side of an image [texels]; larger ones are reduced to it."""

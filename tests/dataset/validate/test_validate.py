@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +46,19 @@ def test_a_sound_dataset_has_no_problems_and_its_measures_are_far_below_their_li
 def test_a_dataset_of_ranges_along_the_ray_is_sound_too(tmp_path):
     produce(make_scene(render={"depth_kind": "range", "outputs": ["C", "D"]}), tmp_path, quiet=True)
     assert problems(tmp_path) == ""
+
+
+def test_a_dataset_is_sound_where_the_table_of_its_phase_function_is_not(tmp_path):
+    """Only the scene's folder has the table; the rest of the water is compared all the same."""
+    table = shutil.copy(Path(__file__).parents[3] / "examples" / "every_block" / "phase.csv", tmp_path)
+    water = {"jerlov": {"type": "III", "phase": {"kind": "tabulated", "file": str(table)}}}
+    produce(make_scene(water=water), tmp_path / "out", quiet=True, frames=slice(0, 2))
+    Path(table).unlink()
+    assert problems(tmp_path / "out") == ""
+    meta = json.loads((tmp_path / "out" / "dataset.json").read_text())
+    meta["water"]["sigma_a"][0] = 0.5
+    files.write_json(tmp_path / "out" / "dataset.json", meta)
+    assert "dataset.json: water.sigma_a.0 is 0.5, but its scene makes it" in problems(tmp_path / "out")
 
 
 def test_frames_without_sensors_are_sound(tmp_path):

@@ -1,5 +1,6 @@
 """Mesh files of every format come in alike; what cannot be used is refused by name."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,15 @@ def test_empty_and_garbled_files_are_refused(tmp_path, suffix, content):
     path.write_bytes(content)
     error = refusal(path)
     assert ("(0 bytes)" in error.message) == (content == b"")
+
+
+def test_what_a_reader_logs_of_a_damaged_file_is_not_on_the_terminal(tmp_path, monkeypatch, capsys):
+    """Of normals that it cannot read trimesh logs a traceback; without handlers Python writes that to stderr."""
+    text = trimesh.Trimesh(WEDGE, FACES, process=False).export(file_type="stl_ascii")
+    (tmp_path / "a.stl").write_text(text.replace("facet normal ", "facet normal x", 1))
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    load_mesh(tmp_path / "a.stl")
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("suffix", ["dae", "obj", "ply", "stl"])

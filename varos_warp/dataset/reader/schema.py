@@ -14,8 +14,10 @@ from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
 Rate = Annotated[float, Field(gt=0.0)]
-Count = Annotated[int, Field(ge=0, le=10**8)]
-Side = Annotated[int, Field(ge=1, le=2**16)]
+Whole = Annotated[int, Field(strict=True)]
+"""Not 4.0, which no `range` takes."""
+Count = Annotated[Whole, Field(ge=0, le=10**8)]
+Side = Annotated[Whole, Field(ge=1, le=2**16)]
 Denoiser = Literal["oidn", "nlm", "none"] | None
 FRAMES_NAMED = 10**8
 """The names of images have eight digits."""
@@ -56,10 +58,10 @@ def _metadata() -> type[BaseModel]:
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})
     sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
-    ranges = Annotated[list[tuple[int, int]], AfterValidator(_ascending)]
+    ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_distinct)]  # type: ignore[valid-type]
     return _block(
-        name=str, sequence=SequenceId, vehicle=VehicleId, seed=int, versions=_block(varos_warp=str),
+        name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
         outputs=list[Literal["A", "B", "C", "D", "S"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),

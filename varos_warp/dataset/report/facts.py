@@ -107,8 +107,8 @@ def cameras(data: Dataset) -> Raw:
 
 def equipment(data: Dataset) -> Raw:
     """Lights and sensors."""
-    rows = [(f"light {i}", f"{light.get('kind', '')}, {numbers(light.get('intensity', ()), 'W/sr')}",
-             numbers(light.get("position", ()), "m"), f"cone {light['cone_deg']:g}°" if light.get("cone_deg") else "")
+    rows = [(f"light {i}", f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
+             numbers(light.get("position") or (), "m"), f"cone {light['cone_deg']:g}°" if light.get("cone_deg") else "")
             for i, light in enumerate(data.meta["lights"])]
     for name, sensor in data.meta["sensors"].items():
         rows.append((name, f"{sensor['rate_hz']:g} Hz", numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),

@@ -5,8 +5,10 @@ What is left over is measured in each of 24 blocks by one Lucas-Kanade step. A s
 shifts that follows it is found by least squares, and its noise falls with the square root of the blocks.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
+from math import ceil, sqrt
 
 import numpy as np
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
@@ -22,6 +24,8 @@ BLOCKS = 4, 6
 """Rows and columns of blocks of an image."""
 MOST_PIXELS = 150_000
 """Pixels of a view that are warped."""
+KEPT_VIEWS = 16
+"""Views that are kept for further pairs, 8 MB each at 1280x720."""
 STARTS = 6
 """Pairs of frames for each distance in time; distances double while views overlap."""
 SHARP_PX = 0.1
@@ -82,7 +86,7 @@ def shifts(first: View, second: View) -> dict[str, np.ndarray]:
         ``d`` [n, 2]: where B of the second view has what B of the first shows, less where D and poses have it [px];
         ``error`` [n]: its standard error [px]; ``row``, ``col``, ``z`` [n]: middle of the block in the first view.
     """
-    step = max(1, round(np.sqrt(first.depth.size / MOST_PIXELS)))
+    step = ceil(sqrt(first.depth.size / MOST_PIXELS))
     row, col = (grid.ravel() for grid in np.indices(first.depth.shape)[:, ::step, ::step])
     row, col = (x[first.smooth[row, col]] for x in (row, col))
     z = first.depth[row, col]
@@ -125,10 +129,14 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
     return (new - warp(first, second, blocks["row"], blocks["col"], blocks["z"]))[:, :2]
 
 
-def compare(data: Dataset, pair: tuple[tuple[int, str], tuple[int, str]]) -> tuple[np.ndarray, ...] | InputError:
-    """Of two views, both ways: shifts [2n] [px], their weights [2n], and what each of `UNKNOWNS` does to them."""
+def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
+            ) -> tuple[np.ndarray, ...] | InputError:
+    """Of two views, both ways: shifts [2n] [px], their weights [2n], and what each of `UNKNOWNS` does to them.
+
+    ``view`` reads that of a frame and a camera.
+    """
     try:
-        first, second = (View.of(data, *view) for view in pair)
+        first, second = (view(*which) for which in pair)
     except InputError as error:
         return error
     stereo, parts = pair[0][1] != pair[1][1], []
@@ -183,9 +191,10 @@ def check_alignment(data: Dataset, result: Validation, frames: list[int], quiet:
     """B is where D, K and the poses have it, to `MARGIN` standard errors of all blocks: 0.02 px in the demo."""
     if not {"B", "D"} <= set(data.outputs):
         return
+    view = lru_cache(KEPT_VIEWS)(partial(View.of, data))
     for name, pairs in _pairs(data, frames).items():
         parts = []
-        for found in in_threads(f"alignment {name}", partial(compare, data), pairs, unit="pairs", quiet=quiet):
+        for found in in_threads(f"alignment {name}", partial(compare, view), pairs, unit="pairs", quiet=quiet):
             if isinstance(found, InputError):
                 result.add(result.problem_of(found))
             else:

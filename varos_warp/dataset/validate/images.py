@@ -11,7 +11,7 @@ from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.reader.points import pixel_rays, planar_depth
-from varos_warp.dataset.validate import surfaces
+from varos_warp.dataset.validate import places, surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.write import texts as writers
@@ -31,9 +31,12 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     problems: list[str] = []
     angles: list[float] = []
     frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
+    boxes: dict[int, np.ndarray] = {}
+    result.guard(lambda: boxes.update(places.boxes(data)))
     for camera in data.cameras:
         colors, sums = [Exposures(data, result, camera, output) for output in exposed], {}
-        for images in in_threads(f"images {camera}", partial(_FrameImages, data, camera, colors), frames, quiet=quiet):
+        look = partial(_FrameImages, data, camera, colors, boxes)
+        for images in in_threads(f"images {camera}", look, frames, quiet=quiet):
             problems += images.found.problems
             result.files_read += images.found.files_read
             angles += images.angles
@@ -42,6 +45,8 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
         for color in colors:
             problems += color.verdicts()
         surfaces.judge(result, camera, sums)
+        if "places" in sums:
+            places.judge(data, result, camera, boxes, sums["places"])
     result.add_all(problems, "images")
     if angles:
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
@@ -50,13 +55,13 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
 class _FrameImages:
     """The images of one frame of a camera: each file is read once, and held against the others."""
 
-    def __init__(self, data: Dataset, camera: str, colors: list["Exposures"], frame: int):
-        self.data, self.camera, self.frame = data, camera, frame
+    def __init__(self, data: Dataset, camera: str, colors: list["Exposures"], boxes: dict[int, np.ndarray], frame: int):
+        self.data, self.camera, self.boxes, self.frame = data, camera, boxes, frame
         self.found = Validation(data.root)
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
         self.sums: dict[str, np.ndarray] = {}
-        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``."""
+        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `places`: ``places``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for color in colors:
             self._guard(color.check, self)
@@ -102,6 +107,16 @@ class _FrameImages:
         return self.pixels("D") if "D" in self.data.outputs else None
 
     @cached_property
+    def planar(self) -> np.ndarray:
+        """D in metres along the camera's axis [H, W]."""
+        return planar_depth(self.data, self.frame, self.camera, self.depth)
+
+    @cached_property
+    def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Where D jumps."""
+        return surfaces.jumps(self.depth)
+
+    @cached_property
     def segments(self) -> np.ndarray:
         """Pixels of S."""
         return self.pixels("S")
@@ -110,6 +125,11 @@ class _FrameImages:
     def normals(self) -> np.ndarray:
         """Pixels of C."""
         return self.pixels("C")
+
+    @cached_property
+    def has_normal(self) -> np.ndarray:
+        """Where C has a surface, bool [H, W]."""
+        return self.normals[..., 0] | self.normals[..., 1] | self.normals[..., 2] > 0  # any(-1) is slow in numpy
 
     def _linear(self) -> None:
         """A as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
@@ -143,52 +163,60 @@ class _FrameImages:
                 self.tell(self.png("D").name, "is not its EXR (D_exr) in steps of D")
 
     def _depths(self) -> None:
-        """Nothing is as near as the camera itself, and D has no hole where C or S goes on."""
+        """Nothing is as near as the camera itself, D has no hole where C or S goes on, and uses all of its 16 bits."""
         levels, surface, labels = self.depth, None, None
+        if (step := surfaces.level_step(levels)) > 1:
+            self.tell(self.png("D").name, f"holds only one level in {step}, as if it had fewer than 16 bits")
         if self.data.meta["depth"]["range_m"][0] == 0.0 and (levels == 0).any():
             self.tell(self.png("D").name, f"is 0 m in {(levels == 0).sum()} pixels, the place of the camera itself")
         if "S" in self.data.outputs:
-            surface, labels = self.segments > 0, self.segments[..., None].astype(np.int32)
+            surface, labels = self.segments > 0, self.segments[..., None]
         elif "C" in self.data.outputs:
-            surface, labels = self.normals.any(-1), self.normals.astype(np.int32)
+            surface, labels = self.has_normal, self.normals
         if surface is not None and (count := surfaces.holes(levels, surface, labels)):
             self.tell(self.png("D").name, f"has holes: nothing in {count} pixels within a near surface")
 
     def _segments(self) -> None:
         """S numbers only what segments.json lists, and has something wherever D has."""
-        pixels = self.segments
-        if unknown := set(np.unique(pixels).tolist()) - {0, *(row["id"] for row in self.data.segments())}:
+        pixels, listed = self.segments, {0, *(row["id"] for row in self.data.segments())}
+        if unknown := set(np.flatnonzero(np.bincount(pixels.ravel())).tolist()) - listed:
             self.tell(self.png("S").name, f"segments.json does not list {sorted(unknown)[:5]}")
         if self.depth is not None:
             if ((pixels == 0) & (self.depth < DEPTH_LEVELS)).any():
                 self.tell(self.png("S").name, "has nothing where D has a surface")
-            self.sums["S"] = surfaces.border_counts(self.depth, pixels[..., None].astype(np.int32), 0)
+            self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
+        if self.boxes:
+            T_w_c = self.data.T_w_c(self.frame, self.camera)
+            self.sums["places"] = places.sums(self.planar, self.data.intrinsics(self.camera), T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
-        pixels = self.normals
         if self.depth is None:
             return
-        missing = ~pixels.any(-1)
-        if (missing & (self.depth < DEPTH_LEVELS)).any():
+        if (~self.has_normal & (self.depth < DEPTH_LEVELS)).any():
             self.tell(self.png("C").name, "has no surface where D has one")
-        self.sums["C"] = surfaces.border_counts(self.depth, pixels.astype(np.int16), BORDER_OF_C)
+        self.sums["C"] = surfaces.border_counts(self.jumps, self.normals, BORDER_OF_C)
+        away, cosine, sums = zip(*map(self._slopes, surfaces.bands(*self.shape)), strict=True)
+        if (share := np.mean(away)) > 0.05:
+            self.tell(self.png("C").name, f"{100 * share:.0f} % of its normals point away from the camera")
+        if (cosine := np.concatenate(cosine)).size:
+            self.angles.append(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))))
+        self.sums["slopes"] = sum(sums)
+
+    def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
+        """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""
+        depth = self.planar[rows]
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
         K, R = self.data.intrinsics(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3].astype(np.float32)
-        rays = pixel_rays(K, *np.indices(self.shape)).astype(np.float32)
-        depth = planar_depth(self.data, self.frame, self.camera, self.depth)
-        normal, to_pixel = OUTPUTS["C"].decode(pixels), rays @ R.T
+        row, col = np.indices(depth.shape)
+        rays = pixel_rays(K, row + rows.start, col).astype(np.float32)
+        normal, to_pixel = OUTPUTS["C"].decode(self.normals[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
-        if away.mean() > 0.05:
-            self.tell(self.png("C").name, f"{100 * away.mean():.0f} % of its normals point away from the camera")
         with np.errstate(invalid="ignore"):
             slope = surfaces.normals_of(rays * depth[..., None].astype(np.float32), rays) @ R.T
-        both = np.isfinite(slope).all(-1) & ~missing
-        if both.any():
-            cosine = np.einsum("...i,...i", slope[both], normal[both])
-            self.angles.append(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))))
-        self.sums["slopes"] = surfaces.slope_sums(
-            normal, slope, surfaces.slope_noise(depth, K, self.data.meta["depth"]["scale_m"]))
+        both = np.isfinite(slope).all(-1) & self.has_normal[rows]
+        return (float(away.mean()), np.einsum("...i,...i", slope[both], normal[both]),
+                surfaces.slope_sums(normal, slope, surfaces.slope_noise(depth, K, self.data.meta["depth"]["scale_m"])))
 
 
 # ------------------------------------------------------------------------------------------------------------- A and B

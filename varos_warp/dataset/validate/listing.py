@@ -17,7 +17,9 @@ from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.phase import HenyeyGreenstein
+from varos_warp.scene.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.segments import segment_table
 
 RELATIVE = 1e-9
@@ -84,12 +86,17 @@ def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None
 
 def check_metadata(data: Dataset, result: Validation) -> None:
     """What dataset.json says follows from the scene in it, and the cameras' YAML files say the same."""
-    meta, samples = data.meta, data.meta["samples"]
-    made = writers.describe(data.layout, scene_from_dict(meta["scene"]), frames=data.frames, outputs=data.outputs,
+    meta, samples, scene = data.meta, data.meta["samples"], scene_from_dict(data.meta["scene"])
+    known = _without_table(scene)
+    made = writers.describe(data.layout, known, frames=data.frames, outputs=data.outputs,
                             frame_count=meta["frames"]["of"], plan=samples["plan"], device=meta["device"],
                             denoisers={"A": samples["denoise"], "B": samples["denoise_b"]})
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
+    if known is not scene:
+        made["scene"] = scene_to_dict(scene)
+        for key in ("phase", "g", "phase_function"):
+            made["water"].pop(key, None)
     profile = (meta.get("noise") or {}).get("profile", {})
     for name, block in (("imu0", "imu"), ("depth0", "depth_gauge")):
         if profile.get(block):
@@ -101,6 +108,16 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         found = [f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
                  for key, here, there in files.differences(_read_yaml(path), data.camera(camera), _same, every=False)]
         result.add_all(found, "entries")
+
+
+def _without_table(scene: Scene) -> Scene:
+    """The scene with another phase function if that is a table, whose file is not in the dataset."""
+    for name in ("coefficients", "jerlov"):
+        form = getattr(scene.water, name, None)
+        if form is not None and '"tabulated"' in form.phase.model_dump_json():
+            water = scene.water.model_copy(update={name: form.model_copy(update={"phase": HenyeyGreenstein()})})
+            return scene.model_copy(update={"water": water})
+    return scene
 
 
 def check_segments(data: Dataset, result: Validation) -> None:

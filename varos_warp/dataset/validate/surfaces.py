@@ -14,8 +14,13 @@ OFFSETS = (0, -2, -1, 1, 2)
 """Pixels by which borders of C or S are moved against jumps of D."""
 FEWEST_JUMPS = 30
 """Fewer that meet a border say nothing."""
+FEWEST_LEVELS = 40
+"""Levels of D that are all even by chance once in 2^39 images."""
 FEWEST_SLOPES = 200
 """Pixels with a slope, fewer of which say nothing."""
+MOST_PIXELS = 150_000
+"""Pixels of a larger image whose slopes are looked at, in bands of `BAND` rows."""
+BAND = 24
 
 
 def judge(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
@@ -38,23 +43,39 @@ def holes(depth: np.ndarray, surface: np.ndarray, labels: np.ndarray) -> int:
     Args:
         depth: Pixels [H, W] of D.
         surface: bool [H, W], where C or S has one.
-        labels: int [H, W, k], what is alike in a surface: numbers of S, or 8-bit normals of C.
+        labels: [H, W, k], what is alike in a surface: numbers of S, or 8-bit normals of C.
     """
-    parts, count = ndimage.label((depth == DEPTH_LEVELS) & surface)
-    found = 0
+    gone, found = (depth == DEPTH_LEVELS) & surface, 0
+    if not gone.any():
+        return found
+    parts, count = ndimage.label(gone)
     for number, box in enumerate(ndimage.find_objects(parts) if count else (), 1):
         box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in box)
         inside = parts[box] == number
         ring = ndimage.binary_dilation(inside, np.ones((3, 3))) & ~inside
         if not ring.any() or (depth[box][ring] > 0.8 * DEPTH_LEVELS).any():
             continue
-        within, about = (np.median(labels[box][where], axis=0) for where in (inside, ring))
+        within, about = (np.median(labels[box][where].astype(float), axis=0) for where in (inside, ring))
         alike = 20.0 if labels.shape[-1] == 3 else 0.0
         found += int(inside.sum()) if np.abs(within - about).max() <= alike else 0
     return found
 
 
+def level_step(depth: np.ndarray) -> int:
+    """What all differences in D are multiples of: 256 of 8 bits in 16; 1 of sound images, or if levels are few."""
+    levels = np.flatnonzero(np.bincount(depth.ravel())[:DEPTH_LEVELS])
+    return int(np.gcd.reduce(np.diff(levels))) if len(levels) >= FEWEST_LEVELS else 1
+
+
 # -------------------------------------------------------------------------------------------------------------- slopes
+
+
+def bands(height: int, width: int) -> list[slice]:
+    """Rows of an image whose slopes are looked at: all, or bands evenly apart if there are more than `MOST_PIXELS`."""
+    if height * width <= MOST_PIXELS or height <= BAND:
+        return [slice(0, height)]
+    count = max(1, round(MOST_PIXELS / (BAND * width)))
+    return [slice(start, start + BAND) for start in np.linspace(0, height - BAND, count + 2).astype(int)[1:-1].tolist()]
 
 
 def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
@@ -122,25 +143,32 @@ def slope_noise(depth: np.ndarray, K: np.ndarray, step_m: float) -> float:
 # ------------------------------------------------------------------------------------------------------------- borders
 
 
-def border_counts(depth: np.ndarray, image: np.ndarray, least: float) -> np.ndarray:
+def jumps(depth: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rows and columns of the pixels of D [H, W] whose neighbour to the right lies across a jump; and those of D.T."""
+    found, near = [], depth.astype(np.float32)
+    for d in (near, near.T):
+        size = np.abs(np.diff(d, axis=1))
+        jump = size[:, 3:-3] > 0.1 * np.minimum(d[:, 3:-4], d[:, 4:-3])
+        row, col = np.nonzero(jump)
+        # a slope that is seen at a grazing angle changes as much on either side
+        steep = np.maximum(size[row, col + 2], size[row, col + 4]) < 0.3 * size[row, col + 3]
+        found.append((row[steep], col[steep] + 3))
+    return found
+
+
+def border_counts(places: list[tuple[np.ndarray, np.ndarray]], image: np.ndarray, least: float) -> np.ndarray:
     """How many jumps of D meet a border of C or S that is moved by `OFFSETS` pixels: int [2, 5], across and down.
 
     Args:
-        depth: Pixels [H, W] of D.
-        image: [H, W, channels] int.
+        places: `jumps` of D.
+        image: Pixels [H, W, channels] of C or S.
         least: A change of a channel by more is a border.
     """
     counts = np.zeros((2, len(OFFSETS)), np.int64)
-    near = depth.astype(np.float32)
-    for axis, (d, i) in enumerate(((near, image), (near.T, image.swapaxes(0, 1)))):
-        change = np.diff(d, axis=1)
-        size = np.abs(change)
-        jump = size[:, 3:-3] > 0.1 * np.minimum(d[:, 3:-4], d[:, 4:-3])
-        # a slope that is seen at a grazing angle changes as much on either side
-        jump &= np.maximum(size[:, 2:-4], size[:, 4:-2]) < 0.3 * size[:, 3:-3]
-        border = (np.abs(np.diff(i, axis=1)) > least).any(-1)
-        width = jump.shape[1]
-        counts[axis] = [(jump & border[:, 3 + s:3 + s + width]).sum() for s in OFFSETS]
+    for axis, ((row, col), i) in enumerate(zip(places, (image, image.swapaxes(0, 1)), strict=True)):
+        for k, s in enumerate(OFFSETS):
+            change = i[row, col + s + 1].astype(np.int32) - i[row, col + s]
+            counts[axis, k] = (np.abs(change) > least).any(-1).sum()
     return counts
 
 

@@ -47,7 +47,7 @@ def check_views(data: Dataset, result: Validation, frames: list[int], quiet: boo
 
 
 class _View:
-    """What a camera sees at a frame: planar depth [H, W], and pixels of some images, int32 [H, W, channels]."""
+    """What a camera sees at a frame: planar depth [H, W], and pixels of some images [H, W, channels]."""
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
         self.K, self.T_w_c = data.intrinsics(camera), data.T_w_c(frame, camera)
@@ -57,7 +57,7 @@ class _View:
             with contextlib.suppress(InputError):  # told of already
                 pixels = data.pixels(letter, frame, camera)
                 if pixels.shape[:2] == self.depth.shape:
-                    self.images[letter] = pixels.reshape(*pixels.shape[:2], -1).astype(np.int32)
+                    self.images[letter] = pixels.reshape(*pixels.shape[:2], -1)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixel coordinates u, v (first centre at 0.5) and depth z [m] of world points [N, 3]."""
@@ -157,8 +157,8 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
     found = {"D": abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.K[0, 0])}
     row, col, u, v, *_ = (x[np.abs(seen - z) < 0.02 * z].astype(int) for x in matches)
     for letter in first.images.keys() & second.images.keys() if len(row) >= FEWEST_POINTS else ():
-        here, there = first.images[letter][row, col], second.images[letter]
-        nine = np.stack([there[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        here, there = first.images[letter][row, col].astype(np.int32), second.images[letter]
+        nine = np.stack([there[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]).astype(np.int32)
         slack = letter != "S"  # a step of rounding
         found[letter] = float(((here < nine.min(0) - slack) | (here > nine.max(0) + slack)).any(-1).mean())
     return found

@@ -58,7 +58,7 @@ def encode_color(radiance: np.ndarray, gain: float) -> np.ndarray:
 
 def decode_color(pixels: np.ndarray, gain: float) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] of an 8 bit image; exact to its rounding, 255 stands for anything above."""
-    return (srgb_eotf(pixels / 255.0) / gain).astype(np.float32)
+    return np.take((srgb_eotf(np.arange(256) / 255.0) / gain).astype(np.float32), pixels, mode="clip")
 
 
 def encode_normal(normal: np.ndarray, _scale: None = None) -> np.ndarray:

@@ -30,8 +30,8 @@ class Preprocess(Block):
 
     region: Rectangle | None = None
     """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
-    merge_tolerance_m: NonNegative = 0.001
-    """Vertices nearer than this become one."""
+    merge_tolerance_m: NonNegative | None = None
+    """Vertices nearer than this become one; absent: 1 mm, or a quarter of the median edge if that is less."""
     fill_holes_m: NonNegative | None = None
     """Holes up to this wide are filled; absent: up to ten median edges. A shrinkwrap closes all of them."""
     smoothing_rounds: Annotated[int, Field(ge=0, le=1000)] = 0

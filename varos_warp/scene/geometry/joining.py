@@ -43,9 +43,17 @@ def median_edge(vertices, faces) -> float:
     return float(np.median(edges)) if len(faces) else 0.0
 
 
-def merge_near(vertices, faces, tolerance: float, key="preprocess"):
-    """Vertices nearer than ``tolerance`` [m] become one, at their mean; so do chains of such vertices."""
+def merge_near(vertices, faces, tolerance: float | None, key="preprocess"):
+    """Vertices nearer than ``tolerance`` [m] become one, at their mean; so do chains of such vertices.
+
+    None: 1 mm, or a quarter of the median edge if that is less.
+
+    Raises:
+        InputError: A tolerance that was given is more than half of the median edge.
+    """
     median = median_edge(vertices, faces)
+    if tolerance is None:
+        tolerance = min(0.001, median / 4.0)
     if tolerance > 0.5 * median and tolerance > 0.0 and median > 0.0:
         raise InputError(f"is more than half the mesh's median edge of {median:.3g} m", value=tolerance,
                          key=f"{key}.merge_tolerance_m", remedy="Lower it, else the surface collapses.")

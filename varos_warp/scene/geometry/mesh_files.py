@@ -1,6 +1,7 @@
 """Mesh files: reading vertices in float64, z up, in metres, and colours; and writing."""
 
 import json
+import logging
 import os
 import struct
 from dataclasses import replace
@@ -18,6 +19,8 @@ from varos_warp.scene.geometry.skins import join_skins
 from varos_warp.scene.geometry.topology import FARTHEST
 
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
 TO_Z_UP = {
     "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),

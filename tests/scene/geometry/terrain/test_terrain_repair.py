@@ -264,6 +264,21 @@ def test_a_scale_makes_metres_of_millimetres(tmp_path):
     assert np.ptp(v, axis=0).max() == pytest.approx(60.0)
 
 
+def test_without_a_tolerance_no_mesh_is_too_fine_to_be_merged():
+    """1 mm, but of edges of 0.5 mm a quarter."""
+    (vertices, faces), tiny = grid(21), np.random.default_rng(1).normal(0.0, 1e-6, (21 * 21, 3))
+    for scale in (1e-3, 1.0):
+        doubled = joining.join([(vertices * scale, faces), (vertices * scale + tiny, faces)])
+        assert len(terrain.preprocess(*doubled)[0]) == 21 * 21
+
+
+def test_more_vertices_than_there_are_are_not_made_up_and_this_is_said(tmp_path):
+    terrain.write_ply(tmp_path / "flat.ply", *grid(21))
+    (vertices, _), report = terrain.preprocess_meshes([tmp_path / "flat.ply"], 1000, samples=1000)
+    assert len(vertices) == 21 * 21
+    assert "1000 vertices were asked for, but the surface has only 441" in report["warnings"][0]
+
+
 def test_a_merge_tolerance_is_judged_by_the_median_edge():
     assert joining.median_edge(*grid(21)) == pytest.approx(0.5)
     with pytest.raises(InputError, match="median edge"):

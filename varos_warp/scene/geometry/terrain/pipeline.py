@@ -99,7 +99,11 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
                          remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
                                 "than it can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
-    if decimates and asked.target_vertices < len(close(vertices, faces, how)[0]):
+    count = len(close(vertices, faces, how)[0]) if decimates else 0
+    if decimates and asked.target_vertices > count:
+        log.warnings.append(f"{asked.target_vertices} vertices were asked for, but the surface has only {count}, and "
+                            "decimation adds none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer")
+    if decimates and asked.target_vertices < count:
         with log.step("decimate") as share:
             vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
             remedy = "Raise it or leave the decimation out"
