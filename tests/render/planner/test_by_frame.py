@@ -168,8 +168,9 @@ def test_frames_of_a_sequence_take_what_their_views_need():
     """Two halves: one sees the floor, one only water; each keeps the tolerance, with samples of its own.
 
     With the field, for paths alone leave rare bright samples in open water: of 60 images with 24 samples one was off by
-    eight times what half of them were. Four images of each, against two of 48 samples, tell their error
-    to about a tenth: what two of 192 say differs by a hundredth. At a tolerance of 0.1 the floor needs 5 samples, too few for others to take less.
+    eight times what half of them were. Four images of each, against two of 48 samples, tell their error to about a
+    tenth; what two of 192 say differs by a hundredth. At a tolerance of 0.1 the floor needs 5 samples, too few for
+    others to take less.
     """
     scene = make_scene(tolerance=0.05, integrator="field")
     renderer = make_renderer(scene)
