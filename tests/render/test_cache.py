@@ -213,7 +213,7 @@ def hash_of(package):
 
 @pytest.mark.parametrize(("file", "before", "after"), [
     ("kernels/field/single_scattering.py", "wp.constant(10)", "wp.constant(11)"),
-    ("kernels/field/tabulate.py", "PANEL = wp.constant(3.0)", "PANEL = wp.constant(3.5)"),
+    ("kernels/field/tabulate.py", "PANEL, PANEL_NODES = wp.constant(3.0)", "PANEL, PANEL_NODES = wp.constant(3.5)"),
     ("kernels/conventions.py", "NEAR = ", "NEAR = 2.0 * "),
     ("render/field/solver.py", "FINE = (64,", "FINE = (65,"),
     ("render/field/scattering.py", "BETWEEN = 2", "BETWEEN = 3"),
