@@ -21,7 +21,7 @@ LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
 POSE = np.eye(4)
 EASY = 0.1
-"""A tolerance that takes a quarter of the samples."""
+"""A tolerance that takes half of the samples."""
 
 
 def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
@@ -29,7 +29,7 @@ def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
     view = {"resolution": [64, 36], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
     return Scene(water="none" if water is None else {"coefficients": water},
                  vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
-                 render={"denoise": "none", "tolerance": 0.05, "integrator": "path"} | render)
+                 render={"denoise": "none", "tolerance": 0.07, "integrator": "path"} | render)
 
 
 def make_renderer(scene, **how):
@@ -49,11 +49,11 @@ def planned():
 
 @pytest.fixture(scope="module")
 def known(planned):
-    """By the field, right to 0.2 %: its 256 samples have at most a fifth of the noise of any tolerance asked below."""
+    """By the field, right to 0.2 %: its 256 samples have at most a seventh of the noise that is allowed below."""
     image = planned[1].render(POSE, outputs="A", spp=256, seed=5, integrator="field").A
     radiance = image.radiance.astype(float)
     noise = np.sqrt(np.square(image.stderr, dtype=float).mean((0, 1))) / brightness(radiance.mean((0, 1)))
-    assert noise.max() < 0.2 * 0.05
+    assert noise.max() < 0.07 / 7
     return radiance
 
 
@@ -116,7 +116,7 @@ def error_of(images, truth):
 
 def test_a_tighter_tolerance_takes_more_samples(planned):
     _, renderer, tight = planned
-    assert tight.spp > 4 * plan_render(make_scene(tolerance=0.125), renderer, [POSE]).spp
+    assert tight.spp > 4 * plan_render(make_scene(tolerance=0.175), renderer, [POSE]).spp
 
 
 def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned, known):
