@@ -15,15 +15,15 @@ FRAME_BYTES = SIZE[0] * SIZE[1] * 4 * (6 * 3 + 2 * 3 + 3 + 2)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 
-FRAMES = 150
+FRAMES = 100
 
 
 @linux
 def test_a_long_run_leaves_no_memory_handle_or_thread_behind(tmp_path):
     """A tenth of the frames kept by anybody would be found, and a handle or a thread left by one in fifty.
 
-    The slope through the last 4/5 of the samples has a standard error of sqrt(12) / 120^1.5 = 0.0026 of their scatter:
-    of a megabyte a tenth of what is allowed, of one handle an eighth.
+    The slope through the last 4/5 of the samples has a standard error of sqrt(12) / 80^1.5 = 0.0048 of their scatter:
+    of a megabyte a fifth of what is allowed, of one handle a quarter.
     """
     result = soak.soak(FRAMES, SIZE, "cpu", tmp_path / "out", integrator="path")
     growth = result["growth_per_frame"]
