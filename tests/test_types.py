@@ -23,30 +23,26 @@ WRONG = {
 """What is written in typed_use.py, and a mistake in its place."""
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("mypy")
-
-
-def mypy(*arguments, cache) -> tuple[int, str]:
+def mypy(*arguments) -> tuple[int, str]:
+    """Status and output, with the cache that `make lint` leaves."""
     pytest.importorskip("mypy")
-    result = subprocess.run([sys.executable, "-m", "mypy", "--cache-dir", cache, *arguments], cwd=ROOT, text=True,
-                            capture_output=True)
+    result = subprocess.run([sys.executable, "-m", "mypy", *arguments], cwd=ROOT, text=True, capture_output=True)
     return result.returncode, result.stdout + result.stderr
 
 
-def test_what_defines_and_what_uses_the_public_api_passes(cache):
-    assert mypy(cache=cache)[0] == 0, mypy(cache=cache)[1]
+def test_what_defines_and_what_uses_the_public_api_passes():
+    status, said = mypy()
+    assert status == 0, said
 
 
-def test_every_wrong_use_fails(tmp_path, cache):
+def test_every_wrong_use_fails(tmp_path):
     """Each mistake is one error, at its line."""
     text = USE.read_text()
     for right, wrong in WRONG.items():
         assert text.count(right) == 1, right
         text = text.replace(right, wrong)
     (tmp_path / "wrong.py").write_text(text)
-    status, said = mypy(tmp_path / "wrong.py", cache=cache)
+    status, said = mypy(tmp_path / "wrong.py")
     assert status == 1
     for wrong in WRONG.values():
         line = text[:text.index(wrong)].count("\n") + 1

@@ -15,17 +15,24 @@ FRAME_BYTES = SIZE[0] * SIZE[1] * 4 * (6 * 3 + 2 * 3 + 3 + 2)
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 
+FRAMES = 100
+
+
 @linux
-def test_three_hundred_frames_leave_no_memory_handle_or_thread_behind(tmp_path):
-    """A tenth of the frames kept by anybody would be found, and a handle or a thread left by one in fifty."""
-    result = soak.soak(300, SIZE, "cpu", tmp_path / "out", integrator="path")
+def test_a_long_run_leaves_no_memory_handle_or_thread_behind(tmp_path):
+    """A tenth of the frames kept by anybody would be found, and a handle or a thread left by one in fifty.
+
+    The slope through the last 4/5 of the samples has a standard error of sqrt(12) / 80^1.5 = 0.0048 of their scatter:
+    of a megabyte a fifth of what is allowed, of one handle a quarter.
+    """
+    result = soak.soak(FRAMES, SIZE, "cpu", tmp_path / "out", integrator="path")
     growth = result["growth_per_frame"]
     assert growth["bytes"] < 0.1 * FRAME_BYTES
     assert growth["handles"] < 0.02
     assert growth["threads"] < 0.02
     assert result["python_threads_left"] == 0
-    assert result["images"] == 1200
-    assert set(range(0, 300, 3)) <= {sample["frame"] for sample in result["samples"]}
+    assert result["images"] == 4 * FRAMES
+    assert set(range(FRAMES)) <= {sample["frame"] for sample in result["samples"]}
 
 
 LEAK = """
@@ -41,7 +48,7 @@ class Leaking(soak.Watched):
         return kept[-1]
 
 soak.Watched = Leaking
-print(soak.soak(100, (64, 36), "cpu", Path(sys.argv[1]), integrator="path")["growth_per_frame"]["bytes"])
+print(soak.soak(50, (64, 36), "cpu", Path(sys.argv[1]), integrator="path")["growth_per_frame"]["bytes"])
 """
 
 

@@ -46,7 +46,7 @@ def test_no_block_is_off_by_half(name, tmp_path):
 
 def test_error_bars_and_times_of_many_seeds(capsys):
     """Each subject tells of each scene what its name says."""
-    small = ["--scenes", "paper_room", "--resolution", "24x14", "--seeds", "3", "--spp", "4"]
+    small = ["--scenes", "paper_room", "--resolution", "24x14", "--seeds", "3", "--spp", "2"]
     expected = {"bars": "field z_variance", "means": "off_percent", "choice": "over_best", "rate": "2"}
     for subject, key in expected.items():
         many_seeds.main([subject, *small])

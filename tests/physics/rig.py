@@ -17,6 +17,8 @@ from varos_warp.scene.geometry.parts import Part
 
 RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}
+TURBID = {"sigma_s": [0.55, 0.7, 0.8], "sigma_a": [0.45, 0.3, 0.2], "phase": {"g": 0.8}}
+"""Turbid water of three albedos, one a channel. Tests that share it share its field, which is solved once a run."""
 Z = SIGMAS
 
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from chance import assert_plausible
 from physics.rig import (
+    TURBID,
     VAROS_LAMPS,
     VAROS_WATER,
     agreement,
@@ -20,7 +21,6 @@ from physics.rig import (
     single_scattering,
     spot,
     varos_lamps,
-    water,
 )
 from scipy import stats
 
@@ -182,19 +182,19 @@ def test_no_light_of_open_water_leaks_into_a_closed_box_around_the_camera(denois
 
 
 def test_a_black_wall_blocks_multiple_in_scattering_without_reflections():
-    scene, wall = one_ray_scene(VAROS_LAMPS, water(0.8, 1.0, 0.8), pixels=8), [floor(1.0, 0.25)]
+    scene, wall = one_ray_scene(VAROS_LAMPS, TURBID, pixels=8), [floor(1.0, 0.25)]
     ours = radiance(scene, wall, integrator="field", spp=64, max_bounces=0)
     assert_agrees(ours, radiance(scene, wall, integrator="path", spp=4096, max_bounces=0)[0], 2e-4, precision=0.02)
 
 
-UNLIKE_LAMPS = [VAROS_LAMPS[0], spot((0.3, 0.2, 0.0), axis=(-0.1, -0.1, 1), cone_deg=50, blend=0.5)]
-"""A hard and a soft one, of which each has a field of its own."""
+UNLIKE_LAMPS = [VAROS_LAMPS[0], point((0.3, 0.2, 0.0), 0.5)]
+"""A cone and a point, of which each has a field of its own."""
 SCENES = {
     "shadows": (VAROS_LAMPS, PAPER_WATER, shadows),
     "chamber": (VAROS_LAMPS, PAPER_WATER, chamber),
     "riches, unlike lamps": (UNLIKE_LAMPS, PAPER_WATER, riches),
     "a point lamp": ([point((0.3, 0.1, 0.2))], PAPER_WATER, shadows),
-    "turbid": (VAROS_LAMPS, water(0.8, 1.0, 0.8), shadows),
+    "turbid": (VAROS_LAMPS, TURBID, shadows),
 }
 
 

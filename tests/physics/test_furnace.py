@@ -196,7 +196,7 @@ def test_an_integrating_sphere_sums_the_geometric_series(truth, reflectance):
     assert_agrees(radiance(scene, wall, "direct", spp=16), first, FACETS / Z * first)
     for bounces in (2, 3, None):
         expected = first * sum(reflectance**n for n in range(1, bounces or 1000))
-        estimate = radiance(scene, wall, "multiple", spp=256, max_bounces=bounces)
+        estimate = radiance(scene, wall, "multiple", spp=128, max_bounces=bounces)
         truth(f"reflectance {reflectance}, {bounces or 'all'} bounces", source="geometric series",
               **agreement(estimate, expected, **facets))
     assert np.all(radiance(scene, wall, spp=2, max_bounces=0)[0] == 0.0)
@@ -210,7 +210,7 @@ def test_water_that_absorbs_nothing_loses_no_light(truth, g, sigma_s, reflectanc
     So the irradiance of the wall is 4 pi I / (4 pi R^2 (1 - r)) everywhere, and next to it one sees r E/pi.
     """
     scene = at_the_wall([point((0, 0, 0))], water(sigma_s, sigma_s, g), gap=2e-4)
-    estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], spp=512)
+    estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], spp=256)
     truth(f"sphere of reflectance {reflectance} full of water, sigma_s = {sigma_s}, g = {g}",
           source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
           **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.02,

@@ -43,8 +43,8 @@ def ground():
     return Part("terrain", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.4, 0.4, 0.4)))
 
 
-def render(parts, pose=POSE, **how):
-    return FrameRenderer(scene_from_dict(SCENE), "cpu", parts=parts).render(pose, outputs="ABCDS", **how)
+def render(parts, outputs="ABCDS", **how):
+    return FrameRenderer(scene_from_dict(SCENE), "cpu", parts=parts).render(POSE, outputs=outputs, **how)
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +80,9 @@ def test_copies_that_join_the_mesh_are_those_of_separate_meshes(monkeypatch, pai
 def test_a_joined_copy_has_the_pattern_of_an_instance(monkeypatch):
     """Rust is laid by the box of a copy, in both."""
     copies = replace(nuts(8), material=Rust(kind="rust", amount=0.5))
-    alone = render([copies], spp_b=16)
+    alone = render([copies], "BS", spp_b=16)
     monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", 1 << 24)
-    joined = render([copies], spp_b=16)
+    joined = render([copies], "BS", spp_b=16)
     same = binary_erosion(alone.S.instance == joined.S.instance, iterations=2)
     np.testing.assert_allclose(joined.B.radiance[same], alone.B.radiance[same], atol=2e-3)
 
@@ -106,7 +106,7 @@ def test_a_copy_throws_a_shadow():
     T = np.eye(4)
     T[:3, 3] = 0.1, -0.5, height
     plate = Instances("scatter.0", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(), T[None])
-    frame = render([ground(), plate], spp=4, layers=("direct",))
+    frame = render([ground(), plate], "ADS", spp=4)
     camera = scene_from_dict(SCENE).vehicle.cameras[0]
     T_w_c, (u, v) = camera_pose(camera, POSE), np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
     rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(intrinsics(camera)).T
@@ -115,7 +115,7 @@ def test_a_copy_throws_a_shadow():
     crossing = p + (height / lamp[2]) * (lamp - p) - T[:3, 3]
     reach = np.abs(crossing[:, :2]).max(axis=1)
     clear = np.abs(reach - half) > 0.06  # a pixel is up to that long there
-    dark = (frame.A.radiance[on_ground] == 0.0).all(axis=1)
+    dark = (frame.A.layers["direct"][on_ground] == 0.0).all(axis=1)
     assert dark.sum() > 50
     assert np.array_equal(dark[clear], reach[clear] < half)
 
@@ -128,7 +128,7 @@ def test_copies_alone_and_far_from_the_origin():
     pose = POSE.copy()
     pose[:3, 3] += away
     scene = scene_from_dict(SCENE | {"trajectory": {"poses": [{"position": [1e6, -2e6, 0]}]}})
-    near_depth = render([copies]).D.depth
+    near_depth = render([copies], "D").D.depth
     far_depth = FrameRenderer(scene, "cpu", parts=[far]).render(pose, outputs="D").D.depth
     hit = np.isfinite(near_depth) & np.isfinite(far_depth)
     assert hit.sum() > 200

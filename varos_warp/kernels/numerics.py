@@ -74,10 +74,12 @@ def quadrilinear(values: wp.array4d(dtype=wp.vec3), x: float, y: float, z: float
 def make_gauss_legendre(count: int):
     """The function ``node(k)``: node ``k`` in [0, 1] and weight of the quadrature with ``count`` nodes, an even number.
 
-    The nodes are constants in the code, because a GPU would wait for a table in memory.
+    The nodes are constants in the code, because a GPU would wait for a table in memory. Not by `wp.static` of a loop's
+    index: that is evaluated only when the code is made, and kernels on disk would then be found by some processes only.
     """
+    half = wp.types.vector(count // 2, float)
     x, w = np.polynomial.legendre.leggauss(count)
-    first = [(float(0.5 + 0.5 * a), float(0.5 * b)) for a, b in zip(x, w, strict=True)][:count // 2]
+    nodes, weights = (half(*(0.5 * values[:count // 2]).tolist()) for values in (1.0 + x, w))
 
     @wp.func
     def node(k: int):
@@ -85,7 +87,7 @@ def make_gauss_legendre(count: int):
         found = wp.vec2(0.0)
         for i in range(wp.static(count // 2)):
             if m == i:
-                found = wp.vec2(wp.static(first[i][0]), wp.static(first[i][1]))
+                found = wp.vec2(nodes[i], weights[i])
         return wp.vec2(wp.where(k > m, 1.0 - found[0], found[0]), found[1])
 
     return node

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from fields import SMALL_FIELD, look_up
-from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
+from physics.rig import TURBID, VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
 from varos_warp.kernels.world.light import Light
 from varos_warp.render.field import open_water as precomputed
@@ -151,7 +151,7 @@ def test_multiple_in_scattering_of_an_isotropic_medium(albedo, T, first, total):
     assert in_scattered(made, T) == pytest.approx([total - first] * 3, abs=2e-3 * total)
 
 
-def test_multiple_in_scattering_of_the_papers_rig(small):
+def test_multiple_in_scattering_of_the_papers_rig():
     """A12, A13: both lamps in green and blue; within 0.1 % of the light in the water."""
     made = open_water(VAROS_LAMPS, PAPER_WATER)
     single = {"R": 5.42226576952195e-5, "G": 6.17358347687215e-4, "B": 1.51897711245271e-3}
@@ -162,10 +162,10 @@ def test_multiple_in_scattering_of_the_papers_rig(small):
     assert len(made._kept) == 1
 
 
-def test_multiple_in_scattering_of_turbid_water(small):
-    """A13, sigma_t = 1: half of the light is scattered twice or more; 0.2 % of it all."""
-    made = open_water(VAROS_LAMPS, water(0.8, 1.0, 0.8))
-    assert in_scattered(made, 2.0) == pytest.approx([2.179e-2 - 0.0109644027294663] * 3, abs=2e-3 * 2.179e-2)
+def test_multiple_in_scattering_of_turbid_water():
+    """A13, sigma_t = 1, albedo 0.8: half of the light is scattered twice or more; 0.2 % of it all."""
+    made = open_water(VAROS_LAMPS, TURBID)
+    assert in_scattered(made, 2.0)[2] == pytest.approx(2.179e-2 - 0.0109644027294663, abs=2e-3 * 2.179e-2)
 
 
 # ----------------------------------------------------------------------------------------- irradiance, by other means
@@ -217,17 +217,18 @@ def facing(d, angle_deg, turn):
         (point((0, 0, 0)), water(0.3, 0.4, 0.0), 2.0, 10, "sideways"),
     ],
 )
-def test_irradiance_is_that_of_a_traced_plate(small, light, coefficients, d, angle, turn):
-    """Within 4 standard errors and 1 % of what a plate that faces the lamp receives."""
+def test_irradiance_is_that_of_a_traced_plate(request, light, coefficients, d, angle, turn):
+    """Within 4 standard errors and 1 % of what a plate that faces the lamp receives.
+
+    In the paper's water with all nodes, which other tests need too.
+    """
+    if coefficients is not PAPER_WATER:
+        request.getfixturevalue("small")
     p, n = facing(d, angle, turn)
     got = looked_up(open_water([light], coefficients), [p, p], [n, -p / d])[0]
     mean, stderr = traced_irradiance(light, coefficients, p, n, spp=256)
     assert np.all(stderr < 0.07 * got[1])
     assert np.all(np.abs(got[0] - mean) < 4.0 * stderr + 0.01 * got[1]), f"{got[0] / mean} {stderr / mean}"
-
-
-TURBID = {"sigma_s": [0.55, 0.7, 0.8], "sigma_a": [0.45, 0.3, 0.2], "phase": {"g": 0.8}}
-"""Turbid waters of three albedos, one a channel: they share a solution, which costs as much as that of one of them."""
 
 
 @pytest.mark.slow

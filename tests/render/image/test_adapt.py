@@ -107,15 +107,17 @@ def bright_spot():
                                               plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3))])
 
 
-def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, monkeypatch):
-    """And the same mean: 12 images of each kind, 4 standard errors of what they differ by."""
-    def images(seed):
-        return [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=seed + k).A for k in range(12)]
+@pytest.fixture(scope="module")
+def shared(bright_spot):
+    """12 images whose samples are where the noise is."""
+    return [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=k).A for k in range(12)]
 
-    shared = images(0)
+
+def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_share(bright_spot, shared, monkeypatch):
+    """And the same mean as 8 images with an even share: 4 standard errors of what they differ by."""
     assert all(image.spp == pytest.approx(12.0, abs=0.5) for image in shared)
     monkeypatch.setattr(radiance, "share_out", evenly)
-    even = images(100)
+    even = [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=100 + k).A for k in range(8)]
     shared, even = (np.array([image.radiance for image in kind], float) for kind in (shared, even))
     assert shared.var(axis=0, ddof=1).mean() < 0.6 * even.var(axis=0, ddof=1).mean()
     means = [kind.mean((1, 2)) for kind in (shared, even)]
@@ -131,9 +133,8 @@ def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
     assert image.spp >= (16 if resolution == (1, 1) else 2)
 
 
-def test_the_standard_error_is_that_of_the_spread_between_images(bright_spot):
+def test_the_standard_error_is_that_of_the_spread_between_images(shared):
     """Mean square over pixels and 12 images; its own spread with heavy tails is about 10 %."""
-    images = [bright_spot.render(np.eye(4), outputs="A", spp=12, seed=200 + k).A for k in range(12)]
-    found = np.mean([np.square(image.stderr, dtype=float) for image in images])
-    assert np.mean(np.var([image.radiance.astype(float) for image in images], axis=0, ddof=1)) == pytest.approx(
+    found = np.mean([np.square(image.stderr, dtype=float) for image in shared])
+    assert np.mean(np.var([image.radiance.astype(float) for image in shared], axis=0, ddof=1)) == pytest.approx(
         found, rel=0.3)

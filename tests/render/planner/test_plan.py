@@ -8,6 +8,7 @@ import pytest
 from varos_warp.errors import InputError
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import cost
+from varos_warp.render.planner import plan as plan_module
 from varos_warp.render.planner.errors import error
 from varos_warp.render.planner.pilot import View, pilot_camera, pixels_tried
 from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, Planner, plan_render
@@ -19,6 +20,8 @@ from varos_warp.scene.geometry.parts import Part
 LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.0], "cone_deg": 65} for x in (-0.15, 0.15)]
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
 POSE = np.eye(4)
+EASY = 0.1
+"""A tolerance that takes half of the samples."""
 
 
 def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
@@ -26,7 +29,7 @@ def make_scene(water=VAROS_WATER, lights=LAMPS, camera=(), **render):
     view = {"resolution": [64, 36], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
     return Scene(water="none" if water is None else {"coefficients": water},
                  vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
-                 render={"denoise": "none", "tolerance": 0.05, "integrator": "path"} | render)
+                 render={"denoise": "none", "tolerance": 0.07, "integrator": "path"} | render)
 
 
 def make_renderer(scene, **how):
@@ -46,11 +49,11 @@ def planned():
 
 @pytest.fixture(scope="module")
 def known(planned):
-    """By the field, right to 0.2 %: its 512 samples have at most a fifth of the noise of any tolerance asked below."""
-    image = planned[1].render(POSE, outputs="A", spp=512, seed=5, integrator="field").A
+    """By the field, right to 0.2 %: its 256 samples have at most a seventh of the noise that is allowed below."""
+    image = planned[1].render(POSE, outputs="A", spp=256, seed=5, integrator="field").A
     radiance = image.radiance.astype(float)
     noise = np.sqrt(np.square(image.stderr, dtype=float).mean((0, 1))) / brightness(radiance.mean((0, 1)))
-    assert noise.max() < 0.2 * 0.05
+    assert noise.max() < 0.07 / 7
     return radiance
 
 
@@ -113,7 +116,7 @@ def error_of(images, truth):
 
 def test_a_tighter_tolerance_takes_more_samples(planned):
     _, renderer, tight = planned
-    assert tight.spp > 4 * plan_render(make_scene(tolerance=0.125), renderer, [POSE]).spp
+    assert tight.spp > 4 * plan_render(make_scene(tolerance=0.175), renderer, [POSE]).spp
 
 
 def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(planned, known):
@@ -124,11 +127,10 @@ def test_the_image_keeps_the_tolerance_and_the_prediction_needlessly_neither(pla
     assert 0.5 * scene.render.tolerance < found.max() <= scene.render.tolerance
 
 
-def test_the_denoised_image_keeps_the_tolerance(known):
-    scene = make_scene(denoise="nlm", tolerance=0.06)
-    renderer = make_renderer(scene)
+def test_the_denoised_image_keeps_the_tolerance(planned, known):
+    _, renderer, plain = planned
+    scene = make_scene(denoise="nlm")
     plan = plan_render(scene, renderer, [POSE])
-    plain = plan_render(make_scene(tolerance=0.06), renderer, [POSE])
     found = error_of([rendered(scene, renderer, plan, seed, "nlm").denoised for seed in range(80, 84)], known)
     assert found.max() <= scene.render.tolerance
     assert plan.spp < plain.spp
@@ -152,8 +154,12 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
 
 @pytest.mark.parametrize(("tolerance", "seconds", "spp", "asked"), [
     (1e-4, None, 2766, "0.01 %"), (5e-324, 0.1, 4, "4.9e-322 %")], ids=["small", "tiny"])
-def test_a_tolerance_that_cannot_be_had_is_said_first(planned, tolerance, seconds, spp, asked):
-    """64 x 36 pixels; a CPU's samples take 16 microseconds nominally, of paths alone 1.7 times less."""
+def test_a_tolerance_that_cannot_be_had_is_said_first(planned, monkeypatch, tolerance, seconds, spp, asked):
+    """64 x 36 pixels; a CPU's samples take 16 microseconds nominally, of paths alone 1.7 times less.
+
+    The pilot may stop at one round of guesses: it finds more to be needed than may be taken in any case.
+    """
+    monkeypatch.setattr(plan_module, "ROUNDS", 1)
     plan = plan_render(make_scene(tolerance=tolerance, max_seconds_per_frame=seconds), planned[1], [POSE])
     assert plan.spp == spp
     assert plan.reasons[0] == plan.shortfall
@@ -170,10 +176,10 @@ def test_a_scene_without_light_takes_the_fewest_samples():
 
 def test_the_noisiest_of_the_poses_rules(planned):
     """One 1.5 m above the floor, and one half a metre, where there is less scattered light."""
-    scene, renderer, plan = planned
+    scene, renderer = make_scene(tolerance=EASY), planned[1]
     close = POSE.copy()
     close[2, 3] = -1.0
-    alone = plan_render(scene, renderer, [close])
+    plan, alone = (plan_render(scene, renderer, [pose]) for pose in (POSE, close))
     both = plan_render(scene, renderer, [POSE, close])
     assert max(alone.spp, plan.spp) > 1.5 * min(alone.spp, plan.spp)
     assert both.spp == pytest.approx(max(plan.spp, alone.spp), rel=0.3)  # what the pilot's chance leaves open
@@ -223,7 +229,9 @@ def test_without_a_nothing_is_rendered_for_the_plan():
 
 
 def test_the_plan_does_not_depend_on_threads_or_time(planned):
-    scene, _, plan = planned
+    """Images of five tiles of rows (scene/launch.py)."""
+    scene = make_scene(tolerance=EASY)
+    plan = plan_render(scene, planned[1], [POSE])
     again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
     assert again.cost["seconds_per_frame"] > 0.0
     assert plan.to_dict() == {key: value for key, value in again.to_dict().items() if key != "cost"}
@@ -285,10 +293,10 @@ def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs
 # -------------------------------------------------------------------------------------------------------------- field
 
 
-def test_with_the_field_fewer_samples_are_needed():
-    """The same floor: the plan says so, and its samples reach the tolerance by the spread of renderings."""
-    plans = {name: plan_render(scene, make_renderer(scene), [POSE]) for name in ("path", "field", "auto")
-             for scene in [make_scene(integrator=name)]}
+def test_with_the_field_fewer_samples_are_needed(planned):
+    """The same floor."""
+    plans = {name: plan_render(make_scene(integrator=name), planned[1], [POSE]) for name in ("field", "auto")}
+    plans["path"] = planned[2]
     assert plans["field"].spp == plans["auto"].spp
     assert plans["field"].models["A"].startswith("path tracer with the field of open water")
     assert plans["field"].spp < plans["path"].spp
