@@ -330,7 +330,7 @@ WATERS = {
 
 @pytest.mark.parametrize("name", WATERS)
 def test_the_path_integrator_is_the_reference_in_unlike_waters(name):
-    assert_same_multiple_scattering("cpu", 16, 96, 0.08, water=WATERS[name])
+    assert_same_multiple_scattering("cpu", 40, 160, 0.08, water=WATERS[name])
 
 
 @pytest.mark.gpu

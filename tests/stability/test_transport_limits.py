@@ -137,12 +137,14 @@ def _plate(distance):
 def test_a_lamp_next_to_the_ray(side, g, ahead):
     """In view, or beside the lens. The forward peak of g = 0.99 is met over millimetres there.
 
-    The floor's middle is the local origin: 5 m from it a position is known to 2.4e-7 m, here seen from the lamp.
+    The floor's middle is the local origin: 5 m from it a position is known to 2.4e-7 m, here seen from the lamp. In a
+    backward peak 1 - cos is near 2, known to 1.2e-7, and the phase function a power -1.5 of (1 + g)^2 beside it.
     """
     lamp = (side, 0.0, ahead)
     scene = one_ray_scene([point(lamp)], water(0.04, 0.06, g))
     truth = single_scattering(lamp, 0.04, 0.06, g, 5.0)
-    rounding = 2.4e-7 / np.hypot(side, min(ahead, 0.0)) * truth
+    peak = 1.5 * 1.2e-7 / (1.0 + g) ** 2 if g < 0.0 else 0.0
+    rounding = (2.4e-7 / np.hypot(side, min(ahead, 0.0)) + peak) * truth
     assert_agrees(radiance(scene, [floor(5.0, 0.0)], "single", spp=2048), truth, rounding, precision=0.02)
 
 
@@ -360,7 +362,8 @@ def test_images_with_tables_are_numbers(parts, spp, resolution):
         moved = [replace(part, vertices=part.vertices + offset) for part in parts]
         image = image_of(scene, moved, spp=spp, integrator="field")
         assert np.isfinite(image.radiance).all()
-        assert np.isinf(image.stderr).all() if spp == 1 else np.isfinite(image.stderr).all()
+        # one sample has one subpath, where there are surfaces, and four segments of the camera
+        assert np.isinf(image.stderr).all() if spp == 1 and parts else np.isfinite(image.stderr).all()
         assert image.radiance.mean() > 0.0
 
 

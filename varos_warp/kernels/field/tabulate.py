@@ -31,8 +31,9 @@ from varos_warp.kernels.world.medium import Medium, exp3, transmittance
 
 wp.set_module_options({"enable_backward": False})
 
-PANEL, PANEL_NODES = wp.constant(3.0), wp.constant(8)
-"""Longest stretch of a ray with eight nodes, in the logarithm of the distance from the light."""
+PANEL, PANEL_NODES = wp.constant(3.0), wp.constant(12)
+"""Longest stretch of a ray with twelve nodes, in the logarithm of the distance from the light. With eight, water that
+scatters 99 % loses 0.36 % of its light, with twelve 0.07 %."""
 
 legendre_node = make_gauss_legendre(PANEL_NODES)
 
@@ -185,7 +186,7 @@ def tabulate_in_scattering(
     start = float(0.0)
     for k in range(in_scattering.shape[0]):
         end = nearest * wp.exp(float(k) * log_step)
-        for i in range(8):
+        for i in range(PANEL_NODES):
             node = legendre_node(i)
             t = wp.lerp(start, end, node[0])
             S = wp.vec3(0.0)
