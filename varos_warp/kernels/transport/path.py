@@ -58,7 +58,7 @@ MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
 find there, so it is the second number at vertices where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
 """Fraction of first scatterings drawn near the lights, where objects light the water and shade it."""
-LEAST_CHOSEN = wp.constant(0.05)
+LEAST_CHOSEN = wp.constant(0.25)
 """Least probability of either start of a subpath, in the water or on a surface, where both are possible."""
 
 
