@@ -63,8 +63,8 @@ class Choices:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """From where `preview` looks, and how closely."""
+class PreviewOptions:
+    """What `preview` shows: the viewpoint, and how far it refines."""
 
     frame: Annotated[int | None, typer.Option(min=0, metavar="N", help="Which frame; the first by default.")] = None
     time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course in seconds instead.")] = None

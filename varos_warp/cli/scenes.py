@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from varos_warp.cli.app import verb
-from varos_warp.cli.options import Device, Json, Look, Quiet, Repair, SceneFile, Set
+from varos_warp.cli.options import Device, Json, PreviewOptions, Quiet, Repair, SceneFile, Set
 from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed
 from varos_warp.errors import InputError
 
@@ -35,7 +35,7 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
 
 
 @verb
-def preview(scene: SceneFile, look: Look, out: Annotated[Path | None, typer.Option(
+def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | None, typer.Option(
         "-o", "--out", metavar="FOLDER", help="Keep preview.png there up to date, without the viewer.")] = None,
         once: Annotated[bool, typer.Option("--once", help="End after the last refinement.")] = False,
         device: Device = "auto", set_: Set = None, quiet: Quiet = False):
@@ -44,9 +44,9 @@ def preview(scene: SceneFile, look: Look, out: Annotated[Path | None, typer.Opti
     from varos_warp.dataset.preview import preview as show
     from varos_warp.dataset.screens import FolderScreen, RerunScreen
 
-    viewpoint = Viewpoint(**look.parsed())
+    viewpoint = Viewpoint(**options.parsed())
     screen = RerunScreen() if out is None else FolderScreen(out)
-    show(scene, screen, viewpoint, spp=look.spp, device=device, overrides=set_ or (), once=once, quiet=quiet)
+    show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=set_ or (), once=once, quiet=quiet)
 
 
 @verb

@@ -64,13 +64,11 @@ class SampleKind(NamedTuple):
     """How many there are to a sample per pixel, where nothing else is known."""
     cost: float
     """Of one of them."""
-    queued: bool
-    """Whether the kernel's threads go on to the next part."""
-    stream: int
-    """Which random numbers they have."""
+    subpaths: bool
+    """Subpaths, or segments of the camera."""
 
 
-ALL_ALIKE = SampleKind(None, 1, 1.0, False, 0)
+ALL_ALIKE = SampleKind(None, 1, 1.0, False)
 """Samples of images that have one kind only."""
 
 
@@ -113,8 +111,8 @@ class RadianceRenderer:
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
         before = [scene, world.camera(view, shot.T_w_v)]
-        after = [field, self._virtual_lights(scene, view, keys[2]), bounds]
         kinds = self._kinds_of_samples(shot, bounds, with_field)
+        lights = [self._virtual_lights(scene, view, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1)
@@ -123,7 +121,8 @@ class RadianceRenderer:
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
-                self.films.take(film, kind.kernel, before, [*after, wp.uint32(keys[kind.stream])], count, kind.queued)
+                after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
+                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths)
 
         take(first)
         if first != spp:
@@ -142,9 +141,9 @@ class RadianceRenderer:
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
         kinds = []
         if camera := spec.camera():
-            kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False, 0))
+            kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
         if subpaths := spec.subpaths():
-            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, 1))
+            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True))
         return kinds
 
     def _virtual_lights(self, scene, view, key: int) -> wp.array:

@@ -14,7 +14,6 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, store
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
-from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_count
@@ -45,7 +44,6 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         camera: Camera,
         first: int,
         field: Field,
-        virtual_lights: wp.array(dtype=VirtualLight),
         bounds: PathBounds,
         key: wp.uint32,
         # out
@@ -54,14 +52,15 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         i = first + wp.tid()
         part = film.parts[i]
         height, width = film.sums.shape[1], film.sums.shape[2]
+        pixel = part.row * width + part.col
         sums = Sums()
         for sample in range(part.begin, part.end):
-            u = draw(key, part.row * width + part.col, sample, 0)
+            u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
             ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
             hit = first_hit(scene, ray.o, ray.d)
-            u = draw(key, part.row * width + part.col, sample, 1)
-            v = draw(key, part.row * width + part.col, sample, 2)
+            u = draw(key, pixel, sample, 1)
+            v = draw(key, pixel, sample, 2)
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_field = wp.vec3(0.0)

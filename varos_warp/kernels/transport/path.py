@@ -152,9 +152,9 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         camera: Camera,
         first: int,
         field: Field,
-        virtual_lights: wp.array(dtype=VirtualLight),
         bounds: PathBounds,
         key: wp.uint32,
+        virtual_lights: wp.array(dtype=VirtualLight),
         # out
         film: Film,
     ):
