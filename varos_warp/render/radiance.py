@@ -11,7 +11,7 @@ import warp as wp
 from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, develop, tile_variances
+from varos_warp.kernels.film.film import CORRECTION_SUMS, SUMS, Film, develop, tile_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
@@ -66,6 +66,8 @@ class SampleKind(NamedTuple):
     """Of one of them."""
     subpaths: bool
     """Subpaths, or segments of the camera."""
+    sums: int = SUMS
+    """Of each pixel of the film."""
 
 
 ALL_ALIKE = SampleKind(None, 1, 1.0, False)
@@ -116,7 +118,7 @@ class RadianceRenderer:
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1)
-        films = [self.films.black(view.resolution, adapts=shares) for _ in kinds]
+        films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
 
         def take(samples):
@@ -143,7 +145,7 @@ class RadianceRenderer:
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
         if subpaths := spec.subpaths():
-            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True))
+            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, CORRECTION_SUMS))
         return kinds
 
     def _virtual_lights(self, scene, view, key: int) -> wp.array:

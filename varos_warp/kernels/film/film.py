@@ -14,8 +14,8 @@ SHARE_AROUND = wp.constant(0.1)
 """Weight of the surrounding tiles in a tile's variance. If rare samples light a dark image, whole tiles miss them: the
 squared errors there are 1.5 to 1.8 times the variance without this weight, 0.9 to 1.1 times with a tenth."""
 
-SUMS = 6
-"""Sums per pixel: those of `Sums` except ``lost``."""
+SUMS, CORRECTION_SUMS = wp.constant(6), wp.constant(2)
+"""Sums per pixel: those of `Sums` except ``lost``; two of them if all light is the correction, in `multiple`."""
 
 
 @wp.struct
@@ -61,11 +61,11 @@ class Film:
     """Samples that each pixel has, in the same layout."""
     parts: wp.array(dtype=PixelPart)
     part_sums: wp.array2d(dtype=wp.vec3d)
-    """The parts, and their sums [SUMS, parts]."""
+    """The parts, and their sums [SUMS or CORRECTION_SUMS, parts]."""
     next: wp.array(dtype=int)
     """One number: the first part that no thread has started; empty if each thread takes one part."""
     sums: wp.array3d(dtype=wp.vec3d)
-    """Sums over all samples [SUMS, height, width]."""
+    """Sums over all samples [SUMS or CORRECTION_SUMS, height, width]."""
     lost: wp.array(dtype=int)
     """One number: samples that were infinite or not a number. They count as black, and the renderer reports them."""
 
@@ -91,6 +91,19 @@ def add_sample(sums: Sums, sample: int, direct: wp.vec3, single: wp.vec3, multip
     if sample % 2 == 1:
         after.odd += wp.vec3d(direct) + wp.vec3d(single) + wp.vec3d(multiple)
         after.odd_correction += wp.vec3d(correction)
+    return after
+
+
+@wp.func
+def add_correction(sums: Sums, sample: int, L: wp.vec3):
+    """`add_sample` of a radiance that is all ``multiple`` and all correction, for a film with CORRECTION_SUMS."""
+    after = sums
+    if not is_finite(L):
+        after.lost += 1
+        return after
+    after.multiple += wp.vec3d(L)
+    if sample % 2 == 1:
+        after.odd += wp.vec3d(L)
     return after
 
 
@@ -131,6 +144,12 @@ def tile_pixel(tile_cols: int, i: int):
     tile = i / (TILE * TILE)
     within = i % (TILE * TILE)
     return tile / tile_cols * TILE + within / TILE, tile % tile_cols * TILE + within % TILE
+
+
+@wp.func
+def pixel_of(film: Film, part: PixelPart):
+    """Number of a part's pixel, row by row."""
+    return part.row * film.sums.shape[2] + part.col
 
 
 @wp.kernel(enable_backward=False)
@@ -182,12 +201,13 @@ def list_parts(
 @wp.func
 def store(film: Film, part: int, sums: Sums):
     """Keep the sums of a part."""
-    film.part_sums[0, part] = sums.direct
-    film.part_sums[1, part] = sums.single
-    film.part_sums[2, part] = sums.multiple
-    film.part_sums[3, part] = sums.correction
-    film.part_sums[4, part] = sums.odd
-    film.part_sums[5, part] = sums.odd_correction
+    film.part_sums[0, part] = sums.multiple
+    film.part_sums[1, part] = sums.odd
+    if film.part_sums.shape[0] == SUMS:
+        film.part_sums[2, part] = sums.direct
+        film.part_sums[3, part] = sums.single
+        film.part_sums[4, part] = sums.correction
+        film.part_sums[5, part] = sums.odd_correction
     if sums.lost > 0:
         wp.atomic_add(film.lost, 0, sums.lost)
 
@@ -208,12 +228,16 @@ def next_part(film: Film):
 def sums_of(film: Film, row: int, col: int):
     """Sums over all samples of a pixel."""
     sums = Sums()
-    sums.direct = film.sums[0, row, col]
-    sums.single = film.sums[1, row, col]
-    sums.multiple = film.sums[2, row, col]
-    sums.correction = film.sums[3, row, col]
-    sums.odd = film.sums[4, row, col]
-    sums.odd_correction = film.sums[5, row, col]
+    sums.multiple = film.sums[0, row, col]
+    sums.odd = film.sums[1, row, col]
+    if film.sums.shape[0] == SUMS:
+        sums.direct = film.sums[2, row, col]
+        sums.single = film.sums[3, row, col]
+        sums.correction = film.sums[4, row, col]
+        sums.odd_correction = film.sums[5, row, col]
+    else:
+        sums.correction = sums.multiple
+        sums.odd_correction = sums.odd
     return sums
 
 

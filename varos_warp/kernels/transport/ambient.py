@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
@@ -17,8 +17,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Image B, for scenes with or without instances and textures."""
+def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
+    """The function ``ambient_radiance``, for scenes with or without instances and textures."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
 
@@ -61,6 +61,14 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
             throughput /= survival
         return wp.vec3(0.0)
 
+    return ambient_radiance
+
+
+@cache
+def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
+    """Image B, for scenes with or without instances and textures."""
+    ambient_radiance = make_ambient_radiance(instances, textures)
+
     @wp.kernel(**LONG_KERNEL)
     def trace_ambient(
         scene: SceneData,
@@ -74,12 +82,11 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         """Radiance of each pixel through a pinhole, stored as the film's ``direct`` layer."""
         i = first + wp.tid()
         part = film.parts[i]
-        row, col = part.row, part.col
-        pixel = row * film.sums.shape[2] + col
+        pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
             u = uniforms(key, pixel, sample, 0)
-            ray = camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(0.0, 0.0))
+            ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0))
             L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
             sums = add_sample(sums, sample, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
         store(film, i, sums)

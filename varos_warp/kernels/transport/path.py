@@ -24,7 +24,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR, LONG_KERNEL
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, Sums, add_sample, next_part, store
+from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
@@ -32,13 +32,13 @@ from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
     advance,
+    events,
     first_scattering_pdf,
     is_metal,
     light_distance,
     light_reach,
     light_share,
     lobe_reaches_lights,
-    own_lobe_pdf,
     sample_direction,
     sample_first_scattering,
     subpath_from_surface,
@@ -46,7 +46,7 @@ from varos_warp.kernels.transport.subpath import (
     water_vertex,
 )
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
-from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
@@ -58,6 +58,8 @@ MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
 find there, so it is the second number at vertices where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
 """Fraction of first scatterings drawn near the lights, where objects light the water and shade it."""
+GROUPS = wp.constant(5)
+"""Groups of four random numbers to a segment: two where it begins, three on it; on the camera's one and four."""
 LEAST_CHOSEN = wp.constant(0.25)
 """Least probability of either start of a subpath, in the water or on a surface, where both are possible."""
 
@@ -94,23 +96,40 @@ def start_subpath(scene: SceneData, eye: Vertex, hit: Hit, end: Vertex, bounds: 
     return path
 
 
+@wp.func
+def start_at_camera(ray: Ray):
+    """A path on the camera's segment, without an event as yet."""
+    path = Subpath()
+    path.alive = 1
+    path.vertex = water_vertex(ray.o, ray.d)
+    return path
+
+
+@wp.func
+def field_behind(scene: SceneData, field: Field, hit: Hit, d: wp.vec3, u: wp.vec4):
+    """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
+    once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
+    return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+
+
+@wp.func
+def beside_virtual_lights(scene: SceneData, path: Subpath, hit: Hit, light: int):
+    """Weight of direct light that a subpath's segment finds, given that virtual point lights find it too."""
+    if is_metal(path.vertex) or may_have_lobe(scene, hit):
+        return 1.0
+    return found_weight(scene, path.lobe_pdf, path.vertex.d, hit.t, light, hit.p, hit.n)
+
+
+@wp.func
+def carries_all(vertex: Vertex, with_field: bool):
+    """Whether the segment from a vertex carries all light, not the difference from open water."""
+    return not with_field or is_metal(vertex)
+
+
 @cache
-def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
-    """Subpaths of a film's parts from ``first`` on, specialised to ``spec``.
-
-    One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's
-    warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
-    Aila and Laine 2009).
-    """
-    first_hit, visible, end_vertex, scattered_once, reflected_once, image_place = make_segment(
-        spec.instances, spec.textures, spec.medium and not spec.camera_field)
-
-    @wp.func
-    def carries_all(path: Subpath):
-        """Whether the segment from the subpath's vertex carries all light, not the difference from open water."""
-        if wp.static(spec.field):
-            return is_metal(path.vertex)
-        return True
+def make_leave_vertex(spec: PathSpec) -> wp.Function:
+    """The function ``leave_vertex`` of a subpath, specialised to ``spec``."""
+    visible = make_segment(spec).visible
 
     @wp.func
     def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, half: int, u: wp.vec2):
@@ -122,29 +141,109 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         return wp.vec3(0.0)
 
     @wp.func
-    def share_around_lights(scene: SceneData, path: Subpath, whole: bool):
+    def share_around_lights(scene: SceneData, path: Subpath):
         """Fraction of directions around the lights at a subpath's vertex."""
         share = light_share(path, MOST_AROUND)
         if wp.static(spec.field):
             if path.vertex.shadowed == 0:
                 share = light_share(path, LEAST_AROUND)
         if wp.static(spec.field and spec.textures):
-            if whole:
+            if is_metal(path.vertex):
                 share = 0.5 * lobe_reaches_lights(scene, path.vertex)
         return share
 
     @wp.func
-    def beside_virtual_lights(scene: SceneData, before: Vertex, d: wp.vec3, hit: Hit, light: int):
-        """Weight of direct light found by a segment along ``d``, given that virtual point lights find it too."""
-        if is_metal(before) or may_have_lobe(scene, hit):
-            return 1.0
-        return found_weight(scene, own_lobe_pdf(scene, before, d), d, hit.t, light, hit.p, hit.n)
+    def leave_vertex(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, bounds: PathBounds,
+                     half: int, u: wp.vec4, v: wp.vec4):
+        """The subpath with its next direction, and the light of virtual point lights at the vertex that it leaves."""
+        L = wp.vec3(0.0)
+        if wp.static(spec.surfaces):
+            if path.bounces < bounds.bounces and not is_metal(path.vertex):
+                L = virtual_light(scene, lights, path, half, wp.vec2(v[2], v[3]))
+        share = float(0.0)
+        if wp.static(spec.medium):
+            if path.scatterings < bounds.scatterings:
+                share = share_around_lights(scene, path)
+        return sample_direction(scene, path, share, u, v), L
+
+    return leave_vertex
+
+
+@cache
+def make_gather(spec: PathSpec) -> wp.Function:
+    """The function ``gather`` of a subpath, specialised to ``spec``."""
+    scattered_once = make_segment(spec).scattered_once
 
     @wp.func
-    def field_behind(scene: SceneData, field: Field, hit: Hit, d: wp.vec3, u: wp.vec4):
-        """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
-        once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
-        return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+    def gather(scene: SceneData, field: Field, path: Subpath, hit: Hit, end: Vertex, reflected: LightConnection,
+               bounds: PathBounds, u: wp.vec4, w: wp.vec4):
+        """Light of one more event on a subpath's segment: reflected at its end, or scattered on the way."""
+        o, d = path.vertex.p, path.vertex.d
+        whole = carries_all(path.vertex, wp.static(spec.field))
+        L_end = reflected.L
+        if brightest(L_end) > 0.0:
+            L_end *= beside_virtual_lights(scene, path, hit, reflected.light)
+        if wp.static(spec.field):
+            if hit.face >= 0 and path.bounces < bounds.bounces:
+                L_end += reflected_field(scene, field, end.surface, end.p, end.n)
+            if hit.face >= 0 and not whole:
+                L_end -= field_behind(scene, field, hit, d, w)
+        L = wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
+        if wp.static(spec.medium):
+            if path.scatterings < bounds.scatterings:
+                L += scattered_once(scene, o, d, hit.t, whole, u[0], u[1])
+        if wp.static(spec.field and spec.medium):
+            if whole:
+                L += sample_field(scene, field, o, d, hit.t, w[0], w[1])
+        return wp.cw_mul(path.throughput, L)
+
+    return gather
+
+
+@cache
+def make_follow_segment(spec: PathSpec) -> wp.Function:
+    """The function ``follow_segment`` of a path, through the pixel or from a vertex, specialised to ``spec``."""
+    first_hit, _, end_vertex, _, reflected_once, _ = make_segment(spec)
+    gather = make_gather(spec)
+
+    @wp.func
+    def follow_segment(scene: SceneData, field: Field, path: Subpath, bounds: PathBounds, pixel_angle: float,
+                       key: wp.uint32, pixel: int, sample: int):
+        """The path at the next vertex, and the light that it found on the way there."""
+        on_camera = events(path) == 0
+        group = GROUPS * events(path) + wp.where(on_camera, 1, 2)
+        u = draw(key, pixel, sample, group)
+        v = draw(key, pixel, sample, group + 1)
+        w = wp.vec4(0.0)
+        if wp.static(spec.field):
+            w = draw(key, pixel, sample, group + 2)
+        hit = first_hit(scene, path.vertex.p, path.vertex.d)
+        end = Vertex()
+        reflected = LightConnection()
+        if hit.face >= 0:
+            end = end_vertex(scene, hit, path.vertex.d, wp.where(on_camera, pixel_angle, SUBPATH_ANGLE))
+            if path.bounces < bounds.bounces and (wp.static(spec.field) or not on_camera):
+                reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
+                end.shadowed = reflected.blocked
+        if on_camera:
+            u = draw(key, pixel, sample, group + 3)
+            return start_subpath(scene, path.vertex, hit, end, bounds, u), wp.vec3(0.0)
+        L = gather(scene, field, path, hit, end, reflected, bounds, u, w)
+        return advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, v), L
+
+    return follow_segment
+
+
+@cache
+def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
+    """Subpaths of a film's parts from ``first`` on, specialised to ``spec``.
+
+    One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's
+    warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
+    Aila and Laine 2009).
+    """
+    image_place = make_segment(spec).image_place
+    leave_vertex, follow_segment = make_leave_vertex(spec), make_follow_segment(spec)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_subpaths(
@@ -159,98 +258,38 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         film: Film,
     ):
         i = first + wp.tid()
-        parts = film.parts.shape[0]
         part = film.parts[i]
-        width = film.sums.shape[2]
-        pixel = part.row * width + part.col
+        pixel = pixel_of(film, part)
         sample = part.begin
         sums = Sums()
-        black = wp.vec3(0.0)
-        L = black
-        on_camera = bool(True)
-        whole = bool(True)
-        group = int(0)
+        L = wp.vec3(0.0)
         weight = float(1.0)
         path = Subpath()
-        before = Vertex()
-        while i < parts:
-            # a segment: through the pixel, or from a vertex, which virtual point lights also light
-            if on_camera:
-                u = draw(key, pixel, sample, 0)
+        while i < film.parts.shape[0]:
+            u = draw(key, pixel, sample, GROUPS * events(path))
+            if events(path) == 0:
                 place = image_place(scene, camera, part.row, part.col, u)
-                ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
+                path = start_at_camera(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
                 weight = place[2]
-                path = Subpath()
-                path.alive = 1
-                path.vertex = water_vertex(ray.o, ray.d)
-                group = 1
             else:
-                u = draw(key, pixel, sample, group)
-                v = draw(key, pixel, sample, group + 1)
-                group += 2
-                whole = carries_all(path)
-                before = path.vertex
-                if wp.static(spec.surfaces):
-                    if path.bounces < bounds.bounces and not is_metal(before):
-                        L += virtual_light(scene, virtual_lights, path, sample & 1, wp.vec2(v[2], v[3]))
-                share = float(0.0)
-                if wp.static(spec.medium):
-                    if path.scatterings < bounds.scatterings:
-                        share = share_around_lights(scene, path, whole)
-                path = sample_direction(scene, path, share, u, v)
-
+                v = draw(key, pixel, sample, GROUPS * events(path) + 1)
+                path, found = leave_vertex(scene, virtual_lights, path, bounds, sample & 1, u, v)
+                L += found
             if path.alive == 1:
-                o, d = path.vertex.p, path.vertex.d
-                hit = first_hit(scene, o, d)
-                u = draw(key, pixel, sample, group)
-                v = draw(key, pixel, sample, group + 1)
-                w = wp.vec4(0.0)
-                if wp.static(spec.field):
-                    w = draw(key, pixel, sample, group + 2)
-                group += 3
-                end = Vertex()
-                reflected = LightConnection()
-                if hit.face >= 0:
-                    end = end_vertex(scene, hit, d, wp.where(on_camera, camera.pixel_angle, SUBPATH_ANGLE))
-                    if path.bounces < bounds.bounces and (wp.static(spec.field) or not on_camera):
-                        reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
-                        end.shadowed = reflected.blocked
-                if on_camera:
-                    path = start_subpath(scene, path.vertex, hit, end, bounds, draw(key, pixel, sample, group))
-                    group += 1
-                    on_camera = False
-                else:
-                    # light of one more event: reflected at the segment's end, or scattered on it
-                    L_end = reflected.L
-                    if brightest(L_end) > 0.0:
-                        L_end *= beside_virtual_lights(scene, before, d, hit, reflected.light)
-                    if wp.static(spec.field):
-                        if hit.face >= 0 and path.bounces < bounds.bounces:
-                            L_end += reflected_field(scene, field, end.surface, end.p, end.n)
-                        if hit.face >= 0 and not whole:
-                            L_end -= field_behind(scene, field, hit, d, w)
-                    L_new = wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
-                    if wp.static(spec.medium):
-                        if path.scatterings < bounds.scatterings:
-                            L_new += scattered_once(scene, o, d, hit.t, whole, u[0], u[1])
-                    if wp.static(spec.field and spec.medium):
-                        if whole:
-                            L_new += sample_field(scene, field, o, d, hit.t, w[0], w[1])
-                    L += wp.cw_mul(path.throughput, L_new)
-                    path = advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, v)
-
+                path, found = follow_segment(scene, field, path, bounds, camera.pixel_angle, key, pixel, sample)
+                L += found
             if path.alive == 0:
                 # the sample is complete: continue with the next one, or the next part
-                sums = add_sample(sums, sample, black, black, weight * L, weight * L)
-                L = black
-                on_camera = True
+                sums = add_correction(sums, sample, weight * L)
+                L = wp.vec3(0.0)
+                path = Subpath()
                 sample += 1
                 if sample == part.end:
                     store(film, i, sums)
                     i = next_part(film)
-                    if i < parts:
+                    if i < film.parts.shape[0]:
                         part = film.parts[i]
-                        pixel = part.row * width + part.col
+                        pixel = pixel_of(film, part)
                         sample = part.begin
                         sums = Sums()
 

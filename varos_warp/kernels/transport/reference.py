@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.film.film import Film, Sums, add_sample, store
+from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.next_event import irradiance
@@ -81,18 +81,9 @@ def roulette(path: PlainPath, u: float):
 
 
 @cache
-def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
-    """The kernel that renders a film's parts from ``first`` on.
-
-    Args:
-        direct: whether light that was reflected once counts.
-        single: whether light that was scattered once counts.
-        multiple: whether all other light counts.
-        instances: whether there are instances.
-        textures: whether some material is more than one constant reflectance.
-    """
-    first_hit, visible = make_rays(instances)
-    hit_surface = make_hit_surface(textures)
+def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances."""
+    _, visible = make_rays(instances)
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3, u: wp.vec2):
@@ -120,6 +111,16 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                     if visible(scene, hit.start, sample.p):
                         L += arriving
         return L
+
+    return scattered_light, reflected_light
+
+
+@cache
+def make_next_vertex(instances: bool, textures: bool) -> wp.Function:
+    """The function ``next_vertex``, for scenes with or without instances and textures."""
+    first_hit, _ = make_rays(instances)
+    hit_surface = make_hit_surface(textures)
+    scattered_light, reflected_light = make_gather(instances)
 
     @wp.func
     def scatter(scene: SceneData, path: PlainPath, t: float, u: wp.vec4, v: wp.vec4):
@@ -150,6 +151,36 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         after.p = hit.start
         return after
 
+    @wp.func
+    def next_vertex(scene: SceneData, path: PlainPath, max_scatterings: int, max_bounces: int, pixel_angle: float,
+                    u: wp.vec4, v: wp.vec4):
+        """The path at its next vertex, in the water or on a surface; it ends where there may be none."""
+        hit = first_hit(scene, path.p, path.d)
+        t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
+        in_water = t < hit.t
+        if in_water and path.scatterings < max_scatterings:
+            return scatter(scene, path, t, u, v)
+        if not in_water and hit.face >= 0 and path.bounces < max_bounces:
+            angle = wp.where(path.scatterings + path.bounces == 0, pixel_angle, SUBPATH_ANGLE)
+            return reflect(scene, path, hit, angle, u, v)
+        return PlainPath()
+
+    return next_vertex
+
+
+@cache
+def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
+    """The kernel that renders a film's parts from ``first`` on.
+
+    Args:
+        direct: whether light that was reflected once counts.
+        single: whether light that was scattered once counts.
+        multiple: whether all other light counts.
+        instances: whether there are instances.
+        textures: whether some material is more than one constant reflectance.
+    """
+    next_vertex = make_next_vertex(instances, textures)
+
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(
         scene: SceneData,
@@ -163,41 +194,28 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
     ):
         i = first + wp.tid()
         part = film.parts[i]
-        row, col = part.row, part.col
-        pixel = row * film.sums.shape[2] + col
+        pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
-            path = plain_path(camera_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3])))
+            ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(u[2], u[3]))
+            path = plain_path(ray)
+            events = int(0)
             while path.alive == 1:
-                events = path.scatterings + path.bounces
                 u = uniforms(key, pixel, sample, 2 * events + 1)
                 v = uniforms(key, pixel, sample, 2 * events + 2)
-
-                # go to the next vertex, in the water or on a surface
-                hit = first_hit(scene, path.p, path.d)
-                t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
-                in_water = t < hit.t
-                if in_water:
-                    if path.scatterings == max_scatterings:
-                        break
-                    path = scatter(scene, path, t, u, v)
-                else:
-                    if hit.face < 0 or path.bounces == max_bounces:
-                        break
-                    angle = wp.where(events == 0, camera.pixel_angle, SUBPATH_ANGLE)
-                    path = reflect(scene, path, hit, angle, u, v)
-
+                path = next_vertex(scene, path, max_scatterings, max_bounces, camera.pixel_angle, u, v)
                 # the layer to which its light belongs
                 if events > 0:
                     L_multiple += path.L
-                elif in_water:
+                elif path.scatterings == 1:
                     L_single = path.L
                 else:
                     L_direct = path.L
+                events += 1
                 if not wp.static(multiple):
                     path.alive = 0
                 path = roulette(path, v[3])

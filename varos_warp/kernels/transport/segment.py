@@ -92,10 +92,11 @@ class Segment(NamedTuple):
 
 
 @cache
-def make_segment(instances: bool, textures: bool, lights_in_view: bool) -> Segment:
-    """The functions of a segment for scenes with or without instances, textures, and lights that the camera may see."""
-    first_hit, visible = make_rays(instances)
-    hit_surface = make_hit_surface(textures)
+def make_segment(spec: PathSpec) -> Segment:
+    """The functions of a segment, specialised to ``spec``."""
+    first_hit, visible = make_rays(spec.instances)
+    hit_surface = make_hit_surface(spec.textures)
+    peaks_at_lights = spec.medium and (spec.single or spec.multiple) and not spec.camera_field
 
     @wp.func
     def end_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
@@ -128,7 +129,7 @@ def make_segment(instances: bool, textures: bool, lights_in_view: bool) -> Segme
     @wp.func
     def image_place(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
         """Image point (x, y) of a sample, and its weight."""
-        if wp.static(lights_in_view):
+        if wp.static(peaks_at_lights):
             return sample_pixel(scene, camera, row, col, u)
         return wp.vec3(float(col) + u[0], float(row) + u[1], 1.0)
 

@@ -215,10 +215,18 @@ class Subpath:
     throughput: wp.vec3
     scatterings: int
     bounces: int
+    lobe_pdf: float
+    """Density of the vertex's own lobe in the direction that `sample_direction` drew."""
     expected_at_start: float
     """`expected_light` at the first vertex, for roulette."""
     reach: float
     """Distance from the lights up to which roulette ignores the distance [m]."""
+
+
+@wp.func
+def events(path: Subpath):
+    """Number of scatterings and reflections."""
+    return path.scatterings + path.bounces
 
 
 @wp.func
@@ -286,7 +294,7 @@ def light_share(path: Subpath, most: float):
     inverse of their distance. The weight of all other directions grows by 1 / (1 - fraction), and the product of those
     factors over n vertices is at most n + 1.
     """
-    return wp.min(most, 1.0 / float(path.scatterings + path.bounces + 1))
+    return wp.min(most, 1.0 / float(events(path) + 1))
 
 
 @wp.func
@@ -321,7 +329,8 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
     after.vertex.d = d
     after.alive = wp.where(brightest(f) > 0.0, 1, 0)
     if after.alive == 1:
-        pdf = (1.0 - share) * own_lobe_pdf(scene, path.vertex, d)
+        after.lobe_pdf = own_lobe_pdf(scene, path.vertex, d)
+        pdf = (1.0 - share) * after.lobe_pdf
         if share > 0.0:
             pdf += share * light_lobes_pdf(scene, path.vertex.p, d)
         after.throughput = wp.cw_mul(after.throughput, f) / pdf
@@ -338,7 +347,7 @@ def roulette(scene: SceneData, path: Subpath, u: float):
     subpaths are long: the threads of a GPU's warp wait for the longest.
     """
     after = path
-    most = wp.max(0.9, 1.0 - 4.0 / float(path.scatterings + path.bounces))
+    most = wp.max(0.9, 1.0 - 4.0 / float(events(path)))
     survival = wp.clamp(expected_light(scene, path) / path.expected_at_start, 0.3, most)
     after.alive = wp.where(u < survival, 1, 0)
     after.throughput /= survival

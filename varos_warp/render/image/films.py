@@ -22,7 +22,8 @@ MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
 MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
-"""Parts at a time; each takes 160 bytes. At the end of each lot a GPU is less than full, and all pixels are visited."""
+"""Parts at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
+visited."""
 PIXEL_TILE = 1 << 16
 """Pixels that a CPU's thread visits at a time."""
 MOST_LISTED = 1 << 28
@@ -39,14 +40,15 @@ class Films:
         self._resident = processors * RESIDENT_BLOCKS * BLOCK_DIM if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
 
-    def black(self, resolution, adapts: bool = False) -> Film:
+    def black(self, resolution, adapts: bool = False, sums: int = SUMS) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
 
         Args:
             resolution: Width and height.
             adapts: Whether tiles have two sides, see render/image/adapt.py.
+            sums: Of each pixel: SUMS or CORRECTION_SUMS.
         """
-        kind = (adapts, *resolution[::-1])
+        kind = (adapts, sums, *resolution[::-1])
         film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
         for buffer in (film.sums, film.count, film.lost):
             buffer.zero_()
@@ -54,11 +56,11 @@ class Films:
 
     def keep(self, film: Film):
         """Take a film back for another image."""
-        self._unused[len(film.count) == 2, *film.sums.shape[1:]].append(film)
+        self._unused[len(film.count) == 2, *film.sums.shape].append(film)
 
-    def _new(self, adapts: bool, height: int, width: int) -> Film:
+    def _new(self, adapts: bool, sums: int, height: int, width: int) -> Film:
         film = Film()
-        film.sums = self.buffer(SUMS, height, width)
+        film.sums = self.buffer(sums, height, width)
         tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
         film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
         film.lost = wp.empty(1, dtype=int, device=self.device)
@@ -92,13 +94,13 @@ class Films:
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
             film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
-            film.part_sums = self.buffer(SUMS, parts)
+            film.part_sums = self.buffer(len(film.sums), parts)
             self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
             threads = min(parts, self._resident) if queued else parts
             film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
             tile_rows = int(np.clip(parts // 32, 64, 1024))
             self.launcher.rows(kernel, (threads,), before, [*after, film], tile_rows=tile_rows)
-            self.launcher.rows(add_parts, (SUMS, *ends.shape), [ends], [begin, film], tile_rows=1)
+            self.launcher.rows(add_parts, (len(film.sums), *ends.shape), [ends], [begin, film], tile_rows=1)
         film.parts = film.part_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, [], [film])
 
