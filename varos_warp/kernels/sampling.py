@@ -120,6 +120,22 @@ def equiangular_point(h: float, ya: float, yb: float, angle: float, u: float):
 
 
 @wp.func
+def inverse_distance_point(h: float, low: float, high: float, u: float):
+    """Point y of a line, from the foot of a point at distance ``h``, with density 1 / `inverse_distance_area`.
+
+    It falls as the inverse distance from the point, whose integral is asinh(y/h): ``low`` and ``high`` at the ends.
+    """
+    x = wp.lerp(low, high, u)
+    return 0.5 * h * (wp.exp(x) - wp.exp(-x))
+
+
+@wp.func
+def inverse_distance_area(h: float, low: float, high: float, y: float):
+    """Inverse density of `inverse_distance_point` at ``y``."""
+    return (high - low) * wp.sqrt(h * h + y * y)
+
+
+@wp.func
 def one_minus_cos_at(y: float, h: float, distance: float):
     """1 - cos(theta) = 1 + y/distance for scattering at y from a light's foot, without cancellation for y < 0."""
     if y < 0.0:

@@ -18,18 +18,21 @@ def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
     sums = kernel.Sums()
     for i in range(part.begin, part.end):
         direct, single, multiple = samples[0, i, row, col], samples[1, i, row, col], samples[2, i, row, col]
-        sums = kernel.add_sample(sums, i, direct, single, multiple, samples[3, i, row, col])
+        if film.sums.shape[0] == kernel.SUMS:
+            sums = kernel.add_sample(sums, i, direct, single, multiple, samples[3, i, row, col])
+        else:
+            sums = kernel.add_correction(sums, i, multiple)
     kernel.store(film, wp.tid(), sums)
 
 
-def exposed(samples, most, takes, sides=1, lot=1000):
+def exposed(samples, most, takes, sides=1, lot=1000, sums=kernel.SUMS):
     """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more, take by take.
 
     In parts of ``most`` samples, so many parts at a time.
     """
     shape, tiles = samples.shape[2:4], tuple(-(-side // int(kernel.TILE)) for side in samples.shape[2:4])
     film = kernel.Film()
-    film.sums = wp.zeros((kernel.SUMS, *shape), dtype=wp.vec3d, device="cpu")
+    film.sums = wp.zeros((sums, *shape), dtype=wp.vec3d, device="cpu")
     film.count, film.wanted = (wp.zeros((sides, *tiles), dtype=int, device="cpu") for _ in "cw")
     film.lost = wp.zeros(1, dtype=int, device="cpu")
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
@@ -42,11 +45,11 @@ def exposed(samples, most, takes, sides=1, lot=1000):
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
             film.parts = wp.zeros(parts, dtype=kernel.PixelPart, device="cpu")
-            film.part_sums = wp.zeros((kernel.SUMS, parts), dtype=wp.vec3d, device="cpu")
+            film.part_sums = wp.zeros((sums, parts), dtype=wp.vec3d, device="cpu")
             wp.launch(kernel.list_parts, dim=ends.shape, inputs=[ends, 0, begin], outputs=[film], device="cpu")
             assert (film.parts.numpy()["end"] - film.parts.numpy()["begin"]).max() <= most
             wp.launch(expose, dim=parts, inputs=[device_samples, film], device="cpu")
-            dim = (kernel.SUMS, *ends.shape)
+            dim = (sums, *ends.shape)
             wp.launch(kernel.add_parts, dim=dim, inputs=[ends, 0, begin], outputs=[film], device="cpu")
         wp.launch(kernel.note_samples, dim=film.count.shape, outputs=[film], device="cpu")
     return film
@@ -144,8 +147,18 @@ def test_every_second_sample_is_of_the_other_half(spp, most):
     """By its number, however samples come in parts; the correction alike."""
     samples = np.float32(samples_of("uniform", spp)).astype(float)
     sums = exposed(samples, most, [spp]).sums.numpy()
-    np.testing.assert_allclose(sums[4], samples[:3, 1::2].sum((0, 1)), rtol=1e-12)
+    np.testing.assert_allclose(sums[1], samples[:3, 1::2].sum((0, 1)), rtol=1e-12)
     np.testing.assert_allclose(sums[5], samples[3, 1::2].sum(0), rtol=1e-12)
+
+
+def test_two_sums_say_the_same_of_light_that_is_all_correction():
+    """What is not a number counts as lost in both."""
+    samples = samples_of("uniform", 9)
+    samples[:2], samples[3], samples[2:, 2, 1, 1] = 0.0, samples[2], np.inf
+    many, few = (exposed(samples, 2, [9], sums=sums) for sums in (kernel.SUMS, kernel.CORRECTION_SUMS))
+    assert many.lost.numpy() == few.lost.numpy() == 1
+    for name, image in developed(few).items():
+        assert np.array_equal(image, developed(many)[name]), name
 
 
 def test_a_standard_error_is_that_of_the_pixels_of_a_tile():

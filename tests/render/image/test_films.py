@@ -17,7 +17,7 @@ def count_samples(first: int, film: kernel.Film):
     sums = kernel.Sums()
     part = film.parts[i]
     for sample in range(part.begin, part.end):
-        sums.direct += wp.vec3d(wp.float64(1.0))
+        sums.multiple += wp.vec3d(wp.float64(1.0))
         sums.odd += wp.vec3d(wp.float64(sample))
     kernel.store(film, i, sums)
 
@@ -31,7 +31,7 @@ def count_parts_in_turn(first: int, film: kernel.Film):
         sums = kernel.Sums()
         part = film.parts[i]
         for sample in range(part.begin, part.end):
-            sums.direct += wp.vec3d(wp.float64(1.0))
+            sums.multiple += wp.vec3d(wp.float64(1.0))
             sums.odd += wp.vec3d(wp.float64(sample))
         sums.single = wp.vec3d(wp.float64(before))
         sums.lost = 1
@@ -60,7 +60,7 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     expected = taken[(row + col) % sides, row // 8, col // 8]
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], expected)
-    assert np.array_equal(sums[4], expected * (expected - 1) / 2)
+    assert np.array_equal(sums[1], expected * (expected - 1) / 2)
 
 
 @pytest.mark.parametrize("lot", [7, 1 << 22])
@@ -75,9 +75,9 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
         made.take(film, count_parts_in_turn, [], [], samples, queued=True)
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], np.full((17, 9), 8))
-    assert np.array_equal(sums[4], np.full((17, 9), 28))
+    assert np.array_equal(sums[1], np.full((17, 9), 28))
     assert film.lost.numpy()[0] == 9 * 17 * (2 + 3)  # pixels, parts of 3 and of 5 samples
-    assert sums[1].any() == (resident < min(lot, 2 * 9 * 17))
+    assert sums[3].any() == (resident < min(lot, 2 * 9 * 17))
 
 
 def test_films_are_black_when_they_are_used_again():

@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.field.open_water import Field, LightField, node_distance, scattered_irradiance, source_function
-from varos_warp.kernels.sampling import asinh, make_reservoir, offer
+from varos_warp.kernels.sampling import asinh, inverse_distance_area, inverse_distance_point, make_reservoir, offer
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count, light_strength
 from varos_warp.kernels.world.medium import transmittance
@@ -58,12 +58,10 @@ def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
     """
     ahead = wp.min(ray.foot, t_max)
     share = wp.where(ahead > 0.0, STRAIGHT_SHARE, 0.0)
-    x = wp.lerp(ray.low, ray.high, v)
-    t = wp.max(ray.foot + 0.5 * ray.h * (wp.exp(x) - wp.exp(-x)), 0.0)
+    t = wp.max(ray.foot + inverse_distance_point(ray.h, ray.low, ray.high, v), 0.0)
     if u < share:
         t = v * ahead
-    y = t - ray.foot
-    pdf = (1.0 - share) / ((ray.high - ray.low) * wp.sqrt(ray.h * ray.h + y * y))
+    pdf = (1.0 - share) / inverse_distance_area(ray.h, ray.low, ray.high, t - ray.foot)
     if t < ahead:
         pdf += share / ahead
     return wp.vec2(t, 1.0 / pdf)

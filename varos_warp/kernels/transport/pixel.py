@@ -8,7 +8,7 @@ samples are drawn nearly in proportion to 1/r, with r the distance from the ligh
 
 import warp as wp
 
-from varos_warp.kernels.sampling import LARGEST, asinh
+from varos_warp.kernels.sampling import LARGEST, asinh, inverse_distance_area, inverse_distance_point
 from varos_warp.kernels.world.camera import Camera, image_point
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_centre, light_count
@@ -45,7 +45,7 @@ def sample_around(left: float, top: float, u: float, v: float):
     m = wp.lerp(row_measure(top), row_measure(top + 1.0), v)
     y = wp.sign(m) * wp.pow(wp.abs(m), 1.0 / (1.0 - PEAK))
     h = wp.max(wp.abs(y), CLOSEST)
-    return wp.vec2(h * wp.sinh(wp.lerp(asinh(left / h), asinh((left + 1.0) / h), u)), y)
+    return wp.vec2(inverse_distance_point(h, asinh(left / h), asinh((left + 1.0) / h), u), y)
 
 
 @wp.func
@@ -53,7 +53,7 @@ def pdf_around(left: float, top: float, x: float, y: float):
     """Density [1/pixel^2] of `sample_around`."""
     h = wp.max(wp.abs(y), CLOSEST)
     of_row = (1.0 - PEAK) * wp.pow(h, -PEAK) / (row_measure(top + 1.0) - row_measure(top))
-    return of_row / ((asinh((left + 1.0) / h) - asinh(left / h)) * wp.sqrt(x * x + h * h))
+    return of_row / inverse_distance_area(h, asinh(left / h), asinh((left + 1.0) / h), x)
 
 
 @wp.func
