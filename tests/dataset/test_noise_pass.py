@@ -11,7 +11,7 @@ from varos_warp.dataset.noise_pass import add_noise, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
-from varos_warp.scene.noise_profile import NoiseProfile, load_profile, merge_profiles, named_profiles
+from varos_warp.scene.description.noise_profile import NoiseProfile, load_profile, merge_profiles, named_profiles
 from varos_warp.sim.sensors.noise import imu_noise
 
 PROFILE = load_profile("low_light_rov")

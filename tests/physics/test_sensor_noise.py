@@ -4,7 +4,7 @@ import allantools
 import numpy as np
 import pytest
 
-from varos_warp.scene.noise_profile import CameraNoise, DepthGaugeNoise, Vignetting, load_profile
+from varos_warp.scene.description.noise_profile import CameraNoise, DepthGaugeNoise, Vignetting, load_profile
 from varos_warp.sim.sensors.image_noise import expose, frame_generator, to_linear, vignette
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 

@@ -23,7 +23,7 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.scene.noise_profile import NoiseProfile
+from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.sim.sensors import image_noise
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 

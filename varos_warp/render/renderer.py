@@ -14,6 +14,7 @@ from varos_warp.kernels.transport.first_hits import make_first_hits_kernel
 from varos_warp.render.image.films import Films
 from varos_warp.render.image.frame import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
@@ -22,7 +23,6 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, resolve_device
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.segments import segment_table
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
            "SegmentImage", "resolve_integrator", "stream_key"]

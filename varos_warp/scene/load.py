@@ -48,7 +48,7 @@ def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
     return _validate(_Source(data=data), Path(base_dir))
 
 
-def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> BaseModel:
+def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> Any:
     """Read a file that holds one block other than a scene, such as a noise profile.
 
     Args:

@@ -10,7 +10,7 @@ import pytest
 from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.scene.noise_profile import NoiseProfile
+from varos_warp.scene.description.noise_profile import NoiseProfile
 
 PROFILE = {
     "name": "test", "imu": {"accelerometer_noise_density": 4e-3, "gyroscope_noise_density": 2e-4,

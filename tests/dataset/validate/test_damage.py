@@ -20,7 +20,7 @@ from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
-from varos_warp.scene.noise_profile import load_profile
+from varos_warp.scene.description.noise_profile import load_profile
 
 
 @pytest.fixture

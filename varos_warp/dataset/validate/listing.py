@@ -16,11 +16,11 @@ from varos_warp.dataset.validate.pending import Pending, check_complete, exposur
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
+from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.phase import HenyeyGreenstein
 from varos_warp.scene.load import scene_from_dict, scene_to_dict
-from varos_warp.scene.segments import segment_table
 
 RELATIVE = 1e-9
 """Numbers that differ by less are the same."""

@@ -9,7 +9,7 @@ so that where nothing is clipped, mean DN = black + electrons / e and variance =
 
 import numpy as np
 
-from varos_warp.scene.noise_profile import CameraNoise, Vignetting
+from varos_warp.scene.description.noise_profile import CameraNoise, Vignetting
 
 _CAMERA = 0x63616D
 

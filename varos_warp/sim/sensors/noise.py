@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.noise_profile import DepthGaugeNoise
+from varos_warp.scene.description.noise_profile import DepthGaugeNoise
 
 _IMU, _DEPTH_GAUGE = 0x696D75, 0x646570
 """They part the random numbers of the sensors."""
