@@ -5,7 +5,6 @@ time of a subpath, and decides what edges, textures and a lens's blur look like.
 """
 
 from functools import cache
-from typing import NamedTuple
 
 import warp as wp
 
@@ -15,8 +14,8 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
-from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
-from varos_warp.kernels.world.intersect import Hit, SceneData
+from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
 
@@ -32,48 +31,10 @@ def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
     return L
 
 
-class CameraLayers(NamedTuple):
-    """Device functions of what a camera's segment finds."""
-
-    on_the_way: wp.Function
-    at_end: wp.Function
-
-
-@cache
-def make_camera_layers(spec: PathSpec) -> CameraLayers:
-    """The light that the camera's segment finds on the way and at its end, specialised to ``spec``."""
-    segment = make_segment(spec)
-    end_vertex, scattered_once, reflected_once = segment.end_vertex, segment.scattered_once, segment.reflected_once
-
-    @wp.func
-    def on_the_way(scene: SceneData, ray: Ray, t: float, u: wp.vec4):
-        """Light scattered once into a ray up to ``t``, and the part of it that is noise."""
-        L = scattered_once(scene, ray.o, ray.d, t, wp.static(not spec.field), u[0], u[1])
-        if wp.static(spec.field):
-            return L + scattered_by_lights(scene, ray.o, ray.d, t), L
-        return L, wp.vec3(0.0)
-
-    @wp.func
-    def at_end(scene: SceneData, field: Field, ray: Ray, hit: Hit, angle: float, u: wp.vec4, v: wp.vec4):
-        """Light of the lights, and that of the field, off the surface at the end of a ray."""
-        end = end_vertex(scene, hit, ray.d, angle)
-        T = transmittance(scene.medium, hit.t)
-        L_direct = wp.vec3(0.0)
-        L_field = wp.vec3(0.0)
-        if wp.static(spec.direct):
-            L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3])).L)
-        if wp.static(spec.multiple):
-            L_field = wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
-        return L_direct, L_field
-
-    return CameraLayers(on_the_way, at_end)
-
-
 @cache
 def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     """The camera's segments of a film's parts from ``first`` on, specialised to ``spec``."""
-    first_hit, image_place = make_segment(spec).first_hit, make_segment(spec).image_place
-    on_the_way, at_end = make_camera_layers(spec)
+    first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_camera_segments(
@@ -104,15 +65,22 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
             correction = wp.vec3(0.0)
             if wp.static(spec.medium and spec.single):
                 if bounds.scatterings > 0:
-                    L_single, correction = on_the_way(scene, ray, hit.t, u)
+                    L_single = scattered_once(scene, ray.o, ray.d, hit.t, wp.static(not spec.field), u[0], u[1])
+                    if wp.static(spec.field):
+                        correction = L_single
+                        L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
             if wp.static(spec.multiple and spec.camera_field):
                 L_field = multiple_in_scattering(field, place[0] / float(width), place[1] / float(height), hit.t)
             if wp.static(spec.multiple and not spec.camera_field):
                 L_field = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
                 correction += L_field
             if hit.face >= 0 and bounds.bounces > 0:
-                L_direct, reflected = at_end(scene, field, ray, hit, camera.pixel_angle, u, v)
-                L_field += reflected
+                end = end_vertex(scene, hit, ray.d, camera.pixel_angle)
+                T = transmittance(scene.medium, hit.t)
+                if wp.static(spec.direct):
+                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3])).L)
+                if wp.static(spec.multiple):
+                    L_field += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
             sums = add_sample(sums, sample, place[2] * L_direct, place[2] * L_single, place[2] * L_field,
                               place[2] * correction)
         store(film, i, sums)

@@ -116,9 +116,8 @@ def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
 
 
 @cache
-def make_next_vertex(instances: bool, textures: bool) -> wp.Function:
-    """The function ``next_vertex``, for scenes with or without instances and textures."""
-    first_hit, _ = make_rays(instances)
+def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
     hit_surface = make_hit_surface(textures)
     scattered_light, reflected_light = make_gather(instances)
 
@@ -151,21 +150,7 @@ def make_next_vertex(instances: bool, textures: bool) -> wp.Function:
         after.p = hit.start
         return after
 
-    @wp.func
-    def next_vertex(scene: SceneData, path: PlainPath, max_scatterings: int, max_bounces: int, pixel_angle: float,
-                    u: wp.vec4, v: wp.vec4):
-        """The path at its next vertex, in the water or on a surface; it ends where there may be none."""
-        hit = first_hit(scene, path.p, path.d)
-        t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
-        in_water = t < hit.t
-        if in_water and path.scatterings < max_scatterings:
-            return scatter(scene, path, t, u, v)
-        if not in_water and hit.face >= 0 and path.bounces < max_bounces:
-            angle = wp.where(path.scatterings + path.bounces == 0, pixel_angle, SUBPATH_ANGLE)
-            return reflect(scene, path, hit, angle, u, v)
-        return PlainPath()
-
-    return next_vertex
+    return scatter, reflect
 
 
 @cache
@@ -179,7 +164,8 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         instances: whether there are instances.
         textures: whether some material is more than one constant reflectance.
     """
-    next_vertex = make_next_vertex(instances, textures)
+    first_hit, _ = make_rays(instances)
+    scatter, reflect = make_events(instances, textures)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(
@@ -201,21 +187,33 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
-            ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(u[2], u[3]))
-            path = plain_path(ray)
-            events = int(0)
+            path = plain_path(camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(u[2], u[3])))
             while path.alive == 1:
+                events = path.scatterings + path.bounces
                 u = uniforms(key, pixel, sample, 2 * events + 1)
                 v = uniforms(key, pixel, sample, 2 * events + 2)
-                path = next_vertex(scene, path, max_scatterings, max_bounces, camera.pixel_angle, u, v)
+
+                # go to the next vertex, in the water or on a surface
+                hit = first_hit(scene, path.p, path.d)
+                t = free_flight(scene.medium.sigma_t, path.throughput, u[0], u[1])
+                in_water = t < hit.t
+                if in_water:
+                    if path.scatterings == max_scatterings:
+                        break
+                    path = scatter(scene, path, t, u, v)
+                else:
+                    if hit.face < 0 or path.bounces == max_bounces:
+                        break
+                    angle = wp.where(events == 0, camera.pixel_angle, SUBPATH_ANGLE)
+                    path = reflect(scene, path, hit, angle, u, v)
+
                 # the layer to which its light belongs
                 if events > 0:
                     L_multiple += path.L
-                elif path.scatterings == 1:
+                elif in_water:
                     L_single = path.L
                 else:
                     L_direct = path.L
-                events += 1
                 if not wp.static(multiple):
                     path.alive = 0
                 path = roulette(path, v[3])
