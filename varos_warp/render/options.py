@@ -7,7 +7,8 @@ from typing import Any
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.denoise import METHODS
-from varos_warp.scene.description import Scene, field_by_old_name
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import field_by_old_name
 from varos_warp.scene.description.vehicle import Camera
 
 LAYERS = ("direct", "single", "multiple")

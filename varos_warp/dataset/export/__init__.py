@@ -1,4 +1,7 @@
-"""Datasets in the formats of other programs: one module a format, each with ``write(job)`` and its ``IMAGES``.
+"""Datasets in the formats of other programs: one module a format.
+
+Each has ``write(job)``; ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for the
+colour images that are chosen; and ``MOST_CAMERAS`` if the format has no room for all.
 
 Images are linked or copied as they are; depth is encoded anew where a format has units of its own. An export is made
 in a hidden folder beside its own and renamed when it is complete.

@@ -32,6 +32,13 @@ def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | No
     return depth / np.linalg.norm(pixel_rays(data.intrinsics(camera), *np.indices(depth.shape)), axis=-1)
 
 
+def project(points: np.ndarray, K: np.ndarray, T_w_c: np.ndarray) -> np.ndarray:
+    """Pixel coordinates u, v (the centre of the top left pixel at 0.5) and depth z [m] of world points [N, 3]."""
+    p = (points - T_w_c[:3, 3]) @ T_w_c[:3, :3] @ K.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
+
+
 def points_at(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
     """Points [N, 3] of the world that pixels (row [N], col [N]) of a map of planar depth [H, W] see."""
     return pixel_rays(K, row, col) * depth[row, col, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3]

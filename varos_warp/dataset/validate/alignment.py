@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth
+from varos_warp.dataset.reader.points import pixel_rays, planar_depth, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -69,8 +69,7 @@ class View:
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
     """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
     points = pixel_rays(first.K, row, col) * (scale * z)[:, None] @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
-    p = (points - second.T_w_c[:3, 3]) @ second.T_w_c[:3, :3] @ second.K.T
-    return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
+    return project(points, second.K, second.T_w_c)
 
 
 def lucas_kanade(xx, xy, yy, xe, ye) -> tuple[np.ndarray, np.ndarray]:
@@ -90,8 +89,7 @@ def shifts(first: View, second: View) -> dict[str, np.ndarray]:
     row, col = (grid.ravel() for grid in np.indices(first.depth.shape)[:, ::step, ::step])
     row, col = (x[first.smooth[row, col]] for x in (row, col))
     z = first.depth[row, col]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v, there = warp(first, second, row, col, z).T
+    u, v, there = warp(first, second, row, col, z).T
     height, width = second.depth.shape
     seen = (there > 0) & (u > 3) & (v > 3) & (u < width - 3) & (v < height - 3)
     row, col, z, u, v, there = (x[seen] for x in (row, col, z, u, v, there))

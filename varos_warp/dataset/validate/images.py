@@ -64,18 +64,11 @@ class _FrameImages:
         """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `places`: ``places``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for color in colors:
-            self._guard(color.check, self)
+            self.found.guard(color.check, self)
         for output, check in (("A", self._linear), ("D", self._steps), ("D", self._depths),
                               ("S", self._segments), ("C", self._normals)):
             if output in data.outputs:
-                self._guard(check)
-
-    def _guard(self, check, *args) -> None:
-        """Run a check; what cannot be read is a problem, the other checks go on."""
-        try:
-            check(*args)
-        except InputError as error:
-            self.found.problems.append(self.found.problem_of(error))
+                self.found.guard(check)
 
     def tell(self, name: str, problem: str) -> None:
         """Note a problem of a file."""

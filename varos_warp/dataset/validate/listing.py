@@ -125,8 +125,9 @@ def check_segments(data: Dataset, result: Validation) -> None:
     if "S" not in data.outputs:
         return
     scene, rows = scene_from_dict(data.meta["scene"]), data.segments()
-    keys = sorted((row["key"] for row in rows), key=_place)
-    keys += [key for key in _keys(scene) if key not in keys]
+    # how many copies find a place only the meshes tell
+    keys = {"terrain"} if scene.terrain is not None else set()
+    keys |= {f"objects.{i}" for i in range(len(scene.objects))} | {row["key"] for row in rows}
     found = files.differences(rows, segment_table(scene, sorted(keys, key=_place)), _same)
     result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
                     f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
@@ -138,11 +139,6 @@ def _place(key: str) -> tuple:
     group, *numbers = key.split(".")
     order = ("terrain", "objects", "scatter")
     return order.index(group) if group in order else len(order), *(int(n) for n in numbers if n.isdigit())
-
-
-def _keys(scene) -> list[str]:
-    """Of terrain and objects; how many copies find a place only the meshes tell."""
-    return ["terrain"] * (scene.terrain is not None) + [f"objects.{i}" for i in range(len(scene.objects))]
 
 
 def _read_yaml(path: Path) -> dict:

@@ -181,10 +181,10 @@ def _bend(x: np.ndarray) -> np.ndarray:
     return np.linalg.norm(x[2:] - 2 * x[1:-1] + x[:-2], axis=1)
 
 
-def _changes(x: np.ndarray, reach: int = 3) -> np.ndarray:
-    """Largest change [N] between neighbours of x [N, 3] within some samples of each."""
-    steps = np.pad(np.linalg.norm(np.diff(x, axis=0), axis=1), reach)
-    return np.lib.stride_tricks.sliding_window_view(steps, 2 * reach)[: len(x)].max(-1)
+def _changes(x: np.ndarray) -> np.ndarray:
+    """Largest change [N] between neighbours of x [N, 3] within three samples of each."""
+    steps = np.pad(np.linalg.norm(np.diff(x, axis=0), axis=1), 3)
+    return np.lib.stride_tricks.sliding_window_view(steps, 6)[: len(x)].max(-1)
 
 
 # ----------------------------------------------------------------------------------------------------------------- IMU

@@ -14,7 +14,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth, points_at
+from varos_warp.dataset.reader.points import pixel_rays, planar_depth, points_at, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -59,12 +59,6 @@ class _View:
                 if pixels.shape[:2] == self.depth.shape:
                     self.images[letter] = pixels.reshape(*pixels.shape[:2], -1)
 
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pixel coordinates u, v (first centre at 0.5) and depth z [m] of world points [N, 3]."""
-        p = (points - self.T_w_c[:3, 3]) @ self.T_w_c[:3, :3] @ self.K.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return p[:, 0] / p[:, 2], p[:, 1] / p[:, 2], p[:, 2]
-
 
 def _matches(first: _View, second: _View) -> list[np.ndarray]:
     """Points of D in one view, of a grid of about `MOST_POINTS` pixels, that another view has, too.
@@ -76,7 +70,7 @@ def _matches(first: _View, second: _View) -> list[np.ndarray]:
     row, col = (grid.ravel() for grid in np.indices(first.depth.shape)[:, step // 2::step, step // 2::step])
     there = np.isfinite(first.depth[row, col])
     row, col = row[there], col[there]
-    u, v, z = second.project(points_at(first.depth, first.K, first.T_w_c, row, col))
+    u, v, z = project(points_at(first.depth, first.K, first.T_w_c, row, col), second.K, second.T_w_c).T
     height, width = second.depth.shape
     inside = (z > 0) & (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1)
     row, col, u, v, z = (x[inside] for x in (row, col, u, v, z))
@@ -136,7 +130,7 @@ def _residuals(first: _View, second: _View) -> np.ndarray:
     """Rows (error in depth [m], error there and back [px], footprint of a pixel [m]) of the pixels seen in both."""
     row, col, u, v, z, seen = _matches(first, second)
     rays = pixel_rays(second.K, v - 0.5, u - 0.5) @ second.T_w_c[:3, :3].T
-    back = first.project(rays * seen[:, None] + second.T_w_c[:3, 3])
+    back = project(rays * seen[:, None] + second.T_w_c[:3, 3], first.K, first.T_w_c).T
     return np.column_stack([np.abs(seen - z), np.hypot(back[0] - col - 0.5, back[1] - row - 0.5), z / second.K[0, 0]])
 
 

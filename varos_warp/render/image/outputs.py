@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.errors import warn
+from varos_warp.scene.images import srgb_to_linear
 
 HALF_MAX = 65504.0
 """Largest finite half float."""
@@ -26,11 +27,6 @@ def srgb_oetf(linear: np.ndarray) -> np.ndarray:
     """Linear light in [0, 1] to the sRGB curve (IEC 61966-2-1); what lies outside is clipped."""
     linear = np.clip(linear, 0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-
-
-def srgb_eotf(encoded: np.ndarray) -> np.ndarray:
-    """Inverse of `srgb_oetf`."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
@@ -58,7 +54,7 @@ def encode_color(radiance: np.ndarray, gain: float) -> np.ndarray:
 
 def decode_color(pixels: np.ndarray, gain: float) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] of an 8 bit image; exact to its rounding, 255 stands for anything above."""
-    return np.take((srgb_eotf(np.arange(256) / 255.0) / gain).astype(np.float32), pixels, mode="clip")
+    return np.take((srgb_to_linear(np.arange(256) / 255.0) / gain).astype(np.float32), pixels, mode="clip")
 
 
 def encode_normal(normal: np.ndarray, _scale: None = None) -> np.ndarray:
