@@ -99,22 +99,30 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
                          remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
                                 "than it can tell, or in pieces; or give it one side of a shell only")
     how = asked.close if sheet else "none"
-    count = len(close(vertices, faces, how)[0]) if decimates else 0
-    if decimates and asked.target_vertices > count:
-        log.warnings.append(f"{asked.target_vertices} vertices were asked for, but the surface has only {count}, and "
-                            "decimation adds none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer")
-    if decimates and asked.target_vertices < count:
-        with log.step("decimate") as share:
-            vertices, faces = decimate_closed(vertices, faces, asked.target_vertices, how, sheet, share)
-            remedy = "Raise it or leave the decimation out"
-            if len(faces) == 0 or len(close(vertices, faces, how)[0]) > asked.target_vertices:
-                raise InputError("nothing is left of the mesh with so few vertices", key=f"{key}.target_vertices",
-                                 value=asked.target_vertices, remedy=f"{remedy}.")
-            _refuse_loss(model, (vertices, faces), log, key=f"{key}.target_vertices", value=asked.target_vertices,
-                         remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
+    if decimates:
+        vertices, faces = _decimate(vertices, faces, asked, how, sheet, model=model, key=key, log=log)
     with log.step("close"):
         log.closed = how != "none"
         vertices, faces = close(vertices, faces, how)
+    return vertices, faces
+
+
+def _decimate(vertices, faces, asked, how, sheet, *, model, key, log):
+    """The surface with as many vertices as asked, closed as ``how`` says; as it is if it has fewer."""
+    target, count = asked.target_vertices, len(close(vertices, faces, how)[0])
+    if target > count:
+        log.warnings.append(f"{target} vertices were asked for, but the surface has only {count}, and decimation adds "
+                            "none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer")
+    if target >= count:
+        return vertices, faces
+    with log.step("decimate") as share:
+        vertices, faces = decimate_closed(vertices, faces, target, how, sheet, share)
+        wrong = {"key": f"{key}.target_vertices", "value": target}
+        remedy = "Raise it or leave the decimation out"
+        if len(faces) == 0 or len(close(vertices, faces, how)[0]) > target:
+            raise InputError("nothing is left of the mesh with so few vertices", **wrong, remedy=f"{remedy}.")
+        _refuse_loss(model, (vertices, faces), log, **wrong,
+                     remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
     return vertices, faces
 
 
