@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from varos_warp.render.cache import cached
+from varos_warp.cache import cached
 from varos_warp.render.image.outputs import to_half
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene

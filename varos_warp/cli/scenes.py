@@ -101,7 +101,7 @@ def preprocess(
 @verb
 def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete every entry.")] = False, json_: Json = False):
     """Show what was precomputed and kept for later runs, or delete it; it is made again where it is needed."""
-    from varos_warp.render import cache as kept
+    from varos_warp import cache as kept
 
     if clear:
         kept.clear()

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.cache import cached, code_hash, digest
+from varos_warp.errors import InputError, warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, MeshObject, Object, ProceduralTerrain
 from varos_warp.scene.frames import euler_to_matrix
@@ -57,11 +58,26 @@ def _terrain_mesh(scene):
     loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
     vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
     if block.preprocess is not None:
-        options = block.preprocess.model_dump()
-        vertices, faces = terrain.preprocess(vertices, faces, **options, key="terrain.preprocess")
+        vertices, faces = _preprocessed(vertices, faces, block.preprocess.model_dump())
     if block.detail is not None:
         vertices = procedural.add_detail(vertices, **block.detail.model_dump())
     return vertices, faces, loaded[0][2]
+
+
+def _preprocessed(vertices, faces, options):
+    """A terrain made fit for use, with what there is to warn of; kept for later runs."""
+    key = "terrain.preprocess"
+
+    def preprocess():
+        log = terrain.Log()
+        mesh = terrain.preprocess(vertices, faces, key=key, log=log, **options)
+        return {"vertices": mesh[0], "faces": mesh[1], "warnings": np.array(log.warnings, dtype=str)}
+
+    code = code_hash(terrain.__name__, ("varos_warp.kernels", "varos_warp.scene.geometry"))
+    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess)
+    for text in kept["warnings"]:
+        warn(f"{key}: {text}")
+    return kept["vertices"], kept["faces"]
 
 
 def _part(scene, block, key, vertices, faces, skin=None):

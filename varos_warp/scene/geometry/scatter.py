@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError
 from varos_warp.scene.description.world import Scatter
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -35,6 +36,16 @@ class Ground:
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """float64 [N] [m]."""
 
+    def take(self, rows: np.ndarray, reach: float) -> None:
+        """Take the ground under copies: rows x, y, z, scale ... of `_places`, and their radius at scale 1 [m]."""
+        self.centre = np.vstack([self.centre, rows[:, :2]])
+        self.radius = np.append(self.radius, rows[:, 3] * reach)
+
+    def digest(self) -> str:
+        """Hash of all of it."""
+        meshes = [array for part in (self.terrain, *self.objects) for array in (part.vertices, part.faces)]
+        return digest(*meshes, self.centre, self.radius)
+
 
 def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
     """Place the copies of one block, and mark their ground as taken.
@@ -51,7 +62,12 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
     """
     lowest = prototype.vertices[:, 2].min() + block.sink_m
     vertices = prototype.vertices - [0.0, 0.0, lowest]
-    places = _places(block, key, vertices, ground, np.random.default_rng([seed, block.seed]))
+    reach = np.linalg.norm(vertices if block.max_tilt_deg else vertices[:, :2], axis=1).max()
+    depends_on = {"block": block.model_dump(mode="json", exclude={"object"}), "seed": seed, "ground": ground.digest(),
+                  "copy": digest(vertices), "code": code_hash(__name__, (__name__.rpartition(".")[0],))}
+    places = cached("scatter", depends_on, lambda: {"places": _places(block, key, vertices, reach, ground, seed)})
+    places = places["places"]
+    ground.take(places, reach)
     T = np.tile(np.eye(4), (len(places), 1, 1))
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
@@ -60,20 +76,19 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
                      smooth_shading=prototype.smooth_shading, skin=prototype.skin)
 
 
-def _places(block, key, vertices, ground, rng):
+def _places(block, key, vertices, reach, ground, seed):
     """Rows of x, y, z, scale, yaw and the slopes dz/dx, dz/dy of the ground, one per copy."""
-    reach = np.linalg.norm(vertices if block.max_tilt_deg else vertices[:, :2], axis=1).max()
+    rng, centre, radius = np.random.default_rng([seed, block.seed]), ground.centre, ground.radius
     low, high, share = _bounds(block, key, ground.terrain)
     kept, dropped, barren = [], Counter(), 0
     while barren * BATCH * share < PATIENCE:
         before, drawn = len(kept), _draw(block, low, high, rng)
         for row in _standing(block, drawn, vertices, reach, ground, dropped):
-            radius = row[3] * reach
-            gap = np.linalg.norm(ground.centre - row[:2], axis=1) - ground.radius - radius
+            gap = np.linalg.norm(centre - row[:2], axis=1) - radius - row[3] * reach
             if len(gap) and gap.min() < block.clearance_m:
                 dropped["too near to a copy"] += 1
                 continue
-            ground.centre, ground.radius = np.vstack([ground.centre, row[:2]]), np.append(ground.radius, radius)
+            centre, radius = np.vstack([centre, row[:2]]), np.append(radius, row[3] * reach)
             kept.append(row)
             if len(kept) == block.count:
                 return np.array(kept)

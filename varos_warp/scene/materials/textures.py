@@ -1,5 +1,6 @@
 """Images for the device: pyramids of texture maps, and of tiles whose values blend without losing their histogram."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import warp as wp
 from scipy.special import ndtr, ndtri
 
+from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError
 from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
@@ -20,6 +22,9 @@ from varos_warp.scene.launch import launch_rows
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
 """The tiles that ship, computed when first asked for."""
+
+CODE = (__name__, "varos_warp.kernels")
+"""Modules that decide what tiles hold."""
 
 _BINS = 4096
 _NORMAL_QUANTILES = np.clip(ndtri((np.arange(65536) + 0.5) / 65536), -REACH, REACH).astype(np.float32)
@@ -42,7 +47,7 @@ class Textures:
             resolution = ground_resolution(tile_m, self.texel_m)
             return self._image((texture, resolution), lambda: ground_tile(texture, resolution, self.device))
         path = self.scene.resolve(texture)
-        return self._image(path, lambda: tile_pyramid(read_image(path, key)))
+        return self._image(path, lambda: image_tile(path, key))
 
     def map(self, reflectance: np.ndarray) -> Image:
         """Texture map of linear reflectances, float32 [H, W, 3]."""
@@ -114,6 +119,14 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
     return Pyramid(texels, levels[0].shape[1], levels[0].shape[0], len(levels), colours.astype(np.float32), basis)
 
 
+def _kept_tile(what: dict, reflectance: Callable[[], np.ndarray]) -> Pyramid:
+    """A tile's pyramid from the cache, or made of its reflectances."""
+    depends_on = what | {"code": code_hash(__name__, CODE)}
+    kept = cached("tile", depends_on, lambda: vars(tile_pyramid(reflectance())))
+    sizes = {name: int(kept[name]) for name in ("width", "height", "levels")}
+    return Pyramid(**(kept | sizes))
+
+
 def _gaussianise(values, rng):
     """Normal quantile [N] of the rank of each value [N], and the function back from probabilities to values."""
     low, high = float(values.min()), float(values.max())
@@ -173,8 +186,9 @@ def ground_resolution(tile_m: float, texel_m: float) -> int:
 
 @lru_cache(maxsize=8)
 def ground_tile(kind: str, resolution: int, device: str = "cpu") -> Pyramid:
-    """Pyramid of the ``sand`` or the ``rock`` that ships, computed on ``device`` on the first call of a process."""
-    return tile_pyramid(bake_ground(kind, resolution, device))
+    """Pyramid of the ``sand`` or the ``rock`` that ships, computed on ``device`` when it is first asked for."""
+    what = {"tile": kind, "resolution": resolution, "device": device.partition(":")[0]}  # the kinds round differently
+    return _kept_tile(what, lambda: bake_ground(kind, resolution, device))
 
 
 def bake_ground(kind: str, resolution: int, device: str = "cpu") -> np.ndarray:
@@ -185,6 +199,12 @@ def bake_ground(kind: str, resolution: int, device: str = "cpu") -> np.ndarray:
 
 
 # --------------------------------------------------------------------------------------------------------------- files
+
+
+def image_tile(path: Path, key: str) -> Pyramid:
+    """Pyramid of an image file as a tile; the errors are those of `read_image`."""
+    reflectance = read_image(path, key)
+    return _kept_tile({"image": digest(reflectance)}, lambda: reflectance)
 
 
 def read_image(path: str | Path, key: str = "texture") -> np.ndarray:

@@ -131,6 +131,15 @@ def code_hash(module: str, within: tuple[str, ...], package: Path = Path(varos_w
     return hashlib.sha256(json.dumps(code, sort_keys=True).encode()).hexdigest()
 
 
+def digest(*arrays: np.ndarray) -> str:
+    """SHA-256 of arrays: of their types, shapes and values."""
+    sha = hashlib.sha256()
+    for array in arrays:
+        sha.update(f"{array.dtype.str}{array.shape}".encode())
+        sha.update(np.ascontiguousarray(array).data)
+    return sha.hexdigest()
+
+
 def _read(path: Path, text: str) -> Arrays | None:
     """The arrays of a file, if it is whole and says that it holds what is asked for."""
     try:
