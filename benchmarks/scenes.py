@@ -12,8 +12,8 @@ from benchmarks.closed_form import single_scattering_image
 from benchmarks.errors import Reference
 from benchmarks.light import scenes as unlike
 from benchmarks.light.scenes import Built
-from varos_warp.errors import InputError
 from varos_warp.cache import cached
+from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera

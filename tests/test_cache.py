@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import varos_warp
-from varos_warp.errors import InputError
-from varos_warp.render import cache
+from varos_warp import cache
 from varos_warp.cache import cache_folder, cached, clear, code_hash, contents, size_limit
+from varos_warp.errors import InputError
 from varos_warp.render.field import open_water
 from varos_warp.scene.description import Scene
 

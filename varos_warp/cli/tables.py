@@ -111,7 +111,7 @@ def print_preprocessed(out: Path, facts: dict) -> None:
 
 
 def print_cache(contents) -> None:
-    """How full the cache of precomputed fields is, and with what."""
+    """How full the cache of what is kept is, and with what."""
     print_table(["entry", "size [MB]"], [[name, f"{size / 1e6:.1f}"] for name, size in contents.entries])
     count = len(contents.entries)
     print(f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} of at "

@@ -1,6 +1,7 @@
 """A scene in device memory: meshes with their BVHs, copies, materials, lights and water, in a local float32 world."""
 
 import copy
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -86,12 +87,11 @@ class DeviceScene:
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
         in_mesh = single if self.has_instances else [*single, *(copy for group in copied for copy in group.parts())]
-        if in_mesh:
-            starts = np.cumsum([0] + [len(part.vertices) for part in in_mesh])
-            vertices = np.concatenate([part.vertices for part in in_mesh]) - self.origin
-            faces = np.concatenate([part.faces + start for part, start in zip(in_mesh, starts, strict=False)])
-            self.mesh = self._mesh(vertices, faces)
-            self.data.mesh = self.mesh.id
+        with ThreadPoolExecutor() as pool:  # they take about as long as each other
+            jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
+                    pool.submit(self._upload_normals, [*single, *copied])]
+        for job in jobs:
+            job.result()
         counts = [len(part.faces) for part in in_mesh]
         self.data.face_part = self._array(np.repeat(np.arange(len(in_mesh), dtype=np.int32), counts), wp.int32)
         self.data.parts = len(in_mesh)
@@ -99,17 +99,26 @@ class DeviceScene:
             self._upload_instances(copied, sum(counts))
         self.part_names = [part.name for part in single]
         self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
+        values = corner_values([*single, *copied] if self.has_instances else in_mesh)
+        self.data.corner_values = self._array(values, wp.vec3)
+
+    def _upload_mesh(self, parts: list[Part]):
+        if parts:
+            starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+            vertices = np.concatenate([part.vertices for part in parts]) - self.origin
+            faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+            self.mesh = self._mesh(vertices, faces)
+            self.data.mesh = self.mesh.id
+
+    def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device
         placed = [*single, *(box for group in copied for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)
         materials = [device_material(part, self.scene, self.origin, self.textures) for part in placed]
         self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.data.materials = self._array(materials, Material)
-        if any(has_lobe(part.material) for part in parts):
+        if any(has_lobe(part.material) for part in [*single, *copied]):
             self.data.lobe_albedo = self._array(lobe_albedo_table(), float)
-        self._upload_normals([*single, *copied])
-        values = corner_values([*single, *copied] if self.has_instances else in_mesh)
-        self.data.corner_values = self._array(values, wp.vec3)
 
     def _array(self, values, dtype) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)

@@ -9,11 +9,11 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
+from varos_warp.cache import cached, code_hash
 from varos_warp.kernels.field.open_water import Field, LightField
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.cache import cached, code_hash
 from varos_warp.render.field import solver
 from varos_warp.render.field.solver import LightFieldSolver, farthest_m, shines_everywhere
 from varos_warp.render.launch import Launcher
