@@ -1,6 +1,6 @@
 """Other renderers mean the same light as the scene file: closed forms, a reference, and what is refused.
 
-A rendering is judged by its residuals, pixel by pixel, against a truth without noise: if the two are equal their mean
+A rendering is compared by its residuals, pixel by pixel, with a truth without noise: if the two are equal their mean
 is zero, and their spread gives its standard error.
 """
 
