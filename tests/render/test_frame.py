@@ -416,7 +416,8 @@ def test_a_gpu_takes_any_number_of_samples_for_one_pixel():
 
 def test_kernels_are_loaded_once_and_before_the_launch():
     """A binary for another block size would be compiled again inside the first launch, and its time not be counted."""
-    renderer = FrameRenderer(one_ray_scene(VAROS_LAMPS, WATER["coefficients"], pixels=2), "cpu", parts=[floor(2.0, 0.5)])
+    scene = one_ray_scene(VAROS_LAMPS, WATER["coefficients"], pixels=2)
+    renderer = FrameRenderer(scene, "cpu", parts=[floor(2.0, 0.5)])
     renderer.render(np.eye(4), spp=1)
     for kernel in renderer.launcher._loaded:
         assert {block for _, block in kernel.module.execs} == {1}, kernel.key
