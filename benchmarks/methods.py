@@ -30,7 +30,7 @@ class Method:
     spp: tuple[int, ...] = LADDER
     denoise: str = "none"
     truth: tuple[str, ...] = ("full",)
-    """What it is judged against: the light of all orders, so that the chart shows what leaving some out costs; and
+    """What it is compared with: the light of all orders, so that the chart shows what leaving some out costs; and
     ``single`` as well where a method claims no more than that."""
     peer: str | None = None
     """Name of the other program that renders it."""

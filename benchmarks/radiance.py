@@ -50,7 +50,7 @@ def tables_of_its_own():
 def compare(bench: BenchScene, methods: list[Method], device: str, seconds: float, store: Store, tell: Tell) -> int:
     """Render a scene by every method with more and more samples, the cheapest point first, and store a row for each.
 
-    ``seconds`` (of a `Budget`) hold the rendering and the judging. What comes before is counted apart: compilation,
+    ``seconds`` (of a `Budget`) hold the rendering and the comparing. What comes before is counted apart: compilation,
     the field, references that must be made first. Returns the number of points.
     """
     known, workshop, clock = references(bench, device, tell), Workshop(bench, device), Budget(device)

@@ -38,6 +38,8 @@ class HillsRenderer(standins.FlatFloorRenderer):
         for step in np.arange(2.05, 12.0, 0.05):
             under = ~found & (above(np.full(z.shape, step)) < 0.0)
             low[under], found = step - 0.05, found | under
+            if found.all():
+                break
         high = low + 0.05
         for _ in range(40):
             middle = (low + high) / 2

@@ -10,7 +10,7 @@ from varos_warp import cli
 from varos_warp.dataset.files import read_exr
 from varos_warp.dataset.reader.dataset import Dataset
 
-SMALL = ["--device", "cpu", "--spp", "4", "-q", "--set", "trajectory.duration_s=0.3", "--set", "render.spp_b=4",
+SMALL = ["--device", "cpu", "--spp", "4", "-q", "--set", "trajectory.duration_s=0.2", "--set", "render.spp_b=4",
          "--set", "vehicle.cameras.0.resolution=[48, 27]", "--set", "terrain.resolution=65"]
 
 

@@ -29,13 +29,14 @@ from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
 """The tolerance: beyond it only one block in 10 000 may be."""
-FIRST_JUDGE, JUDGES = 100_001, 8
+FIRST_OF_REFERENCE, SEEDS_OF_REFERENCE = 100_001, 8
 """Seeds of the images that are the reference; none is measured."""
 
 
-def judge(renderer, built: Built, spp: int) -> Estimate:
+def reference_of(renderer, built: Built, spp: int) -> Estimate:
     """The reference, of images of the field."""
-    return Estimate(render_seeds(renderer, built, "field", spp, JUDGES, "none", FIRST_JUDGE)["raw"])
+    images = render_seeds(renderer, built, "field", spp, SEEDS_OF_REFERENCE, "none", FIRST_OF_REFERENCE)
+    return Estimate(images["raw"])
 
 
 def holes(renderer, built: Built, options) -> dict:
@@ -74,7 +75,7 @@ def means(renderer, built: Built, options) -> dict:
 
 def choice(renderer, built: Built, options) -> dict:
     """Square of the error of denoised images x time, of paths over the field; and what the planner expects of it."""
-    reference, work = judge(renderer, built, 32 * options.spp), {}
+    reference, work = reference_of(renderer, built, 32 * options.spp), {}
     for integrator in ("field", "path"):
         made = render_seeds(renderer, built, integrator, options.spp, options.seeds, "oidn")
         error = scores.relative_rmse(made["denoised"], reference).max()
@@ -97,7 +98,7 @@ def tolerance(renderer, built: Built, options) -> dict:
     watch = Stopwatch()
     plan = plan_render(scene, own, [built.T_w_v])
     took = watch.seconds
-    reference = judge(renderer, built, 512)
+    reference = reference_of(renderer, built, 512)
     made = [own.render(built.T_w_v, outputs="A", denoise="oidn", seed=seed, **plan.options).A.denoised
             for seed in range(1, options.seeds + 1)]
     errors = [float(scores.relative_rmse(image[None], reference).max()) for image in made]
@@ -111,7 +112,7 @@ def tolerance(renderer, built: Built, options) -> dict:
 
 def rate(renderer, built: Built, options) -> dict:
     """Error of denoised images and seconds at 2, 4, ... samples up to ``--spp``, copied to the host as a run does."""
-    reference = judge(renderer, built, 32 * options.spp)
+    reference = reference_of(renderer, built, 32 * options.spp)
     spp, told = 2, {}
     while spp <= options.spp:
         made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", denoised_only=True)

@@ -59,7 +59,7 @@ def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, 
     return {name: np.array(values) for name, values in made.items()}
 
 
-def judge(made: dict, reference: Estimate) -> dict:
+def row_of(made: dict, reference: Estimate) -> dict:
     """All numbers of one row; ``blocks``: means and standard errors [h, w, 3] of raw images and of the reference."""
     estimate = Estimate(made["raw"])
     names = ("mean", "stderr", "reference", "reference_stderr")
@@ -110,7 +110,7 @@ def measure_scene(name: str, options, tell) -> list[dict]:
     for (integrator, spp), images in made.items():
         rows.append({"scene": name, "integrator": integrator, "spp": spp, "seeds": options.seeds,
                      "kept_reference": kept, "reference_spp": float(np.sum(reference.spp)),
-                     **judge(images, reference)})
+                     **row_of(images, reference)})
         tell(line(rows[-1]))
         if options.png:
             side_by_side(options.png / f"{name}_{integrator}_{spp}.png", images["denoised"], reference)

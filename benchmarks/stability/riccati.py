@@ -1,4 +1,4 @@
-"""The discrete Riccati equation in as many decimal digits as asked: the truth that gains are judged by.
+"""The discrete Riccati equation in as many decimal digits as asked: the truth of gains.
 
 A regulator's plant x' = A x + B u, cost x'Q x + u'R u, the input held over a step h. Transition and cost over the step
 are Taylor sums, the equation is solved by doubling (Anderson 1978), which converges quadratically from any start.

@@ -197,7 +197,7 @@ LAMPS = {"spots of 65 degrees": [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))],
 
 @cache
 def multiple_errors(sigma_t: float, g: float, lamps: str, spp: int = 4096) -> tuple[float, float]:
-    """Relative error of the layer multiple with the field, and of the standard error of the paths it is judged by.
+    """Relative error of the layer multiple with the field, and of the standard error of the paths it is compared with.
 
     Of an image of 12 x 8 pixels of open water, on average over the image; albedo 0.8.
     """

@@ -1,4 +1,4 @@
-"""Phase functions as other renderers are given them, and how agreement is judged; what renders is in the last part."""
+"""Phase functions as other renderers are given them, and how agreement is told; what renders is in the last part."""
 
 import json
 

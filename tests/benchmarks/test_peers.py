@@ -1,6 +1,6 @@
 """Other renderers mean the same light as the scene file: closed forms, a reference, and what is refused.
 
-A rendering is judged by its residuals, pixel by pixel, against a truth without noise: if the two are equal their mean
+A rendering is compared by its residuals, pixel by pixel, with a truth without noise: if the two are equal their mean
 is zero, and their spread gives its standard error.
 """
 
@@ -202,7 +202,7 @@ def test_copies_and_smooth_normals_are_exported(peer):
     def ours(smooth):
         copies = Instances("scatter.0", part.vertices, part.faces, part.material, places,
                            smooth_angle=part.smooth_angle, smooth_shading=smooth)
-        how = {"spp": 1024, "integrator": "path", "max_bounces": 1}
+        how = {"spp": 1024, "integrator": "path", "layers": ("direct",)}
         return copies, FrameRenderer(scene, "cpu", [copies]).render(np.eye(4), outputs="A", **how).A.radiance[..., 1]
 
     (copies, smooth), (_, flat) = ours(True), ours(False)

@@ -1,4 +1,4 @@
-"""Frames of a planned sequence are judged and written."""
+"""Frames of a planned sequence are measured and written."""
 
 import json
 import sys
@@ -6,7 +6,7 @@ import sys
 from benchmarks import by_frame
 
 
-def test_frames_of_a_short_sequence_are_judged_and_charted(boulder, tmp_path, monkeypatch):
+def test_frames_of_a_short_sequence_are_measured_and_charted(boulder, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["by_frame", "--scene", str(boulder), "--device", "cpu", "--frames", "2", "--set",
                                       "render.tolerance=0.1", "-o", str(tmp_path / "out")])
     by_frame.main()

@@ -1,5 +1,7 @@
 """The dataset is tested with stand-ins for what makes its contents."""
 
+from functools import cache
+
 import pytest
 import standins
 
@@ -23,13 +25,23 @@ def written(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def hilly(tmp_path_factory):
-    """A complete dataset of one camera over hills, with A to D and S; read it, do not change it."""
+def hills(tmp_path_factory):
+    """Complete datasets of one camera over hills, by their images; read them, do not change them."""
     from hills import HillsRenderer, hills_scene
 
-    out = tmp_path_factory.mktemp("hills")
-    with pytest.MonkeyPatch.context() as patch:
-        standins.install(patch)
-        scene = hills_scene()
-        produce(scene, out, quiet=True, renderer=HillsRenderer(scene))
-    return out
+    @cache
+    def of(images):
+        out = tmp_path_factory.mktemp("hills")
+        with pytest.MonkeyPatch.context() as patch:
+            standins.install(patch)
+            scene = hills_scene(images)
+            produce(scene, out, quiet=True, renderer=HillsRenderer(scene))
+        return out
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def hilly(hills):
+    """The one with A to D and S."""
+    return hills("ABCDS")

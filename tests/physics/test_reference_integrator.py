@@ -1,4 +1,4 @@
-"""The reference integrator: closed forms that judge the judge, and the path integrator judged by it.
+"""The reference integrator against closed forms, and the path integrator against the reference.
 
 Free flights find a lamp's neighbourhood by chance, and light there goes as 1/d^2. On a ray that passes beside the lamp
 that is bounded. A walk may scatter anywhere, and its light exceeds x with a probability that goes as x^-3/2: it has a
@@ -316,21 +316,22 @@ def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies
 
 
 WATERS = {
-    "of the paper": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
-                                      "phase": {"g": 0.8}}},
-    "Jerlov 1C, Fournier-Forand": {"jerlov": {"type": "1C"}},
-    "clear, Petzold": {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
-                                        "phase": {"kind": "petzold"}}},
-    "turbid, backward": {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
-                                          "phase": {"g": -0.4}}},
-    "clear and Rayleigh": {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
-                                            "phase": {"kind": "rayleigh"}}},
+    "of the paper": (8, 64, {"coefficients": PAPER_WATER}),
+    "Jerlov 1C, Fournier-Forand": (40, 64, {"jerlov": {"type": "1C"}}),
+    "clear, Petzold": (8, 160, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
+                                                 "phase": {"kind": "petzold"}}}),
+    "turbid, backward": (8, 160, {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
+                                                   "phase": {"g": -0.4}}}),
+    "clear and Rayleigh": (8, 64, {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
+                                                    "phase": {"kind": "rayleigh"}}}),
 }
+"""With the samples of paths and of the reference that leave errors of a few percent, below 1 % in the clearest."""
 
 
 @pytest.mark.parametrize("name", WATERS)
 def test_the_path_integrator_is_the_reference_in_unlike_waters(name):
-    assert_same_multiple_scattering("cpu", 40, 160, 0.08, water=WATERS[name])
+    spp, spp_reference, water = WATERS[name]
+    assert_same_multiple_scattering("cpu", spp, spp_reference, 0.08, water=water)
 
 
 @pytest.mark.gpu

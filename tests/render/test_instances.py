@@ -22,7 +22,7 @@ SCENE = {
         "lights": [{"kind": "point", "position": [0.3, 0, 0.2], "intensity": [4, 4, 4]}],
         "cameras": [{"id": "M0", "resolution": [64, 48], "rotation_euler_deg": [-35, 0, 0]}],
     },
-    "render": {"frame_rate_hz": 10},
+    "render": {"frame_rate_hz": 10, "integrator": "path"},
     "trajectory": {"poses": [{"position": [0, 0, 0]}]},
 }
 POSE = np.array([[1, 0, 0, 0], [0, 1, 0, -1.2], [0, 0, 1, 1.0], [0, 0, 0, 1]], float)

@@ -124,14 +124,13 @@ def test_block_means_differ_by_what_their_errors_say(renderings):
     assert_plausible(2.0 * stats.t.sf(np.abs(pseudo.mean(axis=0)) / error, SEEDS - 1))
 
 
-@pytest.mark.parametrize("integrator", ["path", "field"])
-def test_the_two_halves_of_samples_are_independent(monkeypatch, integrator):
+@pytest.mark.parametrize("renderings", ["path", "field"], indirect=True)
+def test_the_two_halves_of_samples_are_independent(renderings):
     """Correlation over the seeds, pixel by pixel: its variance is 1/(seeds - 1), whatever the distribution.
 
     Virtual lights too: each half has its own.
     """
-    monkeypatch.setattr(radiance, "share_out", evenly)
-    even, odd = (half - half.mean(axis=0) for half in rendered(integrator).halves)
+    even, odd = (half - half.mean(axis=0) for half in renderings.halves)
     r = (even * odd).sum(axis=0) / np.sqrt((even**2).sum(axis=0) * (odd**2).sum(axis=0))
     assert_plausible(two_sided(r.mean((0, 1)) * np.sqrt(np.prod(SHAPE) * (SEEDS - 1))))
 

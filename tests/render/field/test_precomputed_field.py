@@ -213,7 +213,6 @@ def facing(d, angle_deg, turn):
         (spot((0, 0, 0), cone_deg=20.0), water(0.2, 0.3, 0.8), 3.0, 5, "to"),
         (spot((0, 0, 0), cone_deg=120.0, blend=1.0), water(0.2, 0.3, 0.5), 3.0, 40, "turned"),
         (spot((0, 0, 0)), water(0.3, 0.4, 0.9), 3.0, 25, "to"),
-        (spot((0, 0, 0)), water(0.3, 0.4, -0.3), 2.0, 10, "turned"),
         (point((0, 0, 0)), water(0.3, 0.4, 0.0), 2.0, 10, "sideways"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from physics.rig import VAROS_LAMPS, VAROS_WATER
 from spread import evenly
 
 from varos_warp.render import radiance
@@ -98,8 +99,8 @@ def plate(name, half, z, material):
 def bright_spot():
     """A dark floor with a small white plate under a lamp, with the field: most noise is in a few tiles."""
     view = {"resolution": [96, 64], "rotation_euler_deg": [-90, 0, 0]}
-    lamps = [{"kind": "spot", "position": [0.3, 0.0, 0.0], "direction": [0, 0, -1], "cone_deg": 65}]
-    water = {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.01], "phase": {"g": 0.8}}
+    lamps = [VAROS_LAMPS[0] | {"position": [0.3, 0.0, 0.0], "direction": [0, 0, -1]}]
+    water = VAROS_WATER | {"phase": {"g": 0.8}}
     scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
                   trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "field"})
 

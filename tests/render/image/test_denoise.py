@@ -369,7 +369,8 @@ POSE = transform(euler_to_matrix((-30, 0, 0)), [0.0, 0.0, 0.0])
 def rough_scene(material):
     """A box on a floor before two lamps; small, for it is rendered."""
     return scene_from_dict({
-        "water": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}},
+        "water": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
+                                   "phase": {"g": 0.8}}},
         "vehicle": {
             "lights": [{"kind": "spot", "position": [x, -0.1, 0.0], "direction": [0, 1, 0]} for x in (-0.15, 0.15)],
             "cameras": [{"id": "M0", "resolution": [32, 20], "sensor_mm": [4.416, 2.76]}]},

@@ -279,7 +279,7 @@ def test_more_vertices_than_there_are_are_not_made_up_and_this_is_said(tmp_path)
     assert "1000 vertices were asked for, but the surface has only 441" in report["warnings"][0]
 
 
-def test_a_merge_tolerance_is_judged_by_the_median_edge():
+def test_a_merge_tolerance_is_compared_with_the_median_edge():
     assert joining.median_edge(*grid(21)) == pytest.approx(0.5)
     with pytest.raises(InputError, match="median edge"):
         terrain.merge_near(*grid(21), 0.3)
