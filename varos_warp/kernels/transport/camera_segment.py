@@ -1,23 +1,34 @@
 """The camera's own segments: direct light, single scattering, and what the field of open water adds along them.
 
-Light of more events comes by subpaths (path.py). Both are sums of samples of their own: a segment takes a tenth of the
-time of a subpath, and decides what edges, textures and a lens's blur look like.
+Where a segment ends on metal, the next one counts too, with all light of one more event: what a metal mirrors is as
+sharp as what is seen directly. Other light of more events comes by subpaths (path.py). Both are sums of samples of
+their own: a segment takes a tenth of the time of a subpath, and decides what edges, textures, metals and a lens's blur
+look like.
 """
 
 from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.conventions import FAR, LONG_KERNEL
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
+from varos_warp.kernels.transport.subpath import (
+    Subpath,
+    Vertex,
+    is_metal,
+    lobe_reaches_lights,
+    sample_direction,
+    subpath_from_surface,
+)
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -32,9 +43,56 @@ def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
 
 
 @cache
+def make_mirrored(spec: PathSpec) -> wp.Function:
+    """The function ``mirrored`` of a metal's vertex, specialised to ``spec``."""
+    first_hit, _, end_vertex, scattered_once, reflected_once, _ = make_segment(spec)
+
+    @wp.func
+    def leave_metal(scene: SceneData, bounds: PathBounds, metal: Vertex, t: float, u: wp.vec4, v: wp.vec4):
+        """A subpath from the metal at the end of a segment of length ``t``."""
+        share = float(0.0)
+        if wp.static(spec.medium):
+            if bounds.scatterings > 0:
+                share = 0.5 * lobe_reaches_lights(scene, metal)
+        return sample_direction(scene, subpath_from_surface(scene, metal, t, FAR), share, u, v)
+
+    @wp.func
+    def light_of_one_event(scene: SceneData, field: Field, path: Subpath, bounds: PathBounds, u: wp.vec4, v: wp.vec4):
+        """Light of one more event on the segment that leaves a metal."""
+        L = wp.vec3(0.0)
+        o, d = path.vertex.p, path.vertex.d
+        hit = first_hit(scene, o, d)
+        if wp.static(spec.medium):
+            if bounds.scatterings > 0:
+                L += scattered_once(scene, o, d, hit.t, True, u[0], u[1])
+                if wp.static(spec.field):
+                    L += sample_field(scene, field, o, d, hit.t, v[0], v[1])
+        if hit.face >= 0 and bounds.bounces > 1:
+            end = end_vertex(scene, hit, d, SUBPATH_ANGLE)
+            L_end = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[2])).L
+            if wp.static(spec.field):
+                L_end += reflected_field(scene, field, end.surface, end.p, end.n)
+            L += wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
+        return wp.cw_mul(path.throughput, L)
+
+    @wp.func
+    def mirrored(scene: SceneData, field: Field, bounds: PathBounds, metal: Vertex, t: float, key: wp.uint32,
+                 pixel: int, sample: int):
+        """What the metal at the end of a segment of length ``t`` mirrors into it, of one more event."""
+        path = leave_metal(scene, bounds, metal, t, draw(key, pixel, sample, 3), draw(key, pixel, sample, 4))
+        if path.alive == 0:
+            return wp.vec3(0.0)
+        return light_of_one_event(scene, field, path, bounds, draw(key, pixel, sample, 5), draw(key, pixel, sample, 6))
+
+    return mirrored
+
+
+@cache
 def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     """The camera's segments of a film's parts from ``first`` on, specialised to ``spec``."""
     first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
+    mirrored = make_mirrored(spec)
+    field_layer = spec.multiple and spec.field
 
     @wp.kernel(**LONG_KERNEL)
     def trace_camera_segments(
@@ -61,7 +119,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
             v = draw(key, pixel, sample, 2)
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
-            L_field = wp.vec3(0.0)
+            L_multiple = wp.vec3(0.0)
             correction = wp.vec3(0.0)
             if wp.static(spec.medium and spec.single):
                 if bounds.scatterings > 0:
@@ -69,19 +127,22 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                     if wp.static(spec.field):
                         correction = L_single
                         L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
-            if wp.static(spec.multiple and spec.camera_field):
-                L_field = multiple_in_scattering(field, place[0] / float(width), place[1] / float(height), hit.t)
-            if wp.static(spec.multiple and not spec.camera_field):
-                L_field = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
-                correction += L_field
+            if wp.static(field_layer and spec.camera_field):
+                L_multiple = multiple_in_scattering(field, place[0] / float(width), place[1] / float(height), hit.t)
+            if wp.static(field_layer and not spec.camera_field):
+                L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
+                correction += L_multiple
             if hit.face >= 0 and bounds.bounces > 0:
                 end = end_vertex(scene, hit, ray.d, camera.pixel_angle)
                 T = transmittance(scene.medium, hit.t)
                 if wp.static(spec.direct):
                     L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3])).L)
-                if wp.static(spec.multiple):
-                    L_field += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
-            sums = add_sample(sums, sample, place[2] * L_direct, place[2] * L_single, place[2] * L_field,
+                if wp.static(field_layer):
+                    L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
+                if wp.static(spec.multiple and spec.mirrors):
+                    if is_metal(end):
+                        L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
+            sums = add_sample(sums, sample, place[2] * L_direct, place[2] * L_single, place[2] * L_multiple,
                               place[2] * correction)
         store(film, i, sums)
 

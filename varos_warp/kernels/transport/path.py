@@ -2,9 +2,9 @@
 
 Every segment of a path gathers the light that reaches it straight from the lights by one more event: a reflection off
 the surface at its end, or a scattering on the way. On the camera's own segment these are the layers `direct` and
-`single` (camera_segment.py). Subpaths carry light of more events. A subpath starts with a reflection at the end of the
-camera's segment or with a scattering on it, and continues from vertex to vertex, in the water or on a surface, until
-roulette ends it. No sample is clamped or dropped.
+`single`; where it ends on metal, the next segment counts there too (camera_segment.py). Subpaths carry the rest. A
+subpath starts with a reflection at the end of the camera's segment or with a scattering on it, and continues from
+vertex to vertex, in the water or on a surface, until roulette ends it. No sample is clamped or dropped.
 
 With the field (kernels/field) paths carry only what surfaces change: D = L - F, the radiance of the scene minus that of
 scattered light in open water. Along a segment of length t, from p along d to the surface at q,
@@ -178,6 +178,9 @@ def make_gather(spec: PathSpec) -> wp.Function:
     def gather(scene: SceneData, field: Field, path: Subpath, hit: Hit, end: Vertex, reflected: LightConnection,
                bounds: PathBounds, u: wp.vec4, w: wp.vec4):
         """Light of one more event on a subpath's segment: reflected at its end, or scattered on the way."""
+        if wp.static(spec.mirrors):
+            if events(path) == 1 and is_metal(path.vertex):
+                return wp.vec3(0.0)  # the camera's segments have it
         o, d = path.vertex.p, path.vertex.d
         whole = carries_all(path.vertex, wp.static(spec.field))
         L_end = reflected.L

@@ -48,9 +48,15 @@ class PathSpec:
 
     def camera(self) -> "PathSpec | None":
         """What the camera's own segments need; None if no layer does."""
-        if self.direct or self.single or (self.multiple and self.field):
-            return replace(self, multiple=self.multiple and self.field)
+        multiple = self.multiple and (self.field or self.mirrors)
+        if self.direct or self.single or multiple:
+            return replace(self, multiple=multiple)
         return None
+
+    @property
+    def mirrors(self) -> bool:
+        """There may be metals, whose lobes mirror what is around them."""
+        return self.surfaces and self.textures
 
     def subpaths(self) -> "PathSpec | None":
         """What subpaths need; None if there are none: of open water the field knows all."""
