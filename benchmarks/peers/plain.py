@@ -159,6 +159,9 @@ def _mesh(part, origin, reflects):
 
 def _light(light, T_w_v, origin):
     """A light of the vehicle, in the local world."""
+    if light.kind not in ("point", "spot") or getattr(light, "port", None) is not None:
+        raise InputError("the peers know points and spots without a port only", key="vehicle.lights", value=light.kind,
+                         remedy="Compare a scene with such lights.")
     position = T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin
     axis, half, blend = np.array([0.0, 0.0, 1.0]), np.pi, 0.0
     if light.kind == "spot" and light.cone_deg < 360.0:

@@ -17,8 +17,8 @@ from benchmarks.stability.transport import (
     water,
 )
 from varos_warp.kernels.world.light import Light, falloff
-from varos_warp.scene.description.vehicle import SpotLight
-from varos_warp.scene.lights import light_record
+from varos_warp.scene.lights.distribution import Distribution
+from varos_warp.scene.lights.records import light_record
 
 TESTS = "tests/stability/test_lamp_limits.py::"
 
@@ -109,10 +109,8 @@ def flux_error(cone_deg: float, blend: float) -> float:
     """Relative error of the power that a spot sends out, by the trapezoid rule over the angle to its axis."""
     axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
     across = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
-    spot_light = SpotLight.model_construct(kind="spot", position=(0.0, 0.0, 0.0), direction=tuple(axis),
-                                           cone_deg=cone_deg, blend=blend, intensity=(1.0, 1.0, 1.0))
-    record = light_record(spot_light, np.eye(4), np.zeros(3))
     half = np.radians(cone_deg) / 2
+    record = light_record(Distribution(half, blend), np.ones(3), axis=axis)
     theta = np.linspace(0.0, min(np.pi, 1.5 * half), 100_001)
     directions = np.cos(theta)[:, None] * axis + np.sin(theta)[:, None] * across
     got = run(_falloff_values, [record, wp.array(directions, dtype=wp.vec3, device="cpu")], len(theta))

@@ -193,6 +193,7 @@ SCENES = {
     "shadows": (VAROS_LAMPS, PAPER_WATER, shadows),
     "chamber": (VAROS_LAMPS, PAPER_WATER, chamber),
     "riches, unlike lamps": (UNLIKE_LAMPS, PAPER_WATER, riches),
+    "lamps behind ports": ([lamp | {"port": {"kind": "flat"}} for lamp in VAROS_LAMPS], PAPER_WATER, shadows),
     "a point lamp": ([point((0.3, 0.1, 0.2))], PAPER_WATER, shadows),
     "turbid": (VAROS_LAMPS, TURBID, shadows),
 }

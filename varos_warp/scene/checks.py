@@ -7,12 +7,12 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import SpotLight
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
 from varos_warp.scene.geometry.query import clearance, is_inside
 from varos_warp.scene.hull import displaced_volume, sphere_radius
+from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
@@ -206,10 +206,11 @@ def _check_lights(scene, poses):
         return ["vehicle.lights: there is no light, so A will be black"]
     warnings = []
     for i, light in enumerate(lights):
+        distribution(light, scene)  # or an error tells what is wrong with its file
         if scene.water != "none" and any((T @ (*light.position, 1.0))[2] > scene.surface_depth_m for T in poses):
             warnings.append(f"vehicle.lights.{i}: is above the sea surface (z = {scene.surface_depth_m:g} m) on the "
                             "way; light and camera are taken to be in water everywhere")
-        if isinstance(light, SpotLight) and light.direction[1] < 0.0:
+        if light.kind != "point" and light.direction[1] < 0.0:
             warnings.append(f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)")
     return warnings
 

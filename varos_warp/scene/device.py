@@ -10,14 +10,13 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry.normals import corner_normals, face_normals
 from varos_warp.scene.geometry.parts import Instances, Part, local_origin
-from varos_warp.scene.lights import light_record
+from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import corner_values, device_material
 from varos_warp.scene.materials.textures import Textures
@@ -60,6 +59,7 @@ class DeviceScene:
         self.kind = kind_of(device)
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
+        self.lights = Lights(scene, device)
         self.has_surfaces = bool(parts)
         self.has_textures = False
         self.part_names: list[str] = []
@@ -77,6 +77,7 @@ class DeviceScene:
         """
         other = copy.copy(self)
         other.scene, other.water = scene, optical_properties(scene)
+        other.lights = Lights(scene, self.device)
         other.data = SceneData()
         other.data.assign(self.data)
         other.data.medium = medium_record(other.water, self.device)
@@ -172,8 +173,7 @@ class DeviceScene:
         """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
         scene = SceneData()
         scene.assign(self.data)
-        records = [light_record(light, T_w_v, self.origin) for light in self.scene.vehicle.lights]
-        scene.lights = self._array(records, LightData)
+        scene.lights = self.lights.at(T_w_v, self.origin)
         return scene
 
     def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:

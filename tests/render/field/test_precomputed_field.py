@@ -8,7 +8,6 @@ import warp as wp
 from fields import SMALL_FIELD, look_up
 from physics.rig import TURBID, VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 
-from varos_warp.kernels.world.light import Light
 from varos_warp.render.field import open_water as precomputed
 from varos_warp.render.field import solver
 from varos_warp.render.field.directions import Directions, irradiance_matrix
@@ -19,7 +18,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.lights import light_record
+from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
@@ -58,8 +57,7 @@ def looked_up(made: OpenWater, p, d):
     """Irradiance of planes with normals d, and what rays along d receive, of the first lamp; [n, 3] each."""
     p, d = (wp.array(np.asarray(x, np.float32).reshape(-1, 3), dtype=wp.vec3, device="cpu") for x in (p, d))
     E, S = (wp.zeros(len(p), dtype=wp.vec3, device="cpu") for _ in range(2))
-    record = light_record(made.scene.vehicle.lights[0], np.eye(4), np.zeros(3))
-    lights = wp.array([record], dtype=Light, device="cpu")
+    lights = Lights(made.scene, "cpu").at(np.eye(4), np.zeros(3))[:1]
     wp.launch(look_up, len(p), inputs=[made._lights, lights, p, d, E, S], device="cpu")
     return E.numpy().astype(float), S.numpy().astype(float)
 

@@ -201,6 +201,7 @@ def sources(scene) -> dict[str, str | None]:
     named += [o.file for o in objects if getattr(o, "file", None)]
     textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
     named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
+    named += [light.file for light in scene.vehicle.lights if getattr(light, "file", None)]
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]

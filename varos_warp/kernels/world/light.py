@@ -1,4 +1,4 @@
-"""Lights: spots and points. Other kernels use a light only through the functions of this file.
+"""Lights: points that shine in a cone or by a profile. Other kernels use them only through the functions of this file.
 
 `light_count` and `get_light` give the lights of a scene. `light_sample` draws a point on a light and evaluates what it
 sends to a given point (`light_towards` only evaluates). `light_beam` and `light_core` give the lit part of a ray,
@@ -20,7 +20,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Light:
-    """A point with a cone: ``intensity`` [W/sr] inside, falling to 0 over the soft edge ``blend`` (Blender's spot)."""
+    """A point with a cone: ``intensity`` [W/sr] inside, falling to 0 over the soft edge ``blend`` (Blender's spot).
+
+    With a ``profile`` the soft edge is only where quadratures along rays are divided.
+    """
 
     position: wp.vec3
     axis: wp.vec3
@@ -28,6 +31,8 @@ class Light:
     """Cosine of the half angle of the cone; -1 for all directions."""
     blend: float
     intensity: wp.vec3
+    profile: wp.array(dtype=float)
+    """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
 
 
 @wp.func
@@ -61,11 +66,23 @@ def light_intensity(light: Light):
 
 
 @wp.func
+def profile_at(light: Light, cos_angle: float):
+    """The profile's value at an angle to the axis within the cone."""
+    steps = light.profile.shape[0] - 1
+    sine = wp.sqrt(wp.clamp((1.0 - cos_angle) / (1.0 - light.cos_half), 0.0, 1.0))
+    place = float(steps) * sine
+    k = wp.min(int(place), steps - 1)
+    return wp.lerp(light.profile[k], light.profile[k + 1], place - float(k))
+
+
+@wp.func
 def falloff(light: Light, cos_angle: float):
     """Fraction of the intensity at an angle to the axis: smoothstep in the cosine (as in Cycles, to 1e-4)."""
+    x = cos_angle - light.cos_half
+    if light.profile.shape[0] > 0:
+        return wp.where(x < 0.0, 0.0, profile_at(light, cos_angle))
     if light.cos_half <= -1.0:
         return 1.0
-    x = cos_angle - light.cos_half
     if x < 0.0:
         return 0.0
     width = light.blend * (1.0 - light.cos_half)

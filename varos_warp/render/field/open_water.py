@@ -3,6 +3,7 @@
 kernels/field/open_water.py says what it holds, docs/transport.md how right it is.
 """
 
+from dataclasses import asdict, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,15 +14,15 @@ from varos_warp.cache import cached, code_hash
 from varos_warp.kernels.field.open_water import Field, LightField
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.field import solver
-from varos_warp.render.field.solver import LightFieldSolver, farthest_m, shines_everywhere
+from varos_warp.render.field.solver import LightFieldSolver, farthest_m
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Camera, Light
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.lights import light_position, light_record
+from varos_warp.scene.lights.distribution import Distribution, distribution
+from varos_warp.scene.lights.records import Lights, light_position
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
@@ -42,7 +43,7 @@ MOST_DEPTH = 100.0
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
-LIGHT_KINDS = ("spot", "point")
+LIGHT_KINDS = ("spot", "point", "profile")
 """Lights that the field serves: points that are symmetric about an axis."""
 CONES_DEG = (20.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe. In sea water a cone of 20 degrees loses
@@ -65,8 +66,10 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
-    if any(not shines_everywhere(light) and not narrow <= light.cone_deg <= wide for light in lights):
-        return f"a light's cone is not between {narrow:g} and {wide:g} degrees"
+    for shape in (distribution(light, scene) for light in lights):
+        if not shape.everywhere and not narrow <= np.degrees(2.0 * shape.half_angle) <= wide:
+            return (f"a light's cone of {np.degrees(2.0 * shape.half_angle):.3g} degrees is not between {narrow:g} and "
+                    f"{wide:g}")
     return None
 
 
@@ -94,6 +97,7 @@ class OpenWater:
     def __init__(self, scene: Scene, launcher: Launcher):
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.water = optical_properties(scene)
+        self.lights = Lights(scene, self.device)
         self._cameras: dict[str, wp.array] = {}
 
     def field(self, view: Camera) -> Field:
@@ -106,7 +110,8 @@ class OpenWater:
         key = repr(camera)
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
-            depends_on = self._depends_on(camera=camera, lights=lights)
+            depends_on = self._depends_on(camera=camera, lights=lights,
+                                          distributions=[asdict(shape) for shape in self.lights.distributions])
             arrays = cached("camera", depends_on, lambda: {"radiance": self._along_rays(view)})
             self._cameras[key] = self._array(arrays["radiance"])
         field.in_scattering = self._cameras[key]
@@ -115,18 +120,16 @@ class OpenWater:
 
     @cached_property
     def _lights(self) -> wp.array:
-        """The field of each light; lights with the same cone share their arrays."""
-        kinds: dict[tuple, LightField] = {}
-        for light in self.scene.vehicle.lights:
-            if _kind(light) not in kinds:
-                kinds[_kind(light)] = self._light_field(light)
-        self._kept = kinds  # the array below holds no reference to the arrays of its fields
-        fields = [kinds[_kind(light)] for light in self.scene.vehicle.lights]
+        """The field of each light; those of one distribution share their arrays."""
+        shapes = self.lights.distributions
+        # kept, for the array below holds no reference to the arrays of its fields
+        self._fields = {shape: self._light_field(shape) for shape in dict.fromkeys(shapes)}
+        fields = [self._fields[shape] for shape in shapes]
         return wp.array(fields, dtype=LightField, device=self.device)
 
-    def _light_field(self, light: Light) -> LightField:
-        solving = LightFieldSolver(light, self.water, self.launcher)
-        arrays = cached("light", self._depends_on(light=_kind(light)), lambda: _solved(solving))
+    def _light_field(self, shape: Distribution) -> LightField:
+        solving = LightFieldSolver(shape, self.water, self.launcher)
+        arrays = cached("light", self._depends_on(light=asdict(replace(shape, gain=1.0))), lambda: _solved(solving))
         field = LightField()
         field.grid = solving.fine
         field.irradiance, field.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
@@ -146,10 +149,9 @@ class OpenWater:
     def _along_rays(self, view: Camera) -> np.ndarray:
         """Radiance [CAMERA_NODES, 3] of multiple in-scattering up to each distance, of a vehicle at rest."""
         T_w_v, origin = np.eye(4), np.zeros(3)
-        records = [light_record(light, T_w_v, origin) for light in self.scene.vehicle.lights]
         scene = SceneData()
         scene.medium = medium_record(self.water, self.device)
-        scene.lights = wp.array(records, dtype=LightData, device=self.device)
+        scene.lights = self.lights.at(T_w_v, origin)
         camera, size = camera_record(view, T_w_v, origin, pinhole=True), wp.vec2(*map(float, view.resolution))
         radiance = wp.empty(CAMERA_NODES, dtype=wp.vec3, device=self.device)
         before = [scene, self._lights, camera, size, CAMERA_NEAREST_M, CAMERA_LOG_STEP]
@@ -170,8 +172,3 @@ def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
     view = view.model_copy(update={"resolution": CAMERA_PIXELS})
     return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
-
-
-def _kind(light: Light) -> tuple:
-    """What lights have in common that share a field."""
-    return ("everywhere",) if shines_everywhere(light) else (light.cone_deg, light.blend)

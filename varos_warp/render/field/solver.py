@@ -21,8 +21,8 @@ from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
 from varos_warp.render.launch import Launcher
-from varos_warp.scene.description.vehicle import Light, PointLight
-from varos_warp.scene.lights import light_record
+from varos_warp.scene.lights.distribution import Distribution
+from varos_warp.scene.lights.records import light_record
 from varos_warp.scene.water import OpticalProperties, medium_record
 from varos_warp.scene.water.phase.phase_function import PhaseFunction
 
@@ -57,11 +57,6 @@ def nodes() -> list[tuple[int, ...]]:
     return [FINE, MIDDLE, COARSE, *((len(grid.s), len(grid.phi)) for grid in (ONCE, TWICE, AGAIN, LEAVING, NORMALS))]
 
 
-def shines_everywhere(light: Light) -> bool:
-    """Whether a light has no cone."""
-    return light.kind == "point" or light.cone_deg >= 360.0
-
-
 def farthest_m(water: OpticalProperties) -> float:
     """The last distance from a light that has nodes [m]; all channels share it."""
     return min(FARTHEST_M, FARTHEST_DEPTH / max(float(water.sigma_t.min()), 1e-3))
@@ -71,12 +66,12 @@ class LightFieldSolver:
     """Scattered light around a source of intensity 1.
 
     Args:
-        light: The source; its place, direction and intensity do not matter.
+        light: How the source's intensity is distributed.
         water: What scatters.
         launcher: Of the device that does the integrals.
     """
 
-    def __init__(self, light: Light, water: OpticalProperties, launcher: Launcher):
+    def __init__(self, light: Distribution, water: OpticalProperties, launcher: Launcher):
         self.light, self.water, self.launcher, self.device = light, water, launcher, launcher.device
         self.phase = water.phase
         self.fine, self.middle, self.coarse = map(self.grid, (FINE, MIDDLE, COARSE))
@@ -85,11 +80,11 @@ class LightFieldSolver:
     def grid(self, nodes: tuple[int, int, int]) -> NodeGrid:
         """Nodes around the light; a field that is the same all around needs no angles."""
         grid = NodeGrid()
-        everywhere = shines_everywhere(self.light)
+        everywhere = self.light.everywhere
         grid.distances, grid.inside, grid.outside = (nodes[0], 1, 0) if everywhere else nodes
         step = np.log(farthest_m(self.water) / NEAREST_M) / (nodes[0] - 1)
         grid.nearest, grid.log_step = NEAREST_M, float(step)
-        grid.half_angle = np.pi if everywhere else np.radians(self.light.cone_deg) / 2
+        grid.half_angle = self.light.half_angle
         # forward-scattered light goes on as if it were not scattered; after many scatterings light diffuses
         onward = self.water.sigma_t - self.phase.mean_cosine * self.water.sigma_s
         grid.decay = wp.vec3(*np.minimum(onward, np.sqrt(3.0 * self.water.sigma_a * onward)))
@@ -173,14 +168,11 @@ class LightFieldSolver:
         return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
 
     def _light_alone(self) -> SceneData:
-        """The light at the origin, along z, in the water."""
-        light = PointLight(kind="point", intensity=(1.0, 1.0, 1.0))
-        if not shines_everywhere(self.light):
-            alone = {"position": (0.0, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "intensity": (1.0, 1.0, 1.0)}
-            light = self.light.model_copy(update=alone)
+        """The light at the origin, along z, in the water; its peak is 1."""
+        self._profile = wp.array(self.light.profile, dtype=float, device=self.device)
         scene = SceneData()
         scene.medium = medium_record(self.water, self.device)
-        record = light_record(light, np.eye(4), np.zeros(3))
+        record = light_record(self.light, np.ones(3) / self.light.gain, profile=self._profile)
         scene.lights = self._lights = wp.array([record], dtype=LightData, device=self.device)
         return scene
 

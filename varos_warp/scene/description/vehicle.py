@@ -27,6 +27,22 @@ Intensity = Annotated[float, Field(ge=0.0, le=1e20), outside(0.0, 1e-20, "an int
 IntensityRgb = tuple[Intensity, Intensity, Intensity]
 
 
+def _check_direction(value):
+    """Directions of lights have a length: float32 on the device squares it."""
+    if np.linalg.norm(value) < 1e-6:
+        raise ValueError("the direction of a light must be at least 1e-6 long")
+    return value
+
+
+class LampPort(Block):
+    """A flat pane before a lamp, perpendicular to its axis: the beam narrows and brightens as it enters the water."""
+
+    kind: Literal["flat"] = "flat"
+    n_glass: Annotated[float, Field(ge=1.0, le=3.0)] = 1.49
+    """Refractive indices, relative to air."""
+    n_water: Annotated[float, Field(ge=1.0, le=3.0)] = 1.34
+
+
 class SpotLight(Block):
     """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
 
@@ -38,13 +54,26 @@ class SpotLight(Block):
     """Full angle of the cone; single precision cannot represent the cosines of narrower ones."""
     blend: Unit = 0.0
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    port: LampPort | None = None
+    """With one, cone and intensity are those in air."""
 
-    @field_validator("direction")
-    @classmethod
-    def _has_length(cls, value):
-        if np.linalg.norm(value) < 1e-6:  # float32 on the device squares it
-            raise ValueError("the direction of a light must be at least 1e-6 long")
-        return value
+    _has_direction = field_validator("direction")(_check_direction)
+
+
+class ProfileLight(Block):
+    """A lamp whose intensity by angle to its axis a file tells: CSV (angle_deg, intensity) or IES LM-63."""
+
+    kind: Literal["profile"]
+    file: str
+    """The same all around the axis; the scale does not matter."""
+    position: Position = (0.0, 0.0, 0.0)
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """At the profile's peak."""
+    port: LampPort | None = None
+    """With one, profile and intensity are those in air."""
+
+    _has_direction = field_validator("direction")(_check_direction)
 
 
 class PointLight(Block):
@@ -55,7 +84,7 @@ class PointLight(Block):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
 
 
-Light = Annotated[SpotLight | PointLight, Field(discriminator="kind"), kind_by_default("spot")]
+Light = Annotated[SpotLight | PointLight | ProfileLight, Field(discriminator="kind"), kind_by_default("spot")]
 
 
 def _check_look_at(block):

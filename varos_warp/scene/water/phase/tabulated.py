@@ -1,17 +1,15 @@
 """A measured phase function, or volume scattering function: powers of the angle between the rows of a table."""
 
-import csv
 import hashlib
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.files import read_text
+from varos_warp.scene.angle_table import AngleTable
 from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
-COLUMNS = ("angle_deg", "p")
 SMALLEST_DEG = 1e-4
 """Smaller angles are one: below, kernels hold the density constant."""
 STEEPEST = -1.9
@@ -74,7 +72,8 @@ class Tabulated(PhaseFunction):
         return np.exp(np.interp(log_angle, self._log_angle, self._log_p) + self._slope * ahead)
 
 
-# ---------------------------------------------------------------------------------------------------------- the file
+TABLE = AngleTable("table of a phase function", "p", "A density is 0 or more; leave the row out.",
+                   "Some light must be scattered somewhere.")
 
 
 def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
@@ -83,58 +82,8 @@ def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: The file is missing, or is no such table.
     """
-    lines = _lines(path, key)
-    header = [name.strip() for name in lines[0][1]] if lines else []
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        raise InputError(f"has no column {' and '.join(missing)}", file=path, key=key,
-                         remedy="Its first line names the columns: angle_deg,p.")
-    at = [header.index(name) for name in COLUMNS]
-    rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
-             for name, i in zip(COLUMNS, at, strict=True)] for line, row in lines[1:]]
-    if len(rows) < 2:
-        raise InputError(f"has {len(rows)} row{'s' * (len(rows) != 1)} of numbers", file=path, key=key,
-                         remedy="A phase function takes two at least.")
-    numbers = [line for line, _ in lines[1:]]
-    angle_deg, p = np.array(rows).T
-    _check(path, key, numbers, angle_deg, p)
-    return angle_deg, p
-
-
-def _lines(path: Path, key: str) -> list[tuple[int, list[str]]]:
-    """Number and cells of every line that is neither empty nor a comment."""
-    text = read_text(path, "table of a phase function", "Paths are relative to the scene file; export it as CSV.", key)
-    lines = enumerate(text.splitlines(), start=1)
-    return [(i, next(csv.reader([line]))) for i, line in lines if line.strip(", \t") and not line.startswith("#")]
-
-
-def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:
-    """A cell's number."""
-    try:
-        number = float(cell)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        problem = f"{column} is missing" if cell.strip().lower() in ("", "nan") else f"{column} is not a number"
-        raise InputError(problem, file=path, line=line, key=key, value=cell.strip(),
-                         remedy="Give a number, or leave the row out.")
-    return number
-
-
-def _check(path: Path, key: str, lines: list[int], angle_deg: np.ndarray, p: np.ndarray):
-    """Angles increase within 0 to 180 degrees; densities are not negative, and not all 0."""
-    falls = np.concatenate([[False], np.diff(angle_deg) <= 0.0])
-    for wrong, values, problem, remedy in (
-        ((angle_deg < 0.0) | (angle_deg > 180.0), angle_deg, "angle_deg is not between 0 and 180",
-         "Give the scattering angle in degrees; 0 is straight on."),
-        (falls, angle_deg, "angle_deg does not increase", "Sort the rows by angle, each angle once."),
-        (p < 0.0, p, "p is negative", "A density is 0 or more; leave the row out."),
-    ):
-        if wrong.any():
-            i = int(np.argmax(wrong))
-            raise InputError(problem, file=path, line=lines[i], key=key, value=float(values[i]), remedy=remedy)
-    if not p.any():
-        raise InputError("p is 0 everywhere", file=path, key=key, remedy="Some light must be scattered somewhere.")
+    angle_deg, p, lines = TABLE.read(path, key)
     if angle_deg[1] <= SMALLEST_DEG:
         raise InputError(f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here", file=path, key=key,
                          line=lines[1], value=float(angle_deg[1]), remedy="Leave the smaller ones out.")
+    return angle_deg, p

@@ -1,0 +1,75 @@
+"""Lamps with a profile or a port: images against the spot that they describe, and against a quadrature."""
+
+import numpy as np
+import pytest
+from rig import assert_agrees, floor, hg, one_ray_scene, radiance, spot
+
+from varos_warp.scene.lights.distribution import distribution
+
+WATER = {"sigma_s": [0.2] * 3, "sigma_a": [0.1] * 3, "phase": {"g": 0.8}}
+PLACES = [(-0.15, 0, -0.1), (0.15, 0, -0.1)]
+
+
+def soft_spot(folder) -> dict:
+    """A light of the kind ``profile`` that shines like a spot with a soft edge of 0.5."""
+    angle, half = np.linspace(0.0, 32.5, 2001), np.cos(np.radians(32.5))
+    s = np.clip((np.cos(np.radians(angle)) - half) / (0.5 * (1.0 - half)), 0.0, 1.0)
+    rows = "\n".join(f"{a},{x}" for a, x in zip(angle, 7.0 * s * s * (3.0 - 2.0 * s), strict=True))
+    (folder / "spot.csv").write_text(f"angle_deg,intensity\n{rows}\n")
+    return {"kind": "profile", "file": str(folder / "spot.csv")}
+
+
+def hot_spot(folder) -> dict:
+    """A lamp with a bright middle and a long wing."""
+    angle = np.linspace(0.0, 60.0, 121)
+    intensity = np.exp(-((angle / 12.0) ** 2)) + 0.1 * np.cos(np.radians(1.5 * angle))
+    rows = "\n".join(f"{a},{x}" for a, x in zip(angle, intensity, strict=True))
+    (folder / "hot.csv").write_text(f"angle_deg,intensity\n{rows}\n")
+    return {"kind": "profile", "file": str(folder / "hot.csv")}
+
+
+def lamps(like: dict) -> list[dict]:
+    """Two, beside the camera."""
+    return [{key: value for key, value in spot(place).items() if key not in ("kind", "cone_deg", "blend")} | like
+            for place in PLACES]
+
+
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_a_profile_shines_like_the_spot_that_it_describes(tmp_path, integrator):
+    """With the same random numbers, but that 512 linear steps differ from the soft edge by 1e-4 of the peak."""
+    ground, how = [floor(3.0, 0.3)], {"integrator": integrator, "spp": 16}
+    one = radiance(one_ray_scene([spot(place, blend=0.5) for place in PLACES], WATER), ground, **how)[0]
+    other = radiance(one_ray_scene(lamps(soft_spot(tmp_path)), WATER), ground, **how)[0]
+    np.testing.assert_allclose(other, one, rtol=1e-3)
+
+
+def scattered_once(scene, T):
+    """Radiance of light that all lamps of a scene scatter once into the ray along z up to ``T``, by quadrature."""
+    total, count = 0.0, 100_000
+    t = T * (np.arange(count) + 0.5) / count
+    for light, (px, py, pz) in zip(scene.vehicle.lights, PLACES, strict=True):
+        shape, distance = distribution(light, scene), np.sqrt(px**2 + py**2 + (t - pz) ** 2)
+        cosine = (t - pz) / distance
+        sent = shape.gain * shape.at(np.arccos(cosine)) / distance**2 * np.exp(-0.3 * (t + distance))
+        total += T * float((0.2 * hg(-cosine, 0.8) * sent).mean())
+    return total
+
+
+@pytest.mark.parametrize("like", [{"kind": "spot", "port": {"kind": "flat"}}, "hot", "hot behind a port"])
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_what_such_lamps_scatter_once_is_a_quadrature(tmp_path, like, integrator):
+    """To a thousandth: the integrand jumps where the ray enters the cone."""
+    if isinstance(like, str):
+        like = hot_spot(tmp_path) | ({"port": {"kind": "flat"}} if "port" in like else {})
+    scene = one_ray_scene(lamps(like), WATER, pixels=64)
+    estimate = radiance(scene, [floor(3.0, 0.0)], "single", integrator=integrator, spp=16)
+    assert_agrees(estimate, scattered_once(scene, 3.0), truth_stderr=3e-4 * estimate[0][0])
+
+
+@pytest.mark.parametrize("port", [None, {"kind": "flat"}])
+def test_the_floor_below_a_lamp_has_the_irradiance_of_its_profile(tmp_path, port):
+    scene = one_ray_scene(lamps(hot_spot(tmp_path) | ({"port": port} if port else {})), None)
+    shape, (x, _, z) = distribution(scene.vehicle.lights[0], scene), PLACES[1]
+    r = np.hypot(x, 3.0 - z)
+    E = 2.0 * shape.gain * shape.at(np.arctan2(x, 3.0 - z)) / r**2 * (3.0 - z) / r
+    assert_agrees(radiance(scene, [floor(3.0, 0.3)], "direct", spp=4), 0.3 / np.pi * E)

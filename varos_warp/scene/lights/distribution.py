@@ -1,0 +1,107 @@
+"""How the intensity of a light is distributed over directions: a cone, or a profile; in the water, behind its port."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import LampPort, Light
+from varos_warp.scene.lights.profiles import read_profile
+from varos_warp.scene.lights.refraction import snell, transmitted
+
+NODES = 512
+"""Steps of a profile, even in the sine of half the angle to the axis."""
+HALF = 0.5
+"""Share of its peak at which a profile is divided for quadratures along rays."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Relative radiant intensity around a light's axis, in the water; lights of one distribution share a field."""
+
+    half_angle: float = np.pi
+    """Beyond it there is no light [rad]; pi where there is no cone."""
+    blend: float = 0.0
+    """Width of the soft edge as in kernels.world.light; with a profile, only where quadratures divide rays."""
+    profile: tuple[float, ...] = ()
+    """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge; none: 1, and the soft edge."""
+    gain: float = 1.0
+    """Peak intensity in the water over that of the light itself."""
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether it is the same in all directions."""
+        return self.half_angle >= np.pi and not self.profile
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Angles to the axis [rad] of the profile's values."""
+        return 2.0 * np.arcsin(np.linspace(0.0, np.sin(0.5 * self.half_angle), NODES + 1))
+
+    def at(self, angle: ArrayLike) -> np.ndarray:
+        """Relative intensity, without the gain, at angles to the axis [rad]."""
+        angle = np.asarray(angle, float)
+        x = np.sin(0.5 * angle) / np.sin(0.5 * self.half_angle)
+        inside = (x <= 1.0) | (self.half_angle >= np.pi)
+        if self.profile:
+            return np.where(inside, np.interp(x, np.linspace(0.0, 1.0, NODES + 1), self.profile), 0.0)
+        if self.half_angle >= np.pi or self.blend == 0.0:
+            return inside.astype(float)
+        s = np.clip((1.0 - x * x) / self.blend, 0.0, 1.0)  # 1 - x^2 = (cos - cos_half) / (1 - cos_half)
+        return s * s * (3.0 - 2.0 * s)
+
+
+def distribution(light: Light, scene: Scene) -> Distribution:
+    """How the intensity of a light of a scene is distributed, behind its port if it has one.
+
+    Raises:
+        InputError: The file of a profile is missing, or is none.
+    """
+    if light.kind == "point":
+        return Distribution()
+    if light.kind == "profile":
+        i = scene.vehicle.lights.index(light)
+        own = of_table(*read_profile(scene.resolve(light.file), f"vehicle.lights.{i}.file"))
+    else:
+        half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
+        own = Distribution(half, light.blend)
+    return own if light.port is None else behind_port(own, light.port)
+
+
+def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
+    """Distribution of intensities at increasing angles to the axis [rad], linear between, 0 beyond; any scale."""
+    lit = np.flatnonzero(intensity)
+    last = min(int(lit[-1]) + 1, len(angle) - 1)
+    edge = Distribution(float(angle[last]))
+    values = np.interp(edge.angles, angle, intensity)
+    return replace(_normalised(edge.half_angle, values), gain=1.0)
+
+
+@lru_cache(maxsize=64)
+def behind_port(own: Distribution, port: LampPort) -> Distribution:
+    """What becomes of a distribution in air behind a flat pane that is perpendicular to its axis.
+
+    Light at an angle a in air leaves at w in water, sin a = n sin w, and the power in a cone is that in air but for
+    Fresnel's reflections T: I_w = I_a T n^2 cos w / cos a. Nothing leaves beyond the critical angle.
+    """
+    most = min(own.half_angle, 0.5 * np.pi)
+    edge = Distribution(float(snell(most, 1.0, port.n_water)))
+    water = edge.angles
+    air = np.minimum(snell(water, port.n_water, 1.0), most)
+    # T / cos a stays finite where light grazes the pane
+    values = own.at(air) * transmitted(air, (1.0, port.n_glass, port.n_water)) * port.n_water**2 * np.cos(water)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(np.cos(air) > 1e-9, values / np.cos(air), 0.0)
+    if air[-1] > 0.5 * np.pi - 1e-6:
+        values[-1] = values[-2]
+    return _normalised(edge.half_angle, values, own.gain)
+
+
+def _normalised(half_angle: float, values: np.ndarray, gain: float = 1.0) -> Distribution:
+    """A profile with its peak as the gain, divided where it falls to HALF."""
+    peak = float(values.max())
+    relative = values / peak
+    x = (np.flatnonzero(relative >= HALF)[-1] / NODES) ** 2  # (1 - cos) / (1 - cos_half)
+    return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain * peak)
