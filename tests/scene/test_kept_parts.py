@@ -25,9 +25,16 @@ def never(*_, **__):
     raise AssertionError("made again")
 
 
+def forget():
+    """What the process holds in memory, of this test or of others."""
+    textures.ground_tile.cache_clear()
+    lobe.lobe_albedo_table.cache_clear()
+
+
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
     """A scene with everything that is kept; the preprocessing of its terrain has something to warn of."""
+    forget()
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "cache"))
     write_ply(tmp_path / "floor.ply", *generate_terrain(10.0, 33, 0.5))
     return scene_from_dict(BLOCKS, tmp_path)
@@ -46,8 +53,7 @@ def made(scene):
 def test_a_scene_is_made_of_what_is_kept(scene, monkeypatch):
     with pytest.warns(UserWarning, match="decimation adds none"):
         first = made(scene)
-    textures.ground_tile.cache_clear()
-    lobe.lobe_albedo_table.cache_clear()
+    forget()
     for module, name in ((build.terrain, "preprocess"), (scatter, "_places"), (textures, "tile_pyramid"),
                          (lobe, "_table")):
         monkeypatch.setattr(module, name, never)
