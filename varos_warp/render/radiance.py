@@ -28,7 +28,7 @@ from varos_warp.render.launch import Steps
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene
+from varos_warp.scene.device import DeviceScene, optics_spec
 
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
@@ -41,6 +41,9 @@ H200, 0.33 on a CPU (Munkholmen)."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
+
+COLOUR_CYCLE = 6
+"""Where each channel has its own rays, samples are a multiple of this, and all channels have equally many."""
 
 
 class Shot(NamedTuple):
@@ -84,7 +87,11 @@ class RadianceRenderer:
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
-        view, options = shot.view, shot.options
+        view = shot.view
+        if optics_spec(view).dispersion:
+            spp = -(-shot.options.spp // COLOUR_CYCLE) * COLOUR_CYCLE
+            shot = shot._replace(options=replace(shot.options, spp=spp))
+        options = shot.options
         integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings)
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
@@ -101,7 +108,7 @@ class RadianceRenderer:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
-        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures)
+        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp)
         return (yield from self._develop([film], shot, options.layers, options.denoise))
@@ -117,7 +124,7 @@ class RadianceRenderer:
         lights = [self._virtual_lights(scene, view, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
-        shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1)
+        shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
 
@@ -140,7 +147,8 @@ class RadianceRenderer:
     def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool) -> list[SampleKind]:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
-                        world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view))
+                        world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view),
+                        optics_spec(shot.view))
         kinds = []
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
@@ -165,7 +173,7 @@ class RadianceRenderer:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
-        kernel = make_ambient_kernel(world.has_instances, world.has_textures)
+        kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view))
         before = [world.data, world.camera(shot.view, shot.T_w_v, pinhole=True)]
         self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
@@ -175,7 +183,7 @@ class RadianceRenderer:
         """Albedo and normals at the centres of the pixels."""
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures)
+        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures, optics_spec(view))
         camera = self.world.camera(view, T_w_v, pinhole=True)
         self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
         return guides

@@ -20,12 +20,14 @@ from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, resolve_device
+from varos_warp.scene.device import DeviceScene, optics_spec, resolve_device
+from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.optics.camera import CHANNELS, Rays, camera_model, pixel_centres
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
-           "SegmentImage", "resolve_integrator", "stream_key"]
+           "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
 
 
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
@@ -108,6 +110,41 @@ class FrameRenderer:
             images |= yield from self._render_first_hits(view, T_w_v, outputs)
         return Frame(**images)
 
+    def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
+             channel: str = "green") -> Rays:
+        """Rays in the water, world axes, float64: ``origin``, ``direction`` [..., 3] and ``weight`` [...].
+
+        Args:
+            T_w_v: Pose of the vehicle in the world.
+            camera: As for `render`.
+            points: Image points [..., 2] [pixels], the centre of the top left pixel at (0.5, 0.5); absent: the centres
+                of all pixels [H, W, 2], whose rays C, D and S follow.
+            channel: red, green or blue, whose rays differ where the water's index does.
+
+        Returns:
+            Origins lie on the outer surface of the port, or at the lens. The weight is the radiance at the sensor over
+            that in the water. Where a camera sees no water: NaN, and weight 0.
+
+        Raises:
+            InputError: If there is no such camera or channel.
+        """
+        view, number = self._camera(camera), _channel(channel)
+        image = pixel_centres(*view.resolution) if points is None else np.asarray(points, np.float64)
+        return camera_model(view).rays(image, number).moved(camera_pose(view, np.asarray(T_w_v, np.float64)))
+
+    def project(self, points: ArrayLike, T_w_v: ArrayLike, camera: str | Camera | None = None,
+                channel: str = "green") -> np.ndarray:
+        """Image points [..., 2] [pixels] of points [..., 3] of the world; NaN where the camera cannot see them.
+
+        What lies between is not looked at, and image points may lie outside of the image. Arguments as for `rays`.
+
+        Raises:
+            InputError: If there is no such camera or channel.
+        """
+        view, number = self._camera(camera), _channel(channel)
+        T_w_c = camera_pose(view, np.asarray(T_w_v, np.float64))
+        return camera_model(view).project((np.asarray(points, np.float64) - T_w_c[:3, 3]) @ T_w_c[:3, :3], number)
+
     def _camera(self, name: str | Camera | None) -> Camera:
         if name is None or isinstance(name, Camera):
             return name or self.scene.vehicle.cameras[0]
@@ -123,7 +160,7 @@ class FrameRenderer:
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
         if self.world.has_surfaces:
             camera = self.world.camera(view, T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(self.world.has_instances)
+            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view))
             self.launcher.rows(kernel, shape, [self.world.data, camera], [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
         wanted = [letter for letter in arrays if letter in outputs]
@@ -134,3 +171,8 @@ class FrameRenderer:
             on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
+
+
+def _channel(name: str) -> int:
+    check_names("channel", [name], CHANNELS)
+    return CHANNELS.index(name)

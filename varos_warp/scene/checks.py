@@ -13,6 +13,7 @@ from varos_warp.scene.geometry.parts import Instances, Part, local_origin, stand
 from varos_warp.scene.geometry.query import clearance, is_inside
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.lights.distribution import distribution
+from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
@@ -87,9 +88,14 @@ def water_info(scene: Scene) -> dict:
 
 
 def camera_info(camera) -> dict:
-    """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees]."""
-    K = intrinsics(camera)
+    """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees].
+
+    The view is that in the water, behind the port.
+    """
+    K, model = intrinsics(camera), camera_model(camera)
     fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
+    if not model.is_pinhole:
+        fov = np.degrees(model.field_of_view(*camera.resolution)).tolist()
     return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
             "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
             "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
@@ -188,7 +194,8 @@ def _check_cameras(scene):
             warnings.append(f"{key}: pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and "
                             "sensor_mm differ in shape")
         fov = camera_info(camera)["horizontal_fov_deg"]
-        if not 5.0 <= fov <= 130.0:
+        fisheye = camera.distortion is not None and camera.distortion.model == "kannala_brandt"
+        if not 5.0 <= fov <= (360.0 if fisheye else 130.0) and np.isfinite(fov):
             warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check focal_mm and sensor_mm")
         if 0.0 < camera.f_stop < 0.7:
             warnings.append(f"{key}: no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")

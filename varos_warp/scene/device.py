@@ -10,6 +10,7 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.optics import Coefficients, Optics, OpticsSpec
 from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -20,6 +21,8 @@ from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import corner_values, device_material
 from varos_warp.scene.materials.textures import Textures
+from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.ports import DomePort, FlatPort
 from varos_warp.scene.water import medium_record, optical_properties
 
 
@@ -192,4 +195,32 @@ def camera_record(camera: Camera, T_w_v: np.ndarray, origin, *, pinhole: bool = 
     open_lens = camera.f_stop > 0.0 and not pinhole
     record.aperture = 0.5e-3 * camera.focal_mm / camera.f_stop if open_lens else 0.0
     record.focus = camera.focus_m if open_lens else 1.0
+    if optics_spec(camera).bends:
+        record.optics = optics_record(camera)
+        record.pixel_angle = camera_model(camera).pixel_angle
+    return record
+
+
+def optics_spec(camera: Camera) -> OpticsSpec:
+    """What kernels are compiled for, to see through a camera."""
+    lens = "none" if camera.distortion is None else camera.distortion.model
+    if camera.port is None:
+        return OpticsSpec(lens)
+    return OpticsSpec(lens, camera.port.kind, len(set(camera_model(camera).n_water)) > 1)
+
+
+def optics_record(camera: Camera) -> Optics:
+    """Lens and port of a camera."""
+    model, record = camera_model(camera), Optics()
+    if camera.distortion is not None:
+        record.k = Coefficients(*model.lens.k, *[0.0] * (5 - len(model.lens.k)))
+        record.reach = model.lens.reach((np.array([[0.0, 0.0], camera.resolution]) - model.K[:2, 2])
+                                        / model.K[[0, 1], [0, 1]])
+    if isinstance(model.port, FlatPort):
+        record.axis, record.distance = wp.vec3(*model.port.normal), model.port.distance_m
+    if isinstance(model.port, DomePort):
+        record.axis, record.distance = wp.vec3(*model.port.centre), model.port.radius_m - model.port.thickness_m
+    if model.port is not None:
+        record.thickness, record.n_glass = model.port.thickness_m, model.port.n_glass
+    record.n_water = wp.vec3(*model.n_water)
     return record

@@ -9,8 +9,9 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
-from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -65,9 +66,10 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
 
 
 @cache
-def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Image B, for scenes with or without instances and textures."""
+def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> wp.Kernel:
+    """Image B, for scenes with or without instances and textures, through a lens and a port."""
     ambient_radiance = make_ambient_radiance(instances, textures)
+    bent_ray = make_bent_ray(optics)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_ambient(
@@ -79,14 +81,20 @@ def make_ambient_kernel(instances: bool, textures: bool) -> wp.Kernel:
         # out
         film: Film,
     ):
-        """Radiance of each pixel through a pinhole, stored as the film's ``direct`` layer."""
+        """Radiance of each pixel through a pinhole, stored as the film's ``direct`` layer; no port takes any of it."""
         i = first + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
             u = uniforms(key, pixel, sample, 0)
-            ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0))
+            if wp.static(optics.bends):
+                x, y = float(part.col) + u[0], float(part.row) + u[1]
+                ray, seen = bent_ray(camera, x, y, wp.vec2(0.0, 0.0), GREEN)
+                if brightest(seen) <= 0.0:
+                    continue
+            else:
+                ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0))
             L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
             sums = add_sample(sums, sample, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
         store(film, i, sums)

@@ -15,6 +15,7 @@ from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
@@ -24,7 +25,7 @@ from varos_warp.kernels.transport.subpath import (
     sample_direction,
     subpath_from_surface,
 )
-from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.camera import Camera, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
@@ -93,6 +94,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
     mirrored = make_mirrored(spec)
     field_layer = spec.multiple and spec.field
+    sample_ray = make_sample_ray(spec.optics)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_camera_segments(
@@ -113,7 +115,12 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         for sample in range(part.begin, part.end):
             u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
-            ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
+            if wp.static(spec.optics.bends):
+                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
+                if brightest(seen) <= 0.0:
+                    continue
+            else:
+                ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
             hit = first_hit(scene, ray.o, ray.d)
             u = draw(key, pixel, sample, 1)
             v = draw(key, pixel, sample, 2)
@@ -142,6 +149,9 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                 if wp.static(spec.multiple and spec.mirrors):
                     if is_metal(end):
                         L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
+            if wp.static(spec.optics.bends):
+                L_direct, L_single = wp.cw_mul(seen, L_direct), wp.cw_mul(seen, L_single)
+                L_multiple, correction = wp.cw_mul(seen, L_multiple), wp.cw_mul(seen, correction)
             sums = add_sample(sums, sample, place[2] * L_direct, place[2] * L_single, place[2] * L_multiple,
                               place[2] * correction)
         store(film, i, sums)

@@ -4,18 +4,42 @@ from functools import cache
 
 import warp as wp
 
+from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.world.bsdf import surface_albedo
-from varos_warp.kernels.world.camera import Camera, camera_ray
+from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
 from varos_warp.kernels.world.intersect import SceneData, corner_normal, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_first_hits_kernel(instances: bool) -> wp.Kernel:
-    """Images C, D and S, for scenes with or without instances."""
+def make_centre_hit(instances: bool, optics: OpticsSpec) -> wp.Function:
+    """The function ``centre_hit``: the ray through a pixel's centre, and what it hits."""
     first_hit, _ = make_rays(instances)
+    bent_ray = make_bent_ray(optics)
+
+    @wp.func
+    def centre_hit(scene: SceneData, camera: Camera, row: int, col: int):
+        # the centre of the lens, whatever the aperture
+        if wp.static(optics.bends):
+            ray, seen = bent_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0), GREEN)
+            hit = first_hit(scene, ray.o, ray.d)
+            if brightest(seen) <= 0.0:
+                hit.face = -1
+            return ray, hit
+        else:
+            ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
+            return ray, first_hit(scene, ray.o, ray.d)
+
+    return centre_hit
+
+
+@cache
+def make_first_hits_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
+    """Images C, D and S, for scenes with or without instances, through a lens and a port."""
+    centre_hit = make_centre_hit(instances, optics)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_first_hits(
@@ -30,13 +54,11 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
     ):
         """World normal, planar depth z and distance along the ray [m], part number from 1 on, all [height, width].
 
-        Where nothing is hit: zeros, inf, inf, 0.
+        Depth is from the lens, distance from where the ray enters the water. Where nothing is hit: zeros, inf, inf, 0.
         """
         tile_row, col = wp.tid()
         row = first_row + tile_row
-        # the centre of the lens, whatever the aperture
-        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
-        hit = first_hit(scene, ray.o, ray.d)
+        ray, hit = centre_hit(scene, camera, row, col)
         if hit.face < 0:
             normal[row, col] = wp.vec3(0.0)
             depth[row, col] = wp.inf
@@ -45,6 +67,8 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
             return
         normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
         depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
+        if wp.static(optics.port != "none"):
+            depth[row, col] += wp.dot(ray.o - camera.position, camera.forward)
         distance[row, col] = hit.t
         instance[row, col] = hit.part + 1
 
@@ -52,9 +76,9 @@ def make_first_hits_kernel(instances: bool) -> wp.Kernel:
 
 
 @cache
-def make_guides_kernel(instances: bool, textures: bool) -> wp.Kernel:
-    """Guides for a denoiser, for scenes with or without instances and textures."""
-    first_hit, _ = make_rays(instances)
+def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> wp.Kernel:
+    """Guides for a denoiser, for scenes with or without instances and textures, through a lens and a port."""
+    centre_hit = make_centre_hit(instances, optics)
     hit_surface = make_hit_surface(textures)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -69,8 +93,7 @@ def make_guides_kernel(instances: bool, textures: bool) -> wp.Kernel:
         """Albedo of the surface in [0, 1], and normal as in image C, both [height, width]; 0 where nothing is hit."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
-        ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
-        hit = first_hit(scene, ray.o, ray.d)
+        ray, hit = centre_hit(scene, camera, row, col)
         albedo[row, col] = wp.vec3(0.0)
         normal[row, col] = wp.vec3(0.0)
         if hit.face >= 0:

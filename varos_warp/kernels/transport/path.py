@@ -46,7 +46,7 @@ from varos_warp.kernels.transport.subpath import (
     water_vertex,
 )
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
-from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
+from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
@@ -247,6 +247,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
     """
     image_place = make_segment(spec).image_place
     leave_vertex, follow_segment = make_leave_vertex(spec), make_follow_segment(spec)
+    sample_ray = make_sample_ray(spec.optics)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_subpaths(
@@ -267,12 +268,20 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         sums = Sums()
         L = wp.vec3(0.0)
         weight = float(1.0)
+        if wp.static(spec.optics.bends):
+            share = wp.vec3(1.0)
         path = Subpath()
         while i < film.parts.shape[0]:
             u = draw(key, pixel, sample, GROUPS * events(path))
             if events(path) == 0:
                 place = image_place(scene, camera, part.row, part.col, u)
-                path = start_at_camera(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
+                if wp.static(spec.optics.bends):
+                    ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
+                    path = start_at_camera(ray)
+                    path.alive = int(brightest(seen) > 0.0)
+                    share = seen
+                else:
+                    path = start_at_camera(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
                 weight = place[2]
             else:
                 v = draw(key, pixel, sample, GROUPS * events(path) + 1)
@@ -283,6 +292,8 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 L += found
             if path.alive == 0:
                 # the sample is complete: continue with the next one, or the next part
+                if wp.static(spec.optics.bends):
+                    L = wp.cw_mul(share, L)
                 sums = add_correction(sums, sample, weight * L)
                 L = wp.vec3(0.0)
                 path = Subpath()

@@ -14,10 +14,11 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
-from varos_warp.kernels.world.camera import Camera, Ray, camera_ray
+from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, Surface, footprint_width
 
@@ -154,7 +155,8 @@ def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Functi
 
 
 @cache
-def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool) -> wp.Kernel:
+def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool,
+                          optics: OpticsSpec) -> wp.Kernel:
     """The kernel that renders a film's parts from ``first`` on.
 
     Args:
@@ -163,8 +165,10 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         multiple: whether all other light counts.
         instances: whether there are instances.
         textures: whether some material is more than one constant reflectance.
+        optics: the camera's lens and port.
     """
     first_hit, _ = make_rays(instances)
+    sample_ray = make_sample_ray(optics)
     scatter, reflect = make_events(instances, textures)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -187,7 +191,15 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
-            path = plain_path(camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(u[2], u[3])))
+            if wp.static(optics.bends):
+                x, y = float(part.col) + u[0], float(part.row) + u[1]
+                ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)
+                path = plain_path(ray)
+                path.throughput = seen
+                path.alive = int(brightest(seen) > 0.0)
+            else:
+                path = plain_path(camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1],
+                                             wp.vec2(u[2], u[3])))
             while path.alive == 1:
                 events = path.scatterings + path.bounces
                 u = uniforms(key, pixel, sample, 2 * events + 1)

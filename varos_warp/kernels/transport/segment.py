@@ -17,6 +17,7 @@ from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.optics import STRAIGHT, OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -45,6 +46,8 @@ class PathSpec:
     """The field of open water is known."""
     camera_field: bool = False
     """It is also known along this camera's rays."""
+    optics: OpticsSpec = STRAIGHT
+    """The camera's lens and port."""
 
     def camera(self) -> "PathSpec | None":
         """What the camera's own segments need; None if no layer does."""
@@ -102,7 +105,9 @@ def make_segment(spec: PathSpec) -> Segment:
     """The functions of a segment, specialised to ``spec``."""
     first_hit, visible = make_rays(spec.instances)
     hit_surface = make_hit_surface(spec.textures)
-    peaks_at_lights = spec.medium and (spec.single or spec.multiple) and not spec.camera_field
+    # where a light is seen is known of straight rays only
+    straight = not spec.optics.bends
+    peaks_at_lights = straight and spec.medium and (spec.single or spec.multiple) and not spec.camera_field
 
     @wp.func
     def end_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):

@@ -1,8 +1,11 @@
-"""Pinhole and thin-lens cameras, OpenCV optical axes."""
+"""Pinhole and thin-lens cameras, OpenCV optical axes; in the water, or in air behind a port (optics.py)."""
+
+from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.sampling import sample_disk
+from varos_warp.kernels.sampling import half_key, pcg4d, sample_disk
+from varos_warp.kernels.world.optics import Bent, Optics, OpticsSpec, make_behind_port, make_undistorted
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,6 +28,8 @@ class Camera:
     """Radius of the lens [m]; 0 is a pinhole."""
     focus: float
     """Distance of the plane of focus [m]."""
+    optics: Optics
+    """What else bends its rays, where there is anything: `camera_ray` does not read it."""
 
 
 @wp.struct
@@ -50,6 +55,85 @@ def camera_ray(camera: Camera, x: float, y: float, lens: wp.vec2):
     ray.o = camera.position + offset
     ray.d = wp.normalize(camera.focus * through - offset)
     return ray
+
+
+GREEN = wp.constant(1)
+"""Channel whose rays B, C, D and S follow."""
+
+
+@cache
+def make_bent_ray(spec: OpticsSpec) -> wp.Function:
+    """The function ``bent_ray`` of a camera with lens and port of ``spec``: `camera_ray` for those that bend rays.
+
+    It returns the ray in the water of one channel, and the radiance at the sensor over that in the water, R, G, B: the
+    transmittance of the port / n^2. If each channel has its own rays, that is three times as much for this one and 0
+    for the others. 0 for all: there is no ray.
+    """
+    undistorted, behind_port = make_undistorted(spec.lens), make_behind_port(spec.port)
+
+    @wp.func
+    def in_camera_axes(camera: Camera, x: float, y: float, lens: wp.vec2):
+        at = wp.vec2((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy)
+        through = undistorted(camera.optics, at)
+        ray = Bent()
+        ray.T = 1.0
+        if wp.static(spec.lens != "kannala_brandt"):
+            on_lens = camera.aperture * sample_disk(lens[0], lens[1])
+            ray.o = wp.vec3(on_lens[0], on_lens[1], 0.0)
+            through = camera.focus * through - ray.o
+        ray.d = wp.normalize(through)
+        return ray
+
+    @wp.func
+    def radiance_weight(camera: Camera, T: float, channel: int):
+        if wp.static(spec.port == "none"):
+            return wp.vec3(T)
+        n = camera.optics.n_water[channel]
+        share = T / (n * n)
+        if wp.static(not spec.dispersion):
+            return wp.vec3(share)
+        weight = wp.vec3(0.0)
+        weight[channel] = 3.0 * share
+        return weight
+
+    @wp.func
+    def bent_ray(camera: Camera, x: float, y: float, lens: wp.vec2, channel: int):
+        bent = behind_port(camera.optics, in_camera_axes(camera, x, y, lens), channel)
+        ray = Ray()
+        ray.o = camera.position + bent.o[0] * camera.right + bent.o[1] * camera.down + bent.o[2] * camera.forward
+        ray.d = wp.normalize(bent.d[0] * camera.right + bent.d[1] * camera.down + bent.d[2] * camera.forward)
+        return ray, radiance_weight(camera, bent.T, channel)
+
+    return bent_ray
+
+
+COLOURS = wp.constant(wp.uint32(0xC0105))
+"""Tells the random numbers of `channel_of` from others."""
+
+
+@wp.func
+def channel_of(key: wp.uint32, pixel: int, sample: int):
+    """Channel of a sample where each has its own rays: in turn, from a random one on in each half of the samples.
+
+    Six samples, three in each half, have all alike.
+    """
+    x, _, _, _ = pcg4d(wp.uint32(pixel), COLOURS, COLOURS, half_key(key, sample & 1))
+    return int(((x >> wp.uint32(8)) + wp.uint32(sample >> 1)) % wp.uint32(3))
+
+
+@cache
+def make_sample_ray(spec: OpticsSpec) -> wp.Function:
+    """The function ``sample_ray``: `make_bent_ray` for a sample, whose channel follows if each has its own rays."""
+    bent_ray = make_bent_ray(spec)
+
+    @wp.func
+    def sample_ray(camera: Camera, x: float, y: float, lens: wp.vec2, key: wp.uint32, pixel: int, sample: int):
+        channel = int(GREEN)
+        if wp.static(spec.dispersion):
+            channel = channel_of(key, pixel, sample)
+        return bent_ray(camera, x, y, lens, channel)
+
+    return sample_ray
 
 
 @wp.func

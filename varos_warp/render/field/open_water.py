@@ -19,7 +19,7 @@ from varos_warp.render.field.solver import LightFieldSolver, farthest_m
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import camera_record
+from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.lights.records import Lights, light_position
@@ -74,8 +74,8 @@ def unavailable(scene: Scene, view: Camera) -> str | None:
 
 
 def along_camera(scene: Scene, view: Camera) -> bool:
-    """Whether the field is tabulated along a camera's rays: it moves with the lights, and sees none of them."""
-    if view.mount == "world":
+    """Whether the field is tabulated along a camera's rays: they are straight, move with the lights, and see none."""
+    if view.mount == "world" or optics_spec(view).bends:
         return False
     T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
     for light in scene.vehicle.lights:

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_serializer, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -18,6 +18,7 @@ from varos_warp.scene.description.block import (
     kind_by_default,
     outside,
 )
+from varos_warp.scene.description.optics import Distortion, Port, WaterIndex, check_optics
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -105,8 +106,15 @@ LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 Pixels = Annotated[int, Field(ge=1, le=16384)]
 
 
+OPTICS = ("port", "n_water", "distortion")
+"""Keys of a camera that are not written down where they are absent."""
+
+
 class Camera(Block):
-    """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``)."""
+    """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``).
+
+    Without ``port`` it looks as if the lens were in the water and the focal length that in water.
+    """
 
     id: CameraId = "M0"
     mount: Literal["vehicle", "world"] = "vehicle"
@@ -121,8 +129,19 @@ class Camera(Block):
         0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")] = 0.0
     """Focal length over aperture diameter, at least 0.001; 0 is a pinhole."""
     focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
+    """Distance of the plane of focus; in air, behind a port."""
+    port: Port | None = None
+    n_water: WaterIndex | None = None
+    """Refractive index behind the port: a number, one each for R, G and B, or a block; absent: 1.34."""
+    distortion: Distortion | None = None
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
+    _fits_together = model_validator(mode="after")(check_optics)
+
+    @model_serializer(mode="wrap")
+    def _without_absent_optics(self, handler):
+        """Written down, a pinhole is what it was before there were ports: dataset.json has the same bytes."""
+        return {key: value for key, value in handler(self).items() if value is not None or key not in OPTICS}
 
 
 class Mounted(Block):

@@ -16,9 +16,9 @@ from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.files import require_file
-from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.images import decode_image, open_image
 from varos_warp.scene.launch import launch_rows
+from varos_warp.scene.optics.camera import camera_model
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}
 """The tiles that ship, computed when first asked for."""
@@ -36,7 +36,7 @@ class Textures:
 
     def __init__(self, scene: Scene, device: str):
         self.scene, self.device = scene, device
-        self.texel_m = min(1.0 / intrinsics(camera)[0, 0] for camera in scene.vehicle.cameras)
+        self.texel_m = min(camera_model(camera).pixel_angle for camera in scene.vehicle.cameras)
         """What the finest pixel covers at a distance of 1 m [m]: how fine procedural tiles are made."""
         self.images: dict = {}
         self.arrays: list[wp.array] = []

@@ -1,0 +1,148 @@
+"""Cameras behind ports: image points to rays and back, and scene files that cannot be."""
+
+import cv2
+import numpy as np
+import pytest
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.load import scene_from_dict, scene_to_dict
+from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.seawater import seawater_index
+
+PORTS = {
+    "none": None,
+    "flat": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "n_glass": 1.49},
+    "tilted": {"kind": "flat", "distance_m": 0.05, "thickness_m": 0.01, "n_glass": 1.52, "normal": [0.3, -0.2, 2.0]},
+    "dome": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "n_glass": 1.473},
+    "decentred": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.0042, -0.0037, 0.0284]},
+    "near the wall": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.0, 0.0, -0.0425]},
+}
+LENSES = {
+    "pinhole": None,
+    "barrel": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]},
+    "fisheye": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]},
+}
+
+
+def model_of(port, lens, n_water=(1.339, 1.342, 1.347)):
+    return camera_model(Camera(port=PORTS[port], distortion=LENSES[lens], n_water=n_water if PORTS[port] else None))
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("port", PORTS)
+def test_every_point_of_a_ray_is_seen_where_the_ray_is_from(port, lens):
+    """To 1e-9 px, from the outside of the port to 100 m away, for every channel."""
+    model, rng = model_of(port, lens), np.random.default_rng(2)
+    image = rng.uniform(0.0, 1.0, (300, 2)) * [1280, 720]
+    for channel in range(3):
+        ray = model.rays(image, channel)
+        t = 10.0 ** rng.uniform(-3, 2, (300, 1))
+        np.testing.assert_allclose(model.project(ray.origin + t * ray.direction, channel), image, atol=1e-9, rtol=0)
+
+
+def test_points_before_the_glass_are_not_seen():
+    assert np.isnan(model_of("flat", "pinhole").project([[0.0, 0.0, 0.0279], [0.1, 0.0, -1.0]])).all()
+    assert np.isnan(model_of("dome", "pinhole").project([[0.0, 0.0, 0.049]])).all()
+    assert np.isfinite(model_of("flat", "pinhole").project([0.0, 0.0, 0.0281])).all()
+
+
+def test_colours_part_at_the_edge_of_the_image():
+    """450 and 600 nm are 4.6 px apart at 33 degrees of the paper's camera behind flat glass, 35 per mille, 10 C."""
+    index = {"temperature_C": 10.0, "salinity": 35.0}
+    model = camera_model(Camera(port={"kind": "flat", "distance_m": 1e-6}, n_water=index))
+    assert model.n_water == tuple(seawater_index(10.0, 35.0, nm) for nm in (600.0, 550.0, 450.0))
+    edge = np.array([640.0 + model.K[0, 0] * np.tan(np.radians(33.0)), 360.0])
+    ray = model.rays(edge, 0)
+    far = ray.origin + 1e6 * ray.direction
+    assert model.project(far, 2)[0] - model.project(far, 0)[0] == pytest.approx(4.6, abs=0.05)
+
+
+def test_radiance_falls_by_the_square_of_the_index_and_by_reflection():
+    weight = model_of("flat", "pinhole", 1.34).rays(np.array([640.0, 360.0])).weight
+    assert weight == pytest.approx(4 * 1.49 / 2.49**2 * 4 * 1.49 * 1.34 / 2.83**2 / 1.34**2, rel=1e-12)
+
+
+def test_a_pane_seen_edge_on_shows_nothing_there():
+    """A fisheye of 195 degrees behind a flat port: beyond 90 degrees to the pane there is no water to see."""
+    view = Camera(port=PORTS["tilted"], distortion={"model": "kannala_brandt"}, focal_mm=1.3, resolution=[64, 36])
+    ray = camera_model(view).rays(np.array([[0.5, 18.0], [32.0, 18.0]]))
+    assert np.isnan(ray.origin[0]).all()
+    assert ray.weight[0] == 0.0
+    assert ray.weight[1] > 0.5
+
+
+def test_opencv_projects_to_the_same_pixels():
+    """Through K_opencv, in which the centre of the top left pixel is (0, 0)."""
+    model = model_of("none", "barrel")
+    points = np.random.default_rng(3).uniform([-1, -0.6, 2], [1, 0.6, 4], (200, 3))
+    K_opencv = model.K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K_opencv, np.array(model.lens.k))[0][:, 0]
+    np.testing.assert_allclose(model.project(points) - 0.5, expected, atol=1e-9, rtol=0)
+
+
+def test_a_pixel_is_smaller_in_water_behind_a_pane_and_as_large_behind_a_centred_dome():
+    """What textures and their filters go by: to the square of half a pixel's angle."""
+    f = model_of("none", "pinhole").K[0, 0]
+    assert model_of("none", "pinhole").pixel_angle == 1.0 / f
+    assert model_of("flat", "pinhole", 1.34).pixel_angle == pytest.approx(1.0 / (1.34 * f), rel=1e-6)
+    assert model_of("dome", "pinhole", 1.34).pixel_angle == pytest.approx(1.0 / f, rel=1e-6)
+
+
+def test_the_field_of_view_is_that_in_the_water():
+    """66 degrees of the paper's camera become 48.23 (transport truth A15), by 28.53 of 40.13 in height."""
+    view = Camera(port={"kind": "flat", "distance_m": 0.05}, n_water=1.333)
+    across, down = camera_model(view).field_of_view(*view.resolution)
+    expected = [2.0 * np.arcsin(np.sin(np.arctan(half / 3.4)) / 1.333) for half in (2.208, 1.242)]
+    np.testing.assert_allclose([across, down], expected, rtol=1e-12)
+    assert np.isnan(camera_model(Camera(
+        port=PORTS["flat"], distortion={"model": "kannala_brandt"}, focal_mm=1.3)).field_of_view(1280, 720)[0])
+
+
+BAD = {
+    "n_water has no effect without a port": {"n_water": 1.34},
+    "folds within the image": {"distortion": {"model": "brown_conrady", "k": [-2.0, 0.0, 0.0, 0.0, 0.0]}},
+    "folds within": {"focal_mm": 1.6, "distortion": {"model": "kannala_brandt", "k": [-0.2, 0.0, 0.0, 0.0]}},
+    "no depth of field": {"f_stop": 1.7, "distortion": {"model": "kannala_brandt"}},
+    "port.thickness_m must be less": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.05}},
+    "does not lie within the dome": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.0, 0.0, 0.05]}},
+    "of radius 0.034 m": {"focal_mm": 68.0, "f_stop": 1.0, "port": {"kind": "dome", "radius_m": 0.034}},
+    "port.normal must point forwards": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [0.0, 1.0, 0.0]}},
+    "the glass cuts the lens": {"f_stop": 1.0, "port": {"kind": "flat", "distance_m": 1e-3, "normal": [1.0, 0.0, 0.5]}},
+}
+
+
+def scene_with(camera):
+    return scene_from_dict({"vehicle": {"cameras": [camera]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+
+
+@pytest.mark.parametrize("problem", BAD)
+def test_what_does_not_fit_together_is_one_clear_message(problem):
+    with pytest.raises(InputError) as error:
+        scene_with(BAD[problem])
+    assert problem in str(error.value)
+    assert str(error.value).startswith("vehicle.cameras.0")
+    assert "more problem" not in str(error.value)
+
+
+@pytest.mark.parametrize(("keys", "key"), [
+    ({"port": {"kind": "flat"}}, "port.distance_m"),
+    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": 0.9}, "n_water"),
+    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": {"salinity": 35}}, "n_water.temperature_C"),
+    ({"distortion": {"model": "brown_conrady", "k": [0.1]}}, "distortion.k"),
+])
+def test_bad_values_are_named_by_their_key(keys, key):
+    with pytest.raises(InputError) as error:
+        scene_with(keys)
+    assert str(error.value).startswith(f"vehicle.cameras.0.{key}")
+
+
+def test_a_pinhole_is_written_down_as_before_there_were_ports():
+    assert not {"port", "n_water", "distortion"} & set(Camera().model_dump(mode="json"))
+    assert "port" in Camera(port=PORTS["flat"]).model_dump(mode="json")
+
+
+def test_the_blocks_survive_being_written_down():
+    scene = scene_with({"port": PORTS["decentred"], "distortion": LENSES["barrel"],
+                        "n_water": {"temperature_C": 4.0, "salinity": 35.0}})
+    assert scene_from_dict(scene_to_dict(scene)) == scene

@@ -1,0 +1,128 @@
+"""What stands between a camera and what it sees: the distortion of its lens, its port, and the index of the water."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from varos_warp.scene.description.block import Block, Vec3
+from varos_warp.scene.optics.camera import camera_model
+
+Index = Annotated[float, Field(ge=1.0, le=3.0)]
+"""Refractive index, relative to air."""
+Size = Annotated[float, Field(gt=0.0, le=100.0)]
+"""[m]"""
+Thickness = Annotated[float, Field(ge=0.0, le=100.0)]
+"""[m]"""
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+class FlatPort(Block):
+    """A flat pane before the lens, with air between."""
+
+    kind: Literal["flat"]
+    distance_m: Annotated[float, Field(ge=1e-6, le=100.0)]
+    """From the lens (its entrance pupil) to the glass, along the normal."""
+    thickness_m: Thickness = 0.0
+    n_glass: Index = 1.49
+    normal: Vec3 = (0.0, 0.0, 1.0)
+    """Of the pane towards the water, camera axes; of any length."""
+
+
+class DomePort(Block):
+    """A spherical shell before the lens, with air between."""
+
+    kind: Literal["dome"]
+    radius_m: Size
+    """Of the outer surface."""
+    thickness_m: Thickness = 0.0
+    n_glass: Index = 1.49
+    centre: Vec3 = (0.0, 0.0, 0.0)
+    """In camera axes [m]: 0 is the lens (its entrance pupil)."""
+
+
+Port = Annotated[FlatPort | DomePort, Field(discriminator="kind")]
+
+
+class Seawater(Block):
+    """Water whose index follows from temperature and salinity (Quan and Fry 1995), different for R, G and B."""
+
+    temperature_C: Annotated[float, Field(ge=-2.0, le=40.0)]  # noqa: N815
+    salinity: Annotated[float, Field(ge=0.0, le=45.0)]
+    """[per mille]"""
+
+
+WaterIndex = Index | tuple[Index, Index, Index] | Seawater
+
+
+class BrownConrady(Block):
+    """Distortion of a lens as OpenCV's calib3d has it."""
+
+    model: Literal["brown_conrady"]
+    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
+    """k1, k2, p1, p2, k3"""
+
+
+class KannalaBrandt(Block):
+    """A fisheye as OpenCV's has it: ``focal_mm`` is per radian of the angle to the axis."""
+
+    model: Literal["kannala_brandt"]
+    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0)
+    """k1, k2, k3, k4"""
+
+
+Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
+
+
+def check_optics(camera: Any) -> Any:
+    """Validator of a camera: lens, port and water fit together."""
+    for problem in (_of_water, _of_lens, _of_port):
+        if found := problem(camera):
+            raise ValueError(found)
+    return camera
+
+
+def _of_water(camera: Any) -> str | None:
+    if camera.n_water is not None and camera.port is None:
+        return "n_water has no effect without a port; give the port, or leave n_water out"
+    return None
+
+
+BORDER = 65
+"""Places along each side of an image, and rows and columns of them, at which a lens is inverted."""
+
+
+def _of_lens(camera: Any) -> str | None:
+    """Every point of the image must see one direction."""
+    if camera.distortion is None:
+        return None
+    if camera.f_stop > 0.0 and camera.distortion.model == "kannala_brandt":
+        return "f_stop: a fisheye (distortion kannala_brandt) has no depth of field here; leave f_stop out"
+    model = camera_model(camera)
+    x, y = (np.linspace(0.0, side, BORDER) for side in camera.resolution)
+    if np.isfinite(model.directions(np.stack(np.meshgrid(x, y), -1))).all():
+        return None
+    return ("distortion.k folds within the image: its edge sees nothing, or what is seen further in already; "
+            "give smaller coefficients, or a longer focal_mm")
+
+
+def _of_port(camera: Any) -> str | None:
+    """The lens is on the air's side of the glass."""
+    port, lens_radius = camera.port, 0.5e-3 * camera.focal_mm / camera.f_stop if camera.f_stop else 0.0
+    if port is None:
+        return None
+    if port.kind == "dome":
+        if port.thickness_m >= port.radius_m:
+            return "port.thickness_m must be less than port.radius_m, which is that of the outer surface"
+        if np.linalg.norm(port.centre) + lens_radius >= port.radius_m - port.thickness_m:
+            return (f"port: the lens (of radius {lens_radius:g} m, at [0, 0, 0]) does not lie within the dome; "
+                    "move port.centre nearer to it or give a larger port.radius_m")
+        return None
+    length = float(np.linalg.norm(port.normal))
+    if length < 1e-6 or port.normal[2] <= 1e-6 * length:
+        return "port.normal must point forwards: the glass of a flat port is before the lens, so its z is above 0"
+    if lens_radius * np.sqrt(max(0.0, 1.0 - (port.normal[2] / length) ** 2)) >= port.distance_m:
+        return (f"port.distance_m: the glass cuts the lens, whose radius (focal_mm / f_stop / 2) is {lens_radius:g} m; "
+                "give a larger distance_m or f_stop")
+    return None
+

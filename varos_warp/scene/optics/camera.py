@@ -1,0 +1,121 @@
+"""A camera in the water: from image points to rays, and from points back to image points."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varos_warp.scene.frames import intrinsics
+from varos_warp.scene.optics.distortion import Lens
+from varos_warp.scene.optics.ports import DomePort, FlatPort, Port
+from varos_warp.scene.optics.seawater import CHANNELS_NM, SEA, seawater_index
+
+CHANNELS = ("red", "green", "blue")
+"""Each may have an index of its own; geometry (C, D, S) follows green."""
+GREEN = 1
+
+
+PINHOLE = Lens()
+
+
+class Rays(NamedTuple):
+    """Rays in the water; NaN and weight 0 where none is seen."""
+
+    origin: np.ndarray
+    """[..., 3] [m]: on the port's outer surface, or the lens."""
+    direction: np.ndarray
+    """Unit vectors [..., 3]."""
+    weight: np.ndarray
+    """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port, else 1."""
+
+    def moved(self, T: np.ndarray) -> "Rays":
+        """In the axes to which T [4, 4] maps."""
+        return Rays(self.origin @ T[:3, :3].T + T[:3, 3], self.direction @ T[:3, :3].T, self.weight)
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Camera axes (x right, y down, z forward), origin at the lens; the centre of the first pixel is (0.5, 0.5)."""
+
+    K: np.ndarray
+    """Intrinsics [3, 3] [pixels]."""
+    lens: Lens = PINHOLE
+    port: Port | None = None
+    n_water: tuple[float, float, float] = (SEA, SEA, SEA)
+    """Behind the port, R, G, B."""
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Without port and distortion: K says it all."""
+        return self.port is None and self.lens.model == "none"
+
+    @property
+    def pixel_angle(self) -> float:
+        """Angle [rad] in the water between the rays of two pixels side by side in the middle of the image."""
+        if self.is_pinhole:
+            return float(1.0 / self.K[0, 0])
+        d = self.rays(self.K[:2, 2] + [[-0.5, 0.0], [0.5, 0.0]]).direction
+        return float(np.linalg.norm(np.cross(*d)))
+
+    def field_of_view(self, width: int, height: int) -> np.ndarray:
+        """Angles [2] [rad] across and down the middle of an image, between rays in the water; NaN beyond a pane."""
+        ends = np.array([[[0.0, height / 2], [width, height / 2]], [[width / 2, 0.0], [width / 2, height]]])
+        d = self.rays(ends).direction
+        return np.arctan2(np.hypot(d[..., 0], d[..., 1]), d[..., 2]).sum(-1)
+
+    def directions(self, points: np.ndarray) -> np.ndarray:
+        """Unit vectors [..., 3] in front of the lens, in air if there is a port, of image points [..., 2]."""
+        x, y = ((points[..., i] - self.K[i, 2]) / self.K[i, i] for i in range(2))
+        return self.lens.directions(np.stack([x, y], -1))
+
+    def rays(self, points: np.ndarray, channel: int = GREEN) -> Rays:
+        """Rays of image points [..., 2] [pixels] for one of R, G, B."""
+        d = self.directions(np.asarray(points, float))
+        if self.port is None:
+            seen = np.isfinite(d).all(-1)
+            return Rays(np.where(seen[..., None], 0.0, np.nan) * d, d, seen.astype(float))
+        n = self.n_water[channel]
+        ray = self.port.leave(np.zeros(3), d, n)
+        return Rays(ray.origin, ray.direction, ray.transmittance / n**2)
+
+    def project(self, points: np.ndarray, channel: int = GREEN) -> np.ndarray:
+        """Image points [..., 2] [pixels] of points [..., 3] [m]; NaN where the camera cannot see them."""
+        points = np.asarray(points, float)
+        d = points if self.port is None else self.port.arrive(points, self.n_water[channel])
+        return self.lens.image_plane(d) * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+
+
+def water_indices(n_water: Any) -> tuple[float, float, float]:
+    """Indices for R, G, B of a scene's ``n_water``: None, a number, three, or a block of temperature and salinity."""
+    if hasattr(n_water, "salinity"):
+        return tuple(seawater_index(n_water.temperature_C, n_water.salinity, nm) for nm in CHANNELS_NM)
+    return (*np.broadcast_to(SEA if n_water is None else n_water, 3).tolist(),)
+
+
+def camera_model(camera: Any) -> CameraModel:
+    """The model of a scene's camera block."""
+    lens = PINHOLE if camera.distortion is None else Lens(camera.distortion.model, camera.distortion.k)
+    port = None if camera.port is None else port_model(**camera.port.model_dump())
+    return CameraModel(intrinsics(camera), lens, port, water_indices(camera.n_water))
+
+
+def described_camera(about: dict[str, Any]) -> CameraModel:
+    """The model of a camera of dataset.json."""
+    lens, port = about.get("distortion", "none"), about.get("port")
+    return CameraModel(np.array(about["K_center_half"], float),
+                       PINHOLE if isinstance(lens, str) else Lens(lens["model"], tuple(lens["k"])),
+                       port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)))
+
+
+def port_model(kind: str, **values: Any) -> Port:
+    """The port of a scene's block."""
+    if kind == "dome":
+        return DomePort(**values | {"centre": tuple(values["centre"])})
+    normal = np.array(values["normal"], float)
+    return FlatPort(**values | {"normal": tuple((normal / np.linalg.norm(normal)).tolist())})
+
+
+def pixel_centres(width: int, height: int) -> np.ndarray:
+    """Image points [height, width, 2] of the pixels' centres."""
+    row, col = np.indices((height, width))
+    return np.stack([col + 0.5, row + 0.5], -1)
