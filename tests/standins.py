@@ -6,8 +6,9 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix, transform
+from varos_warp.scene.frames import camera_pose, pose_matrix, transform
 from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.optics.camera import camera_model
 
 FLOOR_Z = -3.0
 
@@ -102,15 +103,20 @@ class FlatFloorRenderer:
             raise KeyboardInterrupt
         self.calls.append((frame, camera, outputs))
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
-        T_w_c, K = camera_pose(view, T_w_v), intrinsics(view)
+        T_w_c, model = camera_pose(view, T_w_v), camera_model(view)
         width, height = view.resolution
         col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(K).T
+        if model.is_pinhole:
+            start, ray = np.zeros(3), np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(model.K).T
+        else:
+            start, ray, _ = model.rays(np.stack([col, row], -1))
         down = (ray @ T_w_c[:3, :3].T)[..., 2]
         with np.errstate(divide="ignore"):
-            z = np.where(down < 0, (FLOOR_Z - T_w_c[2, 3]) / down, np.inf)
+            t = np.where(down < 0, (FLOOR_Z - T_w_c[2, 3] - start @ T_w_c[2, :3]) / down, np.inf)
+            z = np.where(np.isfinite(t), start[..., 2] + t * ray[..., 2], np.inf)
         hit = np.isfinite(z)
-        point = np.where(hit[..., None], ray * np.where(hit, z, 0)[..., None], 0) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+        point = np.where(hit[..., None], start + ray * np.where(hit, t, 0)[..., None], 0)
+        point = point @ T_w_c[:3, :3].T + T_w_c[:3, 3]
         tone = np.where(hit, 0.3 + 0.3 * (np.floor(point[..., 0]) + np.floor(point[..., 1])) % 2, 0.02)
         light = tone / np.where(hit, np.maximum(z, 1), 1) ** 2
         clean = light[..., None] * np.array([0.4, 0.7, 1.0])
@@ -123,7 +129,7 @@ class FlatFloorRenderer:
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
         B = SimpleNamespace(**plain, radiance=grey, stderr=error * 0, layers={})
         C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))
-        D = SimpleNamespace(depth=z.astype(np.float32), range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32))
+        D = SimpleNamespace(depth=z.astype(np.float32), range=(t * np.linalg.norm(ray, axis=-1)).astype(np.float32))
         S = SimpleNamespace(instance=hit.astype(np.int32), material=hit.astype(np.int32))
         return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D, "S": S}.items() if k in outputs})
 

@@ -21,6 +21,7 @@ from varos_warp.dataset.export import FORMATS, export, job
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
+from varos_warp.scene.optics.camera import CameraModel
 
 pytestmark = pytest.mark.filterwarnings("ignore:tum has room for 1")
 
@@ -49,7 +50,7 @@ def test_depth_along_the_ray_becomes_planar(data):
     row, col = np.indices((27, 48)) + 0.5
     ray = np.stack([(col - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones((27, 48))], -1)
     along = 5.0 * np.linalg.norm(ray, axis=-1)
-    fake = SimpleNamespace(depth=lambda frame, camera: along, intrinsics=lambda camera: K,
+    fake = SimpleNamespace(depth=lambda frame, camera: along, camera_model=lambda camera: CameraModel(K),
                            meta={"depth": {"kind": "range"}})
     np.testing.assert_allclose(job.planar_depth(fake, 0, "L0"), 5.0, rtol=1e-14)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from varos_warp.dataset.export.job import Job, numbers, quaternion
+from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion
 from varos_warp.dataset.export.seed import Seed, seeds
 from varos_warp.scene.frames import inverse
 
@@ -16,13 +16,15 @@ IMAGES = "AD"
 
 def write(job: Job) -> None:
     """Write cameras.txt, images.txt and points3D.txt, and the images under ``images/cam<id>``."""
-    cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] (fx fy cx cy)"]
+    models = [_model(job, camera) for camera in job.cameras]
+    names = " ".join(dict.fromkeys(PARAMETERS[model] for model, _ in models))
+    cameras = [f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] ({names})"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     image_id = point_id = 1
-    for number, camera in enumerate(job.cameras, start=1):
-        K, facts = job.data.intrinsics(camera), job.data.camera(camera)
-        cameras.append(f"{number} PINHOLE {facts['width']} {facts['height']} {numbers(K[[0, 1, 0, 1], [0, 1, 2, 2]])}")
+    for number, (camera, (model, parameters)) in enumerate(zip(job.cameras, models, strict=True), start=1):
+        facts = job.data.camera(camera)
+        cameras.append(f"{number} {model} {facts['width']} {facts['height']} {numbers(parameters)}")
         for (name, pose), seed in zip(_images(job, camera), _seeds(job, camera), strict=True):
             track = list(enumerate(zip(seed.xyz, seed.rgb.tolist(), seed.uv.tolist(), strict=True)))
             images += [f"{image_id} {pose} {number} {name}",
@@ -32,6 +34,19 @@ def write(job: Job) -> None:
             image_id, point_id = image_id + 1, point_id + len(seed.xyz)
     for name, lines in (("cameras", cameras), ("images", images), ("points3D", points)):
         job.text(f"sparse/0/{name}.txt", lines)
+
+
+PARAMETERS = {"PINHOLE": "fx fy cx cy", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+              "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4"}
+
+
+def _model(job: Job, camera: str) -> tuple[str, list[float]]:
+    """COLMAP's name of a camera's model, and its parameters."""
+    lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "kannala_brandt")
+    K = job.data.intrinsics(camera)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    if lens == "brown_conrady":
+        return "FULL_OPENCV", [*K, *k, 0.0, 0.0, 0.0]
+    return ("OPENCV_FISHEYE" if k else "PINHOLE"), [*K, *k]
 
 
 def _images(job: Job, camera: str) -> Iterator[tuple[str, str]]:

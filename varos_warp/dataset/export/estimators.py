@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.export.job import Job, lens_of
 from varos_warp.scene.frames import inverse
 
 NOISE_FREE = {"gyroscope_noise_density": 1e-4, "gyroscope_random_walk": 1e-6,
@@ -54,6 +54,13 @@ def fu_fv_cu_cv(job: Job, camera: str) -> list[float]:
     return job.data.intrinsics(camera, "opencv")[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
 
 
+def kalibr_lens(job: Job, camera: str) -> tuple[str, list[float]]:
+    """Kalibr's name of the distortion, radtan or equidistant, and its four coefficients."""
+    known = "brown_conrady without k3", "kannala_brandt"
+    lens, k = lens_of(job, camera, "EuRoC (Kalibr's radtan and equidistant)", *known)
+    return ("equidistant" if lens == "kannala_brandt" else "radtan"), k or [0.0] * 4
+
+
 # ---------------------------------------------------------------------------------------------------------- ORB-SLAM3
 
 
@@ -72,7 +79,8 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
               "IMU.NoiseGyro": noise["gyroscope_noise_density"], "IMU.NoiseAcc": noise["accelerometer_noise_density"],
               "IMU.GyroWalk": noise["gyroscope_random_walk"], "IMU.AccWalk": noise["accelerometer_random_walk"],
               "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"])} | _settings("orb_slam3")
-    lines = ["%YAML:1.0", 'File.version: "1.0"', 'Camera.type: "PinHole"', *_opencv_matrix("IMU.T_b_c1", T_b_c1)]
+    kind = "KannalaBrandt8" if kalibr_lens(job, first)[0] == "equidistant" else "PinHole"
+    lines = ["%YAML:1.0", 'File.version: "1.0"', f'Camera.type: "{kind}"', *_opencv_matrix("IMU.T_b_c1", T_b_c1)]
     if others:
         second, T_b_c2 = others[0]
         values |= {**_orb_slam3_camera(job, second, 2), "Stereo.ThDepth": 60.0}
@@ -82,9 +90,10 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
 
 
 def _orb_slam3_camera(job: Job, camera: str, number: int) -> dict[str, float]:
-    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
-    return {f"Camera{number}.{name}": value
-            for name, value in zip(names, [*fu_fv_cu_cv(job, camera), 0.0, 0.0, 0.0, 0.0], strict=True)}
+    model, k = kalibr_lens(job, camera)
+    last = ("k3", "k4") if model == "equidistant" else ("p1", "p2")
+    values = zip(("fx", "fy", "cx", "cy", "k1", "k2", *last), [*fu_fv_cu_cv(job, camera), *k], strict=True)
+    return {f"Camera{number}.{name}": value for name, value in values}
 
 
 def _opencv_matrix(key: str, T: np.ndarray) -> list[str]:
@@ -106,10 +115,10 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
     chain: dict[str, dict] = {}
     numbers, before = range(len(T_b_c)), None
     for number, (camera, T) in enumerate(T_b_c.items()):
-        facts = job.data.camera(camera)
+        facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
         chain[f"cam{number}"] = {
             "cam_overlaps": [n for n in numbers if n != number], "camera_model": "pinhole",
-            "distortion_coeffs": [0.0] * 4, "distortion_model": "radtan", "intrinsics": fu_fv_cu_cv(job, camera),
+            "distortion_coeffs": k, "distortion_model": model, "intrinsics": fu_fv_cu_cv(job, camera),
             "resolution": [facts["width"], facts["height"]], "rostopic": f"/cam{camera}/image",
             "T_cam_imu": inverse(T).tolist(), "timeshift_cam_imu": 0.0}
         if before is not None:

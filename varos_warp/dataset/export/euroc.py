@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
-from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, write_yaml
+from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, kalibr_lens, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
 from varos_warp.dataset.reader.dataset import rows_at
 from varos_warp.errors import InputError
@@ -57,13 +57,13 @@ def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
     for frame, t in zip(job.data.frames, time_ns, strict=True):
         job.link(camera, job.images, frame, f"{folder}/data/{t}.png")
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
-    facts = job.data.camera(camera)
+    facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
     write_yaml(job, f"{folder}/sensor.yaml", {
         "sensor_type": "camera", "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
         "T_BS": _matrix(T_B_c),
         "rate_hz": job.data.meta["frames"]["rate_hz"], "resolution": [facts["width"], facts["height"]],
         "camera_model": "pinhole", "intrinsics": fu_fv_cu_cv(job, camera),
-        "distortion_model": "radial-tangential", "distortion_coefficients": [0.0] * 4})
+        "distortion_model": "radial-tangential" if model == "radtan" else model, "distortion_coefficients": k})
 
 
 def _imu(job: Job) -> None:

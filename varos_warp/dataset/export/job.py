@@ -11,6 +11,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import planar_depth
+from varos_warp.errors import InputError
 
 NO_NOISE = "without noise"
 PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
@@ -115,6 +116,27 @@ class Job:
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
         return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
+
+
+def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:
+    """Model of a camera's distortion, ``none`` or one of ``models``, and its coefficients in OpenCV's order.
+
+    Of ``brown_conrady`` they end before k3 where the format has no place for it: say ``brown_conrady without k3``.
+
+    Raises:
+        InputError: If the format cannot state the camera.
+    """
+    model, place = job.data.camera_model(camera), f"cameras.{job.data.cameras.index(camera)}"
+    remedy = "docs/exports.md says which formats can; --camera leaves this one out."
+    if model.port is not None:
+        raise InputError(f"{form} cannot state a port", file=job.data.root, key=f"{place}.port", remedy=remedy)
+    name, k = model.lens.model, list(model.lens.k)
+    if name == "brown_conrady" and f"{name} without k3" in models and k[4] == 0.0:
+        return name, k[:4]
+    if name not in ("none", *models):
+        raise InputError(f"{form} cannot state this distortion", file=job.data.root, key=f"{place}.distortion",
+                         value=f"{name} {k}", remedy=remedy)
+    return name, k
 
 
 def baseline(job: Job, left: str, right: str) -> float | None:

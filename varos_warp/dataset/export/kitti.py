@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job, baseline, numbers, seconds
+from varos_warp.dataset.export.job import Job, baseline, lens_of, numbers, seconds
 from varos_warp.scene.frames import inverse
 
 IMAGES = "AD"
@@ -25,6 +25,8 @@ def write(job: Job) -> None:
     left, *others = job.cameras
     baselines = {camera: b for camera in others if (b := baseline(job, left, camera)) is not None}
     pair = [left, *list(baselines)[:1]]
+    for camera in pair:
+        lens_of(job, camera, "KITTI")
     if skipped := [camera for camera in job.cameras if camera not in pair]:
         warnings.warn(f"KITTI holds a rectified pair at most: {', '.join(skipped)} left out", stacklevel=2)
     for place, camera in enumerate(pair, start=2):

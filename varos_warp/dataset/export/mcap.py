@@ -12,7 +12,7 @@ from operator import itemgetter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.dataset.export.job import Job, baseline, quaternion, to_units
+from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
@@ -104,6 +104,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     from PIL import Image
 
     name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
+    lens = lens_of(job, camera, "MCAP (ROS)", "brown_conrady", "kannala_brandt")
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
@@ -126,7 +127,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     made = {topic: make for topic, make in made.items()
             if (job.raw or "/" in topic) and (job.has_depth or topic.startswith("image"))}
     for t, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
-        yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, baseline_m)
+        yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, lens, baseline_m)
         for topic, make in made.items():
             yield t, f"/{name}/{topic}", lambda t=t, frame=frame, make=make: make(t, frame)
 
@@ -190,12 +191,14 @@ class Messages:
                 self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)))
             for parent, child, position, q in poses])
 
-    def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, baseline_m: float):
-        """A CameraInfo without distortion; of the right camera of a rectified pair, P holds the baseline."""
+    def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, lens: tuple[str, list[float]],
+                    baseline_m: float):
+        """A CameraInfo; of the right camera of a rectified pair, P holds the baseline."""
+        model, k = ("equidistant" if lens[0] == "kannala_brandt" else "plumb_bob"), np.array(lens[1] or [0.0] * 5)
         P = np.column_stack([K, [-K[0, 0] * baseline_m, 0.0, 0.0]])
         region = self["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         return self["sensor_msgs/msg/CameraInfo"](
-            self.header(time_ns, frame_id), facts["height"], facts["width"], "plumb_bob", np.zeros(5), K.ravel(),
+            self.header(time_ns, frame_id), facts["height"], facts["width"], model, k, K.ravel(),
             np.eye(3).ravel(), P.ravel(), 0, 0, region)
 
     def png(self, time_ns: int, frame_id: str, data: bytes, form: str):

@@ -7,8 +7,9 @@
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.export.job import Job, lens_of
 from varos_warp.dataset.export.seed import seeds
+from varos_warp.errors import InputError
 
 IMAGES = "AD"
 PER_METRE = 1000.0
@@ -19,6 +20,10 @@ T_OPENCV_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 def write(job: Job) -> None:
     """Write transforms.json; intrinsics stand once where all cameras share them, else at every frame."""
     models = [_intrinsics(job, camera) for camera in job.cameras]
+    kinds = {model.pop("camera_model") for model in models}
+    if len(kinds) > 1:
+        raise InputError("nerfstudio cannot state cameras with and without fisheye in one file", file=job.data.root,
+                         key="cameras", remedy="Choose some with --camera.")
     shared = all(model == models[0] for model in models)
     frames = []
     for camera, model in zip(job.cameras, models, strict=True):
@@ -28,14 +33,17 @@ def write(job: Job) -> None:
             frames.append({"file_path": f"images/{name}"} | ({} if shared else model)
                           | ({"depth_file_path": f"depths/{name}"} if job.has_depth else {})
                           | {"transform_matrix": (T @ T_OPENCV_OPENGL).tolist()})
-    head = {"camera_model": "OPENCV"} | (models[0] if shared else {}) | (_depth(job) if job.has_depth else {})
+    head = {"camera_model": kinds.pop()} | (models[0] if shared else {}) | (_depth(job) if job.has_depth else {})
     files.write_json(job.out / "transforms.json", head | {"frames": frames})
 
 
 def _intrinsics(job: Job, camera: str) -> dict:
     K, facts = job.data.intrinsics(camera), job.data.camera(camera)
-    return {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": facts["width"], "h": facts["height"],
-            "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+    lens, k = lens_of(job, camera, "nerfstudio", "brown_conrady", "kannala_brandt")
+    names = ("k1", "k2", "k3", "k4") if lens == "kannala_brandt" else ("k1", "k2", "p1", "p2", "k3")[:len(k) or 4]
+    return {"camera_model": "OPENCV_FISHEYE" if lens == "kannala_brandt" else "OPENCV",
+            "fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": facts["width"], "h": facts["height"],
+            **dict(zip(names, k or [0.0] * 4, strict=True))}
 
 
 def _depth(job: Job) -> dict:

@@ -29,13 +29,13 @@ def seeds(job: Job, camera: str) -> list[Seed]:
     They are as exact as D is: half of one of its 65535 steps along the camera's z, and the middle of a pixel.
     """
     count = -(-COUNT // (len(job.cameras) * len(job.data)))
-    K, T_w_c = job.data.intrinsics(camera), job.data.views(camera)[1]
+    model, T_w_c = job.data.camera_model(camera), job.data.views(camera)[1]
 
     def points(place: int, frame: int) -> Seed:
         z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
-        return Seed(points_at(z, K, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
+        return Seed(points_at(z, model, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
 
     return job.each(f"points {camera}", points)

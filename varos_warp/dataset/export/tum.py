@@ -5,7 +5,7 @@ Depth is 5000 to the metre, so 16 bit end at 13.107 m; what is farther becomes 0
 
 import numpy as np
 
-from varos_warp.dataset.export.job import Job, numbers, quaternion, seconds
+from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion, seconds
 
 IMAGES = "AD"
 MOST_CAMERAS = 1
@@ -15,6 +15,7 @@ PER_METRE = 5000.0
 def write(job: Job) -> None:
     """Write the lists, groundtruth.txt, accelerometer.txt, camera.txt and the images of the first camera."""
     camera = job.cameras[0]
+    lens_of(job, camera, "TUM")
     time_ns, T_w_c = job.data.views(camera)
     stamps = [seconds(t) for t in time_ns]
     for frame, stamp in zip(job.data.frames, stamps, strict=True):

@@ -17,6 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.files import is_file
+from varos_warp.scene.optics.camera import CameraModel, described_camera
 
 if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
@@ -173,6 +174,16 @@ class Dataset:
             raise InputError("no such convention", key="convention", value=convention,
                              remedy=f"There are: {', '.join(CONVENTIONS)}.")
         return np.array(self.camera(camera)["K_" + convention], float)
+
+    def camera_model(self, camera: str | None = None) -> CameraModel:
+        """Rays in the water of image points, and image points of points, in camera axes: lens and port with K.
+
+        ``rays`` and ``project`` take the centre of the top left pixel for (0.5, 0.5).
+
+        Args:
+            camera: Its id; absent: the first.
+        """
+        return described_camera(self.camera(camera))
 
     # ---------------------------------------------------------------------------------------------------- images
 

@@ -4,17 +4,23 @@ import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.optics.camera import CameraModel
 
 
-def pixel_rays(K: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
-    """Directions [..., 3] through the centres of pixels, camera axes, z = 1.
+def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions [..., 3] of rays through the centres of pixels, camera axes.
+
+    Directions are unit vectors; of a pinhole z is 1, and the origin is 0.
 
     Args:
-        K: Intrinsics [3, 3], the centre of the top left pixel at (0.5, 0.5).
+        model: The camera.
         row: Rows [...] from 0.
         col: Columns [...] from 0.
     """
-    return np.stack([col + 0.5, row + 0.5, np.ones(np.shape(row))], -1) @ np.linalg.inv(K).T
+    if model.is_pinhole:
+        return np.zeros(3), np.stack([col + 0.5, row + 0.5, np.ones(np.shape(row))], -1) @ np.linalg.inv(model.K).T
+    rays = model.rays(np.stack([col + 0.5, row + 0.5], -1))
+    return rays.origin, rays.direction
 
 
 def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
@@ -29,16 +35,31 @@ def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | No
     depth = depth.astype(float)
     if data.meta["depth"]["kind"] == "z":
         return depth
-    return depth / np.linalg.norm(pixel_rays(data.intrinsics(camera), *np.indices(depth.shape)), axis=-1)
+    model = data.camera_model(camera)
+    origin, d = pixel_rays(model, *np.indices(depth.shape))
+    if model.is_pinhole:
+        return depth / np.linalg.norm(d, axis=-1)
+    return np.where(np.isfinite(depth), origin[..., 2] + depth * d[..., 2], np.inf)
 
 
-def project(points: np.ndarray, K: np.ndarray, T_w_c: np.ndarray) -> np.ndarray:
+def project(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
     """Pixel coordinates u, v (the centre of the top left pixel at 0.5) and depth z [m] of world points [N, 3]."""
-    p = (points - T_w_c[:3, 3]) @ T_w_c[:3, :3] @ K.T
+    p = (points - T_w_c[:3, 3]) @ T_w_c[:3, :3]
+    if not model.is_pinhole:
+        return np.column_stack([model.project(p), p[:, 2]])
     with np.errstate(divide="ignore", invalid="ignore"):
+        p = p @ model.K.T
         return np.column_stack([p[:, :2] / p[:, 2:], p[:, 2]])
 
 
-def points_at(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
+def along_rays(model: CameraModel, row: np.ndarray, col: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Points [..., 3] in camera axes that pixels (row, col) see at a depth z along the axis, all [...]."""
+    origin, d = pixel_rays(model, row, col)
+    if model.is_pinhole:
+        return d * z[..., None]
+    return origin + d * ((z - origin[..., 2]) / d[..., 2])[..., None]
+
+
+def points_at(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
     """Points [N, 3] of the world that pixels (row [N], col [N]) of a map of planar depth [H, W] see."""
-    return pixel_rays(K, row, col) * depth[row, col, None] @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+    return along_rays(model, row, col, depth[row, col]) @ T_w_c[:3, :3].T + T_w_c[:3, 3]

@@ -95,14 +95,21 @@ def cameras(data: Dataset) -> Raw:
     rows = []
     for about in data.meta["cameras"]:
         K = np.array(about["K_opencv"])
-        fov = 2 * np.degrees(np.arctan([about["width"] / 2 / K[0, 0], about["height"] / 2 / K[1, 1]]))
+        fov = np.degrees(data.camera_model(about["id"]).field_of_view(about["width"], about["height"]))
         place = np.array(about.get("T_v_c") or about.get("T_w_c") or np.full((4, 4), np.nan))[:3, 3]
+        stop = f"{about.get('f_stop') or 'pinhole'}{_optics(about)}"
         rows.append((about["id"], f"{about['width']} × {about['height']}", numbers((K[0, 0], K[1, 1])),
-                     numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°",
-                     f"{about.get('f_stop') or 'pinhole'}", number(about["focus_m"]) if about.get("focus_m") else "–",
-                     f"{about['mount']}: {numbers(place)}"))
+                     numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°", stop,
+                     number(about["focus_m"]) if about.get("focus_m") else "–", f"{about['mount']}: {numbers(place)}"))
     return table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
                         "mounted on, at [m]"), "numbers")
+
+
+def _optics(about: dict) -> str:
+    """Lens and port in words."""
+    lens, port = about.get("distortion", "none"), about.get("port")
+    return (f", {lens['model']} {numbers(lens['k'])}" if lens != "none" else "") + (
+        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
 
 
 def equipment(data: Dataset) -> Raw:

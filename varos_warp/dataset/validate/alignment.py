@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth, project
+from varos_warp.dataset.reader.points import along_rays, planar_depth, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
+from varos_warp.scene.optics.camera import CameraModel
 
 BLOCKS = 4, 6
 """Rows and columns of blocks of an image."""
@@ -44,13 +45,13 @@ UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw":
 
 @dataclass
 class View:
-    """Planar depth [H, W], brightness of B [H, W], which may be None, K and the pose of a camera."""
+    """Planar depth [H, W], brightness of B [H, W], which may be None, model and pose of a camera."""
 
     depth: np.ndarray
     light: np.ndarray
     smooth: np.ndarray
     """bool [H, W]: no edge of D within two pixels."""
-    K: np.ndarray
+    model: CameraModel
     T_w_c: np.ndarray
 
     @classmethod
@@ -62,14 +63,14 @@ class View:
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False
-        return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth & (near < 1e9), data.intrinsics(camera),
+        return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth & (near < 1e9), data.camera_model(camera),
                    data.T_w_c(frame, camera))
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
     """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
-    points = pixel_rays(first.K, row, col) * (scale * z)[:, None] @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
-    return project(points, second.K, second.T_w_c)
+    points = along_rays(first.model, row, col, scale * z) @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
+    return project(points, second.model, second.T_w_c)
 
 
 def lucas_kanade(xx, xy, yy, xe, ye) -> tuple[np.ndarray, np.ndarray]:
@@ -116,12 +117,12 @@ def shifts(first: View, second: View) -> dict[str, np.ndarray]:
 def _moved(first: View, second: View, blocks: dict, name: str, size: float, stereo: bool) -> np.ndarray:
     """How far [n, 2] blocks move in the second view when one of `UNKNOWNS` changes, of both views or (stereo) one."""
     def changed(view: View) -> View:
-        turn, K = np.eye(4), view.K.copy()
+        turn, K = np.eye(4), view.model.K.copy()
         motion = np.where(np.array(["x", "y", "z", "roll", "pitch", "yaw"]) == name, size, 0.0)
         turn[:3, :3], turn[:3, 3] = Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3]
         K[[0, 1], [0, 1]] *= 1.0 + size * (name == "f")
         K[:2, 2] += size * np.array([name == "cx", name == "cy"])
-        return replace(view, K=K, T_w_c=view.T_w_c @ turn)
+        return replace(view, model=replace(view.model, K=K), T_w_c=view.T_w_c @ turn)
     new = warp(first if stereo else changed(first), changed(second), blocks["row"], blocks["col"], blocks["z"],
                1.0 + size * (name == "D"))
     return (new - warp(first, second, blocks["row"], blocks["col"], blocks["z"]))[:, :2]

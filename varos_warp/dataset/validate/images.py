@@ -179,8 +179,8 @@ class _FrameImages:
                 self.tell(self.png("S").name, "has nothing where D has a surface")
             self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
         if self.boxes:
-            T_w_c = self.data.T_w_c(self.frame, self.camera)
-            self.sums["places"] = places.sums(self.planar, self.data.intrinsics(self.camera), T_w_c, pixels, self.boxes)
+            model, T_w_c = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)
+            self.sums["places"] = places.sums(self.planar, model, T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
@@ -200,16 +200,19 @@ class _FrameImages:
         """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""
         depth = self.planar[rows]
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
-        K, R = self.data.intrinsics(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3].astype(np.float32)
-        row, col = np.indices(depth.shape)
-        rays = pixel_rays(K, row + rows.start, col).astype(np.float32)
+        model, R = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3]
+        R, (row, col) = R.astype(np.float32), np.indices(depth.shape)
+        origins, rays = pixel_rays(model, row + rows.start, col)
+        origins, rays = origins.astype(np.float32), rays.astype(np.float32)
         normal, to_pixel = OUTPUTS["C"].decode(self.normals[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
+        along = depth if model.is_pinhole else (depth - origins[..., 2]) / rays[..., 2]
         with np.errstate(invalid="ignore"):
-            slope = surfaces.normals_of(rays * depth[..., None].astype(np.float32), rays) @ R.T
+            slope = surfaces.normals_of(origins + rays * along[..., None].astype(np.float32), rays) @ R.T
+        noise = surfaces.slope_noise(depth, model.K, self.data.meta["depth"]["scale_m"])
         both = np.isfinite(slope).all(-1) & self.has_normal[rows]
         return (float(away.mean()), np.einsum("...i,...i", slope[both], normal[both]),
-                surfaces.slope_sums(normal, slope, surfaces.slope_noise(depth, K, self.data.meta["depth"]["scale_m"])))
+                surfaces.slope_sums(normal, slope, noise))
 
 
 # ------------------------------------------------------------------------------------------------------------- A and B

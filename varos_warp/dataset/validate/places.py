@@ -12,6 +12,7 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.optics.camera import CameraModel
 
 MOST_POINTS = 20_000
 """Points of a frame that are looked at."""
@@ -32,12 +33,12 @@ def boxes(data: Dataset) -> dict[int, np.ndarray]:
     return found
 
 
-def sums(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray, numbers: np.ndarray, boxes: dict) -> np.ndarray:
+def sums(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: np.ndarray, boxes: dict) -> np.ndarray:
     """Of one frame, a row for each of ``boxes``: points with its number, those within, sums of x, y, z [n, 5].
 
     Args:
         depth: Planar depth [H, W] [m]; inf where there is none.
-        K: Intrinsics [3, 3].
+        model: The camera.
         T_w_c: Pose [4, 4] of the camera.
         numbers: S [H, W].
         boxes: Corners [2, 3] by number.
@@ -45,7 +46,7 @@ def sums(depth: np.ndarray, K: np.ndarray, T_w_c: np.ndarray, numbers: np.ndarra
     step = max(1, round(np.sqrt(depth.size / MOST_POINTS)))
     row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2::step, step // 2::step])
     row, col = (x[np.isfinite(depth[row, col])] for x in (row, col))
-    points, here = points_at(depth, K, T_w_c, row, col), numbers[row, col]
+    points, here = points_at(depth, model, T_w_c, row, col), numbers[row, col]
     found = []
     for number, (low, high) in boxes.items():
         own = points[here == number]

@@ -1,4 +1,4 @@
-"""Images of several views of one scene, held against each other through K and the poses.
+"""Images of several views of one scene, held against each other through rays and poses.
 
 Points of D seen in one frame lie where D of another frame has them. What C, S and B show at such a point is what they
 show there in the other frame; A changes with the vehicle's lamps.
@@ -14,7 +14,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth, points_at, project
+from varos_warp.dataset.reader.points import along_rays, planar_depth, points_at, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -50,7 +50,7 @@ class _View:
     """What a camera sees at a frame: planar depth [H, W], and pixels of some images [H, W, channels]."""
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
-        self.K, self.T_w_c = data.intrinsics(camera), data.T_w_c(frame, camera)
+        self.model, self.T_w_c = data.camera_model(camera), data.T_w_c(frame, camera)
         self.depth = planar_depth(data, frame, camera)
         self.images = {}
         for letter in letters:
@@ -70,7 +70,7 @@ def _matches(first: _View, second: _View) -> list[np.ndarray]:
     row, col = (grid.ravel() for grid in np.indices(first.depth.shape)[:, step // 2::step, step // 2::step])
     there = np.isfinite(first.depth[row, col])
     row, col = row[there], col[there]
-    u, v, z = project(points_at(first.depth, first.K, first.T_w_c, row, col), second.K, second.T_w_c).T
+    u, v, z = project(points_at(first.depth, first.model, first.T_w_c, row, col), second.model, second.T_w_c).T
     height, width = second.depth.shape
     inside = (z > 0) & (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1)
     row, col, u, v, z = (x[inside] for x in (row, col, u, v, z))
@@ -129,9 +129,10 @@ def _check_residuals(data: Dataset, result: Validation, frames: list[int]) -> No
 def _residuals(first: _View, second: _View) -> np.ndarray:
     """Rows (error in depth [m], error there and back [px], footprint of a pixel [m]) of the pixels seen in both."""
     row, col, u, v, z, seen = _matches(first, second)
-    rays = pixel_rays(second.K, v - 0.5, u - 0.5) @ second.T_w_c[:3, :3].T
-    back = project(rays * seen[:, None] + second.T_w_c[:3, 3], first.K, first.T_w_c).T
-    return np.column_stack([np.abs(seen - z), np.hypot(back[0] - col - 0.5, back[1] - row - 0.5), z / second.K[0, 0]])
+    points = along_rays(second.model, v - 0.5, u - 0.5, seen) @ second.T_w_c[:3, :3].T + second.T_w_c[:3, 3]
+    back = project(points, first.model, first.T_w_c).T
+    pixels = np.hypot(back[0] - col - 0.5, back[1] - row - 0.5)
+    return np.column_stack([np.abs(seen - z), pixels, z / second.model.K[0, 0]])
 
 
 # --------------------------------------------------------------------------------------------------------- neighbours
@@ -148,7 +149,7 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
     row, col, u, v, z, seen = matches
     if len(z) < FEWEST_POINTS:
         return {}
-    found = {"D": abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.K[0, 0])}
+    found = {"D": abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.model.K[0, 0])}
     row, col, u, v, *_ = (x[np.abs(seen - z) < 0.02 * z].astype(int) for x in matches)
     for letter in first.images.keys() & second.images.keys() if len(row) >= FEWEST_POINTS else ():
         here, there = first.images[letter][row, col].astype(np.int32), second.images[letter]

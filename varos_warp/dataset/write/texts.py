@@ -18,6 +18,7 @@ from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
 from varos_warp.scene.load import scene_to_dict
+from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
 TIME = "# timestamp [ns]"
@@ -160,10 +161,21 @@ def describe_camera(layout: Layout, camera) -> dict:
         "id": camera.id, "folder": layout.camera_dir(camera.id).relative_to(layout.root).as_posix(),
         "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
         "width": width, "height": height, "resolution": {"width": width, "height": height},
-        "f_stop": camera.f_stop, "focus_m": camera.focus_m, "camera_model": "pinhole", "distortion": "none",
+        "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
         "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
     }
+
+
+def describe_optics(camera) -> dict:
+    """Lens and port, as `described_camera` reads them."""
+    lens, port = camera.distortion, camera.port
+    fisheye = lens is not None and lens.model == "kannala_brandt"
+    about = {"camera_model": "fisheye" if fisheye else "pinhole",
+             "distortion": "none" if lens is None else lens.model_dump(mode="json")}
+    if port is not None:
+        about |= {"port": port.model_dump(mode="json"), "n_water": list(camera_model(camera).n_water)}
+    return about
 
 
 def describe_water(scene) -> dict:
@@ -257,12 +269,20 @@ _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
 _RAYS = {"z": "# z = 1: D is planar",
          "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
 
+_PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
+_BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distortion, coefficients in OpenCV's order.
+  varos_warp.Dataset(".").camera_model("M0").rays(points) gives the rays in the water; the code below is for pinholes.
+  B, C, D and S follow the rays of green. D along the ray is the path in the water; D along the axis is from the lens.
+  Intrinsics in both conventions of pixels:"""
+
 
 def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
     start, end = scene.render.depth_range_m
-    words = {"KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
+    bent = any(camera.port or camera.distortion for camera in scene.vehicle.cameras)
+    words = {"LENS": _BENT if bent else _PINHOLES,
+             "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",

@@ -1,0 +1,41 @@
+"""Datasets of cameras with distortion and ports: sound ones pass, and a wrong coefficient is found."""
+
+import json
+
+import pytest
+from standins import make_scene
+
+from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.validate import validate
+
+OPTICS = {"barrel": {"distortion": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}},
+          "fisheye": {"distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
+          "flat": {"port": {"kind": "flat", "distance_m": 0.05, "thickness_m": 0.01, "normal": [0.1, 0.1, 1.0]}},
+          "dome": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.0, 0.01, 0.01]}}}
+
+
+@pytest.mark.parametrize("kind", ["z", "range"])
+@pytest.mark.parametrize("optics", OPTICS)
+def test_a_sound_dataset_passes(tmp_path, optics, kind):
+    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [96, 54]} | OPTICS[optics]
+    vehicle = {"lights": [{"kind": "point"}], "cameras": [camera], "imu": {}, "depth_gauge": {}}
+    standins_scene = make_scene(vehicle=vehicle, render={"outputs": ["A", "B", "C", "D"], "depth_kind": kind})
+    produce(standins_scene, tmp_path / "data", quiet=True)
+    result = validate(tmp_path / "data", quiet=True)
+    assert result.problems == []
+    assert any("D of successive frames" in measure["name"] for measure in result.measures)
+
+
+def test_a_wrong_distortion_is_found(tmp_path):
+    """D and poses of two frames fit only with the right coefficients."""
+    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [96, 54]} | OPTICS["barrel"]
+    vehicle = {"lights": [{"kind": "point"}], "cameras": [camera], "imu": {}, "depth_gauge": {}}
+    produce(make_scene(vehicle=vehicle, render={"outputs": ["A", "B", "C", "D"]}), tmp_path / "data", quiet=True)
+    path = tmp_path / "data/dataset.json"
+    about = json.loads(path.read_text())
+    about["cameras"][0]["distortion"]["k"][0] = 0.0
+    path.write_text(json.dumps(about))
+    problems = validate(tmp_path / "data", quiet=True).problems
+    assert any("D of" in problem or "slopes of D" in problem for problem in problems)
+
+
