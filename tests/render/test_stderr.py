@@ -64,8 +64,9 @@ def rendered(integrator):
     images = [renderer.render(np.eye(4), seed=300 + k, **how).A for k in range(SEEDS)]
     # an image is the sum of two films: the camera's segments, and subpaths
     count = np.array([per_pixel(count) for count, _ in films]).reshape(SEEDS, 2, *SHAPE, 1)
-    sums = np.array([sums for _, sums in films]).reshape(SEEDS, 2, -1, *SHAPE, 3)
-    total, odd = sums[:, :, :3].sum(axis=2), sums[:, :, 4]
+    # multiple, odd, and of segments direct and single (kernels/film/film.py, sums_of)
+    total = np.array([sums[0] + sums[2:4].sum(axis=0) for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
+    odd = np.array([sums[1] for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
     halves = (((total - odd) / ((count + 1) // 2)).sum(axis=1), (odd / (count // 2)).sum(axis=1))
     return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
                            kinds=total / count, halves=halves,

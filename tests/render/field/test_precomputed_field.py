@@ -100,7 +100,7 @@ def flux_through_spheres(light, phase, sigma):
     coefficients = {"sigma_s": [sigma] * 3, "sigma_a": [0.0] * 3, "phase": phase}
     made = open_water([light], coefficients)
     assert len(made._lights) == 1
-    field, = made._kept.values()
+    field, = made._fields.values()
     grid, E = field.grid, field.irradiance.numpy()[..., 0]
     d = solver.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
     net = (E[:, 0, 0] - E[:, -1, 0]).T * (d * np.exp(-grid.decay[0] * d))[:, None]
@@ -157,7 +157,7 @@ def test_multiple_in_scattering_of_the_papers_rig():
     assert in_scattered(made, 5.0)[1] == pytest.approx(2 * 7.8923e-6 + 5.577e-7 + 3.995e-8, rel=4e-3, abs=0)
     assert in_scattered(made, 25.0)[2] == pytest.approx(1.6521e-3 - single["B"], abs=1e-3 * 1.6521e-3 + 1.7e-6)
     # the lights are alike, so their field is one
-    assert len(made._kept) == 1
+    assert len(made._fields) == 1
 
 
 def test_multiple_in_scattering_of_turbid_water():
