@@ -161,8 +161,7 @@ program (or in a compiler's rounding).
 
 `make test` writes every number to `build/validation/validation.md`, and this summary beside it.
 
-Whole scenes are compared with other programs in [transport](transport.md). Not here, because the package has no such
-thing: refraction at flat ports and domes (the truths of Snell and Fresnel).
+Whole scenes are compared with other programs in [transport](transport.md).
 
 | subject | numbers | pass | most used |
 |---|---|---|---|
