@@ -5,8 +5,10 @@ import json
 import pytest
 from standins import make_scene
 
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
+from varos_warp.errors import InputError
 
 OPTICS = {"barrel": {"distortion": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}},
           "fisheye": {"distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
@@ -24,6 +26,22 @@ def test_a_sound_dataset_passes(tmp_path, optics, kind):
     result = validate(tmp_path / "data", quiet=True)
     assert result.problems == []
     assert any("D of successive frames" in measure["name"] for measure in result.measures)
+
+
+@pytest.mark.parametrize(("optics", "key", "value"), [
+    ("flat", "n_water", None), ("flat", "port", {"kind": "flat", "distance_m": 0.05}),
+    ("flat", "port", {"kind": "box"}),
+    ("barrel", "distortion", "barrel"), ("barrel", "distortion", {"model": "brown_conrady", "k": [0.1]})])
+def test_lenses_and_ports_that_are_not_whole_are_refused(tmp_path, optics, key, value):
+    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [16, 9]} | OPTICS[optics]
+    scene = make_scene(vehicle={"lights": [], "cameras": [camera]}, render={"outputs": ["D"]})
+    produce(scene, tmp_path / "data", quiet=True)
+    path = tmp_path / "data/dataset.json"
+    about = json.loads(path.read_text())
+    about["cameras"][0][key] = value
+    path.write_text(json.dumps(about))
+    with pytest.raises(InputError, match=r"the entry cameras\b"):
+        Dataset(tmp_path / "data")
 
 
 def test_a_wrong_distortion_is_found(tmp_path):

@@ -32,7 +32,11 @@ def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
     return ranges
 
 
-def _distinct(cameras: list) -> list:
+def _consistent(cameras: list) -> list:
+    for camera in cameras:
+        port = camera.port
+        if port is not None and not (camera.n_water and port.model_fields_set == set(type(port).model_fields)):
+            raise ValueError("a port is stated whole, and the water's index beside it")
     if len({camera.id.lower() for camera in cameras}) < len(cameras):
         raise ValueError("ids of cameras differ")
     return cameras
@@ -55,13 +59,13 @@ def _metadata() -> type[BaseModel]:
     """The whole file."""
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port,
-                     "n_water": tuple[Index, Index, Index], "distortion": str | Distortion},
+                     "n_water": tuple[Index, Index, Index], "distortion": Literal["none"] | Distortion},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})
     sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
-    cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_distinct)]  # type: ignore[valid-type]
+    cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     return _block(
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
