@@ -76,10 +76,15 @@ def test_the_view_through_a_flat_port_is_narrow(truth):
 
 
 def test_reflection_at_the_water(truth):
-    got = [1.0 - refract(along(a), np.array([0.0, 0.0, 1.0]), 1.0, N)[1][0] for a in (0.0, 30.0, 45.0)]
+    got = [1.0 - refract(along(a), np.array([0.0, 0.0, 1.0]), 1.0, N)[1].mean() for a in (0.0, 30.0, 45.0)]
     truth("reflectance of air to water at 0, 30, 45 degrees", source="Fresnel, unpolarised",
           expected=[0.02037318784, 0.02143646586, 0.0278983646], got=got, **EXACT)
     through = GLASS.leave(LENS, along(0.0), N).transmittance
+    # Snell by hand, and Fresnel by sines and tangents of the angles: other forms than the program's
+    a, g, w = np.radians(60.0), np.arcsin(np.sin(np.radians(60.0)) / 1.5), np.arcsin(np.sin(np.radians(60.0)) / N)
+    s, p = ([1.0 - (f(x - y) / f(x + y)) ** 2 for x, y in ((a, g), (g, w))] for f in (np.sin, np.tan))
+    truth("transmittance of a pane of 1.5 to water, at 60 degrees in air", source="Fresnel for s and p waves apart",
+          expected=0.5 * (s[0] * s[1] + p[0] * p[1]), got=GLASS.leave(LENS, along(60.0), N).transmittance, **EXACT)
     truth("transmittance of a pane of 1.5 to water, on axis", source="4 n1 n2 / (n1 + n2)^2, twice",
           expected=4 * 1.5 / 2.5**2 * 4 * 1.5 * N / (1.5 + N) ** 2, got=through, **EXACT)
 

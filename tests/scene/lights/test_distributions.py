@@ -12,8 +12,8 @@ from varos_warp.scene.description.vehicle import LampPort
 from varos_warp.scene.lights.distribution import NODES, Distribution, behind_port, distribution, of_table
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.lights.records import light_record
-from varos_warp.scene.lights.refraction import snell, transmitted
 from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.optics.ports import snell, transmitted
 
 IES = """IESNA:LM-63-2002
 [TEST] none

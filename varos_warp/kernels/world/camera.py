@@ -76,7 +76,7 @@ def make_bent_ray(spec: OpticsSpec) -> wp.Function:
         at = wp.vec2((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy)
         through = undistorted(camera.optics, at)
         ray = Bent()
-        ray.T = 1.0
+        ray.T = wp.vec2(1.0)
         if wp.static(spec.lens != "kannala_brandt"):
             on_lens = camera.aperture * sample_disk(lens[0], lens[1])
             ray.o = wp.vec3(on_lens[0], on_lens[1], 0.0)
@@ -102,7 +102,7 @@ def make_bent_ray(spec: OpticsSpec) -> wp.Function:
         ray = Ray()
         ray.o = camera.position + bent.o[0] * camera.right + bent.o[1] * camera.down + bent.o[2] * camera.forward
         ray.d = wp.normalize(bent.d[0] * camera.right + bent.d[1] * camera.down + bent.d[2] * camera.forward)
-        return ray, radiance_weight(camera, bent.T, channel)
+        return ray, radiance_weight(camera, 0.5 * (bent.T[0] + bent.T[1]), channel)
 
     return bent_ray
 

@@ -57,11 +57,14 @@ class Optics:
 
 @wp.struct
 class Bent:
-    """A ray and the share of its light that has passed the surfaces so far; 0 if there is no ray."""
+    """A ray and the shares of its s and p waves that have passed the surfaces so far; 0 if there is no ray.
+
+    All surfaces are crossed in one plane, so that s waves stay s waves.
+    """
 
     o: wp.vec3
     d: wp.vec3
-    T: float
+    T: wp.vec2
 
 
 # ------------------------------------------------------------------------------------------------------------ lenses
@@ -160,7 +163,7 @@ def refracted(ray: Bent, p: wp.vec3, n: wp.vec3, before: float, after: float):
     p_wave = (after * cos_before - before * cos_after) / (after * cos_before + before * cos_after)
     behind.o = p
     behind.d = ratio * ray.d + (cos_after - ratio * cos_before) * n
-    behind.T = ray.T * (1.0 - 0.5 * (s * s + p_wave * p_wave))
+    behind.T = wp.cw_mul(ray.T, wp.vec2(1.0 - s * s, 1.0 - p_wave * p_wave))
     return behind
 
 
@@ -185,7 +188,7 @@ def make_behind_port(port: str) -> wp.Function:
     def behind_pane(optics: Optics, ray: Bent, channel: int):
         n = optics.axis
         if wp.dot(ray.d, n) <= 0.0:
-            ray.T = 0.0
+            ray.T = wp.vec2(0.0)
             return ray
         inner = ray.o + (optics.distance - wp.dot(ray.o, n)) / wp.dot(ray.d, n) * ray.d
         in_glass = refracted(ray, inner, n, 1.0, optics.n_glass)

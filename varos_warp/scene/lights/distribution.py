@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import LampPort, Light
 from varos_warp.scene.lights.profiles import read_profile
-from varos_warp.scene.lights.refraction import snell, transmitted
+from varos_warp.scene.optics.ports import snell, transmitted
 
 NODES = 512
 """Steps of a profile, even in the sine of half the angle to the axis."""

@@ -4,10 +4,13 @@ Camera axes, origin at the lens (its entrance pupil), air around it. Light that 
 out: a ten-thousandth of the light on axis. From air into denser media there is no total reflection.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from varos_warp.scene.optics.roots import solve_increasing
 
@@ -28,20 +31,40 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def refract(d: np.ndarray, n: np.ndarray, before: float, after: float) -> tuple[np.ndarray, np.ndarray]:
-    """Direction [..., 3] behind a surface between two indices, and the transmittance [..., 1] (Snell, Fresnel).
+    """Direction [..., 3] behind a surface (Snell), and the shares of s and p waves that pass it [..., 2] (Fresnel).
 
-    ``n``: normals along the way of the rays, ``d * n > 0``.
+    ``before`` and ``after`` are the indices on its sides, ``n``: normals along the way of the rays, ``d * n > 0``.
     """
     cos_before, ratio = _dot(d, n), before / after
     cos_after = np.sqrt(1.0 - ratio * ratio * (1.0 - cos_before * cos_before))
     s = (before * cos_before - after * cos_after) / (before * cos_before + after * cos_after)
     p = (after * cos_before - before * cos_after) / (after * cos_before + before * cos_after)
-    return ratio * d + (cos_after - ratio * cos_before) * n, 1.0 - 0.5 * (s * s + p * p)
+    return ratio * d + (cos_after - ratio * cos_before) * n, 1.0 - np.concatenate([s * s, p * p], -1)
+
+
+def snell(angle: ArrayLike, before: float, after: float) -> np.ndarray:
+    """Angle to the normal [rad] behind a surface between two indices; pi/2 where all is reflected."""
+    return np.arcsin(np.clip(before / after * np.sin(angle), -1.0, 1.0))
+
+
+def transmitted(angle: ArrayLike, indices: Sequence[float]) -> np.ndarray:
+    """Share of unpolarised power that passes parallel surfaces, without what is reflected back and forth.
+
+    Args:
+        angle: To the normal, in the first medium [rad], any shape.
+        indices: Refractive indices of the media in order.
+    """
+    angle, n, T = np.asarray(angle, float)[..., None], np.array([0.0, 0.0, 1.0]), 1.0
+    d = np.concatenate([np.sin(angle), 0.0 * angle, np.cos(angle)], -1)
+    for before, after in pairwise(indices):
+        d, passed = refract(d, n, before, after)
+        T = T * passed
+    return T.mean(-1)
 
 
 def _rays(origin, direction, transmittance, there) -> WaterRays:
     return WaterRays(np.where(there, origin, np.nan), np.where(there, direction, np.nan),
-                     np.where(there, transmittance, 0.0)[..., 0])
+                     np.where(there, transmittance, 0.0).mean(-1))
 
 
 @dataclass(frozen=True)
@@ -110,7 +133,7 @@ class DomePort:
         in_glass, T = refract(d, n, 1.0, self.n_glass)
         outer, n = _to_sphere(inner, in_glass, self.radius_m)
         in_water, T_outer = refract(in_glass, n, self.n_glass, n_water)
-        return _rays(outer + centre, in_water, T * T_outer, np.isfinite(T))
+        return _rays(outer + centre, in_water, T * T_outer, np.isfinite(T[..., :1]))
 
     def arrive(self, points: np.ndarray, n_water: float) -> np.ndarray:
         """Directions [..., 3] in air, unit vectors, whose rays from the lens reach points [..., 3]; NaN if none.
