@@ -164,3 +164,12 @@ def test_lights_of_one_distribution_share_it():
     one, other = (distribution(light, scene) for light in scene.vehicle.lights)
     assert one == other
     assert len({one, other}) == 1
+
+
+def test_a_spot_without_a_port_is_written_as_before_there_were_ports():
+    """dataset.json of a scene without one has the bytes that it had."""
+    scene = scene_from_dict({"vehicle": {"lights": [{"kind": "spot"}, {"kind": "spot", "port": {}}]},
+                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+    plain, behind = (light.model_dump(mode="json") for light in scene.vehicle.lights)
+    assert list(plain) == ["kind", "position", "direction", "cone_deg", "blend", "intensity"]
+    assert behind["port"] == {"kind": "flat", "n_glass": 1.49, "n_water": 1.34}

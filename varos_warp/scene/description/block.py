@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_serializer
 
 SequenceId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
 CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
@@ -48,6 +48,17 @@ class Block(BaseModel):
     """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+def unwritten_if_absent(*keys: str) -> Any:
+    """Serializer of a block that does not write down some keys where they are absent.
+
+    What came later than other keys then changes no byte of the datasets of scenes without it.
+    """
+    def written(self, handler):
+        return {key: value for key, value in handler(self).items() if value is not None or key not in keys}
+
+    return model_serializer(mode="wrap")(written)
 
 
 def keys_without_effect(block: Block, path: str = "") -> dict[str, str]:

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -17,8 +17,9 @@ from varos_warp.scene.description.block import (
     VehicleId,
     kind_by_default,
     outside,
+    unwritten_if_absent,
 )
-from varos_warp.scene.description.optics import Distortion, Port, WaterIndex, check_optics
+from varos_warp.scene.description.optics import Distortion, Index, Port, WaterIndex, check_optics
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -39,9 +40,8 @@ class LampPort(Block):
     """A flat pane before a lamp, perpendicular to its axis: the beam narrows and brightens as it enters the water."""
 
     kind: Literal["flat"] = "flat"
-    n_glass: Annotated[float, Field(ge=1.0, le=3.0)] = 1.49
-    """Refractive indices, relative to air."""
-    n_water: Annotated[float, Field(ge=1.0, le=3.0)] = 1.34
+    n_glass: Index = 1.49
+    n_water: Index = 1.34
 
 
 class SpotLight(Block):
@@ -59,6 +59,7 @@ class SpotLight(Block):
     """With one, cone and intensity are those in air."""
 
     _has_direction = field_validator("direction")(_check_direction)
+    _written = unwritten_if_absent("port")
 
 
 class ProfileLight(Block):
@@ -106,10 +107,6 @@ LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 Pixels = Annotated[int, Field(ge=1, le=16384)]
 
 
-OPTICS = ("port", "n_water", "distortion")
-"""Keys of a camera that are not written down where they are absent."""
-
-
 class Camera(Block):
     """A pinhole or thin-lens camera on the vehicle, or standing in the world (``mount: world``).
 
@@ -137,11 +134,7 @@ class Camera(Block):
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
-
-    @model_serializer(mode="wrap")
-    def _without_absent_optics(self, handler):
-        """Written down, a pinhole is what it was before there were ports: dataset.json has the same bytes."""
-        return {key: value for key, value in handler(self).items() if value is not None or key not in OPTICS}
+    _written = unwritten_if_absent("port", "n_water", "distortion")
 
 
 class Mounted(Block):
