@@ -31,7 +31,7 @@ def test_a_sound_dataset_passes(tmp_path, optics, kind):
 @pytest.mark.parametrize(("optics", "key", "value"), [
     ("flat", "n_water", None), ("flat", "port", {"kind": "flat", "distance_m": 0.05}),
     ("flat", "port", {"kind": "box"}),
-    ("barrel", "distortion", "barrel"), ("barrel", "distortion", {"model": "brown_conrady", "k": [0.1]})])
+    ("barrel", "distortion", {"model": "brown_conrady", "k": [0.1]})])
 def test_lenses_and_ports_that_are_not_whole_are_refused(tmp_path, optics, key, value):
     camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [16, 9]} | OPTICS[optics]
     scene = make_scene(vehicle={"lights": [], "cameras": [camera]}, render={"outputs": ["D"]})

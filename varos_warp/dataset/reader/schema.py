@@ -59,7 +59,7 @@ def _metadata() -> type[BaseModel]:
     """The whole file."""
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port,
-                     "n_water": tuple[Index, Index, Index], "distortion": Literal["none"] | Distortion},
+                     "n_water": tuple[Index, Index, Index], "distortion": str | Distortion},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})

@@ -107,8 +107,8 @@ def cameras(data: Dataset) -> Raw:
 
 def _optics(about: dict) -> str:
     """Lens and port in words."""
-    lens, port = about.get("distortion", "none"), about.get("port")
-    return (f", {lens['model']} {numbers(lens['k'])}" if lens != "none" else "") + (
+    lens, port = about.get("distortion"), about.get("port")
+    return (f", {lens['model']} {numbers(lens['k'])}" if isinstance(lens, dict) else "") + (
         f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
 
 
