@@ -15,7 +15,7 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
-from varos_warp.render.image.denoise import available_method, denoise_image
+from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
@@ -144,9 +144,9 @@ class Planner:
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
         return self.renderer.render(T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
 
-    def test_image(self, spp: int, number: int):
-        """An image A of the worst view."""
-        return self.image(self.worst.T_w_v, self.test_camera, spp, number)
+    def denoised(self, T_w_v, camera, spp: int, number: int) -> np.ndarray:
+        """Radiance [H, W, 3] of such an image after the denoiser, where there is one."""
+        return self.image(T_w_v, camera, spp, number, denoise=self.denoiser, denoised_only=True).denoised
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
@@ -259,9 +259,8 @@ class Planner:
 
         def image(view, spp, number, denoised):
             name, frame = view
-            how = {"denoise": self.denoiser, "denoised_only": True} if denoised else {}
-            made = self.image(self.poses[frame], cameras[name], spp, number, **how)
-            return made.denoised if denoised else made.radiance
+            tried = self.poses[frame], cameras[name], spp, number
+            return self.denoised(*tried) if denoised else self.image(*tried).radiance
 
         views = [(name, frame) for name in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
@@ -288,9 +287,8 @@ class Planner:
     def measured_law(self, first: int) -> ErrorLaw:
         """Errors of test images with a few times ``first`` samples, by independent estimates."""
         levels = [first * level for level in LEVELS]
-        made = [[self.test_image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
-        images = [[image.radiance if self.denoiser == "none" else denoise_image(image, self.denoiser)
-                   for image in level] for level in made]
+        view = self.worst.T_w_v, self.test_camera
+        images = [[self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
         estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
         worst = [np.max([errors.error([image], estimates) for image in level], axis=0) for level in images]
         return ErrorLaw(levels, np.array(worst), self.steepest)
@@ -299,7 +297,7 @@ class Planner:
         """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
         taken, made = IMAGES * len(LEVELS), []
         while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
-            made.append(self.test_image(spp, taken + len(made)).radiance)
+            made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
             if len(made) >= FEWEST_ESTIMATES:
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
