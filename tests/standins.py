@@ -6,9 +6,10 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from varos_warp.scene.frames import camera_pose, pose_matrix, transform
+from varos_warp.scene.frames import camera_pose, pose_matrix
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.sim.motion import Trajectory
 
 FLOOR_Z = -3.0
 
@@ -52,9 +53,6 @@ def simulate(scene, *, progress=None):
     alpha = np.column_stack([np.zeros_like(t), np.zeros_like(t), -0.4 * np.sin(t)])
     time_ns = ticks.astype(np.int64) * 5_000_000
 
-    def T_w_v(k):
-        return transform(rotation[int(k)].as_matrix(), position[k])
-
     imu = SimpleNamespace(time_ns=time_ns)
     R_v_s = pose_matrix(scene.vehicle.imu)[:3, :3]
     lever = np.array(scene.vehicle.imu.position)
@@ -68,13 +66,11 @@ def simulate(scene, *, progress=None):
         white = scene.vehicle.imu.noise.accelerometer_noise_density * np.sqrt(rate)
         white = white * np.random.default_rng(scene.seed).standard_normal(body.shape)
         imu.acceleration = imu.acceleration + imu.acceleration_bias + white
+    trajectory = Trajectory(time_ns, position, velocity, acceleration,
+                            rotation.as_quat(canonical=True, scalar_first=True), omega, alpha)
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
-        trajectory=SimpleNamespace(
-            time_ns=time_ns, position=position, velocity=velocity, acceleration=acceleration,
-            quaternion=rotation.as_quat(canonical=True, scalar_first=True), angular_velocity=omega,
-            angular_acceleration=alpha, T_w_v=T_w_v),
-        frame_ticks=np.arange(0, len(ticks) - 1, 20), imu=imu,
+        trajectory=trajectory, frames=trajectory.at(time_ns[:-1:20]), imu=imu,
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[])
 
 

@@ -166,7 +166,7 @@ class _Run:
         """The course of the vehicle, and the frames of it that are asked for."""
         with self.clock("simulate"):
             self.simulation = simulated(self.scene, self.console.quiet)
-        self.count = len(self.simulation.frame_ticks)
+        self.count = len(self.simulation.frames)
         self.selected = select(frames, self.count)
         self.summary = Summary(str(self.layout.root), len(self.selected))
         for message in self.simulation.messages:
@@ -271,11 +271,11 @@ class _Run:
 
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose of the vehicle at a frame."""
-        return self.simulation.trajectory.T_w_v(self.simulation.frame_ticks[frame])
+        return self.simulation.frames.T_w_v(frame)
 
     def time_ns(self, frames: list[int]) -> np.ndarray:
         """Time of frames."""
-        return self.simulation.trajectory.time_ns[np.asarray(self.simulation.frame_ticks)[frames]]
+        return self.simulation.frames.time_ns[frames]
 
     # -------------------------------------------------------------------------------------------------- preparing
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, runs
-from varos_warp.dataset.reader.dataset import SCHEMA_VERSION, rows_at
+from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
@@ -56,17 +56,11 @@ def _xyz(name: str, unit: str) -> list[str]:
 def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle, IMU and depth gauge: data and the pose of each at each of its samples."""
     trajectory, vehicle = simulation.trajectory, scene.vehicle
-    T_w_v = np.tile(np.eye(4), (len(trajectory.time_ns), 1, 1))
-    T_w_v[:, :3, :3] = Rotation.from_quat(trajectory.quaternion, scalar_first=True).as_matrix()
-    T_w_v[:, :3, 3] = trajectory.position
 
     def write_mounted(name: str, sensor, time_ns: np.ndarray) -> None:
-        rows = rows_at(trajectory.time_ns, time_ns)
-        if not np.array_equal(trajectory.time_ns[rows], time_ns):
-            raise ValueError("a sensor's sample does not fall on a tick of the simulation")
-        write_poses(layout, name, time_ns, T_w_v[rows] @ pose_matrix(sensor))
+        write_poses(layout, name, time_ns, trajectory.at(time_ns).poses() @ pose_matrix(sensor))
 
-    write_poses(layout, "vehicle", trajectory.time_ns, T_w_v)
+    write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
     quaternion = ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"]
     files.write_csv(
         layout.states,
