@@ -175,7 +175,8 @@ def between_ticks() -> Sweep:
         "Largest error halfway between ticks of 5 ms, where frames and sensors of any rate are.",
         "up to 30 Hz within 2e-5 of the place and 1e-3 of the acceleration; vehicles do not move as fast",
         "at 100 Hz ticks see a half-wave each", "nothing: no vehicle here has forces that change so fast",
-        "tests/sim/test_motion.py::test_between_ticks_a_motion_is_itself_to_the_sixth_power_of_the_tick", holds=(None, 40.0), bound=1e-3)
+        "tests/sim/test_motion.py::test_between_ticks_a_motion_is_itself_to_the_sixth_power_of_the_tick",
+        holds=(None, 40.0), bound=1e-3)
 
 
 SWEEPS: Sweeps = (waypoint_gap, waypoint_count, leg_length, sequence_length, turn_angle, leg_speed, between_ticks)
