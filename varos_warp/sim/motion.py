@@ -92,7 +92,8 @@ def _between(start: Trajectory, end: Trajectory, time_ns: np.ndarray) -> Traject
                       *_body_rates(phi, rate, rate_of_rate))
 
 
-def _quintic(start, end, h: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, ...]:
+def _quintic(start: tuple[np.ndarray, ...], end: tuple[np.ndarray, ...], h: np.ndarray, t: np.ndarray
+             ) -> tuple[np.ndarray, ...]:
     """What starts at 0: value, first and second derivative at ``t`` from the two at 0 and the three at ``h``."""
     (v, a), (p1, v1, a1) = start, end
     dp, dv, da = p1 - h * v - h**2 / 2 * a, (v1 - v - h * a) * h, (a1 - a) * h**2
