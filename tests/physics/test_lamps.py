@@ -72,3 +72,12 @@ def test_the_floor_below_a_lamp_has_the_irradiance_of_its_profile(tmp_path, port
     r = np.hypot(x, 3.0 - z)
     E = 2.0 * shape.gain * shape.at(np.arctan2(x, 3.0 - z)) / r**2 * (3.0 - z) / r
     assert_agrees(radiance(scene, [floor(3.0, 0.3)], "direct", spp=4), 0.3 / np.pi * E)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("port", [{}, {"port": {"kind": "flat"}}])
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_a_gpu_lights_as_a_cpu_does(tmp_path, port, integrator):
+    scene, ground = one_ray_scene(lamps(hot_spot(tmp_path) | port), WATER, pixels=64), [floor(3.0, 0.3)]
+    cpu, gpu = (radiance(scene, ground, device=device, integrator=integrator) for device in ("cpu", "cuda:0"))
+    assert_agrees(gpu, cpu[0], truth_stderr=cpu[1])
