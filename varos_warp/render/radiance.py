@@ -29,6 +29,7 @@ from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec
+from varos_warp.scene.optics.camera import camera_model, pixel_centres
 
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
@@ -110,7 +111,8 @@ class RadianceRenderer:
         layers = (layer in options.layers for layer in LAYERS)
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
-        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp)
+        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
+                        share=light_share(shot.view, self.device))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -127,11 +129,12 @@ class RadianceRenderer:
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
+        share = light_share(view, self.device)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
                 after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
-                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths)
+                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths, share=share)
 
         take(first)
         if first != spp:
@@ -249,6 +252,15 @@ class RadianceRenderer:
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None
+
+
+@functools.lru_cache(maxsize=16)
+def light_share(view: Camera, device: str) -> wp.array | None:
+    """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]; None: all."""
+    if view.vignetting is None:
+        return None
+    share = camera_model(view).light_share(pixel_centres(*view.resolution))
+    return wp.array(share, dtype=wp.float64, device=device)
 
 
 def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]) -> float:

@@ -108,6 +108,9 @@ BAD = {
     "does not lie within the dome": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.0, 0.0, 0.05]}},
     "of radius 0.034 m": {"focal_mm": 68.0, "f_stop": 1.0, "port": {"kind": "dome", "radius_m": 0.034}},
     "port.normal must point forwards": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [0.0, 1.0, 0.0]}},
+    "cos4 is not the law of a fisheye": {"vignetting": {}, "distortion": {"model": "kannala_brandt"}},
+    "vignetting.coefficients: between": {"vignetting": {"kind": "polynomial", "coefficients": [-1.01]}},
+    "vignetting.coefficients": {"vignetting": {"kind": "polynomial", "coefficients": [1e308, 1e308, -1e308, -1e308]}},
     "the glass cuts the lens": {"f_stop": 1.0, "port": {"kind": "flat", "distance_m": 1e-3, "normal": [1.0, 0.0, 0.5]}},
 }
 
@@ -130,6 +133,8 @@ def test_what_does_not_fit_together_is_one_clear_message(problem):
     ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": 0.9}, "n_water"),
     ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": {"salinity": 35}}, "n_water.temperature_C"),
     ({"distortion": {"model": "brown_conrady", "k": [0.1]}}, "distortion.k"),
+    ({"vignetting": {"kind": "polynomial"}}, "vignetting"),
+    ({"vignetting": {"kind": "cos3"}}, "vignetting.kind"),
 ])
 def test_bad_values_are_named_by_their_key(keys, key):
     with pytest.raises(InputError) as error:
@@ -138,11 +143,12 @@ def test_bad_values_are_named_by_their_key(keys, key):
 
 
 def test_a_pinhole_is_written_down_as_before_there_were_ports():
-    assert not {"port", "n_water", "distortion"} & set(Camera().model_dump(mode="json"))
+    assert not {"port", "n_water", "distortion", "vignetting"} & set(Camera().model_dump(mode="json"))
     assert "port" in Camera(port=PORTS["flat"]).model_dump(mode="json")
 
 
 def test_the_blocks_survive_being_written_down():
     scene = scene_with({"port": PORTS["decentred"], "distortion": LENSES["barrel"],
-                        "n_water": {"temperature_C": 4.0, "salinity": 35.0}})
+                        "n_water": {"temperature_C": 4.0, "salinity": 35.0},
+                        "vignetting": {"kind": "polynomial", "coefficients": [-0.3, 0.05]}})
     assert scene_from_dict(scene_to_dict(scene)) == scene

@@ -3,7 +3,7 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import Block, Vec3
 from varos_warp.scene.optics.camera import camera_model
@@ -74,9 +74,25 @@ class KannalaBrandt(Block):
 Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
 
 
+class Vignetting(Block):
+    """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
+
+    The polynomial is 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image.
+    """
+
+    kind: Literal["cos4", "polynomial"] = "cos4"
+    coefficients: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_belong_to_the_polynomial(self):
+        if (self.kind == "polynomial") != bool(self.coefficients):
+            raise ValueError("coefficients [a1, a2, ...] belong to kind: polynomial, which needs at least one")
+        return self
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
-    for problem in (_of_water, _of_lens, _of_port):
+    for problem in (_of_water, _of_lens, _of_port, _of_vignetting):
         if found := problem(camera):
             raise ValueError(found)
     return camera
@@ -126,3 +142,20 @@ def _of_port(camera: Any) -> str | None:
                 "give a larger distance_m or f_stop")
     return None
 
+
+BRIGHTEST = 10.0
+"""Most that a polynomial makes of the light."""
+
+
+def _of_vignetting(camera: Any) -> str | None:
+    fall = camera_model(camera).vignetting
+    if fall is None:
+        return None
+    if fall.kind == "cos4" and camera.distortion is not None and camera.distortion.model == "kannala_brandt":
+        return "vignetting.kind: cos4 is not the law of a fisheye (distortion kannala_brandt); give a polynomial"
+    with np.errstate(over="ignore", invalid="ignore"):
+        share = fall.polynomial(np.linspace(0.0, 1.0, 257))
+    if not ((share >= 0.0) & (share <= BRIGHTEST)).all():
+        return ("vignetting.coefficients: between the centre and the corners, 1 + a1 r^2 + a2 r^4 ... does not stay "
+                f"between 0 and {BRIGHTEST:g}; r is in half diagonals of the image")
+    return None
