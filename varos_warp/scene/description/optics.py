@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block, Vec3
+from varos_warp.scene.description.block import Block, Vec3, unwritten_if_absent
 from varos_warp.scene.optics.camera import camera_model
 
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
@@ -27,6 +27,10 @@ class FlatPort(Block):
     n_glass: Index = 1.49
     normal: Vec3 = (0.0, 0.0, 1.0)
     """Of the pane towards the water, camera axes; of any length."""
+    clear_radius_m: Size | None = None
+    """Of what is clear of its outer face, around the place nearest to the lens; absent: all."""
+
+    _written = unwritten_if_absent("clear_radius_m")
 
 
 class DomePort(Block):
@@ -39,6 +43,10 @@ class DomePort(Block):
     n_glass: Index = 1.49
     centre: Vec3 = (0.0, 0.0, 0.0)
     """In camera axes [m]: 0 is the lens (its entrance pupil)."""
+    half_angle_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    """Of the shell, at its centre, to the camera's axis: 90 is a hemisphere; absent: a whole sphere."""
+
+    _written = unwritten_if_absent("half_angle_deg")
 
 
 Port = Annotated[FlatPort | DomePort, Field(discriminator="kind")]
@@ -92,7 +100,7 @@ class Vignetting(Block):
 
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
-    for problem in (_of_water, _of_lens, _of_port, _of_vignetting):
+    for problem in (_of_water, _of_lens, _of_port, _of_rim, _of_vignetting):
         if found := problem(camera):
             raise ValueError(found)
     return camera
@@ -141,6 +149,15 @@ def _of_port(camera: Any) -> str | None:
         return (f"port.distance_m: the glass cuts the lens, whose radius (focal_mm / f_stop / 2) is {lens_radius:g} m; "
                 "give a larger distance_m or f_stop")
     return None
+
+
+def _of_rim(camera: Any) -> str | None:
+    """What the middle of the image sees tells how large a pixel is."""
+    model = camera_model(camera)
+    if model.port is None or all(model.rays(model.K[:2, 2], channel).weight > 0.0 for channel in range(3)):
+        return None
+    key = "clear_radius_m" if camera.port.kind == "flat" else "half_angle_deg"
+    return f"port.{key}: the rim of the port hides the middle of the image; give a larger one"
 
 
 BRIGHTEST = 10.0

@@ -113,7 +113,11 @@ class CameraModel:
     def project(self, points: np.ndarray, channel: int = GREEN) -> np.ndarray:
         """Image points [..., 2] [pixels] of points [..., 3] [m]; NaN where the camera cannot see them."""
         points = np.asarray(points, float)
-        d = points if self.port is None else self.port.arrive(points, self.n_water[channel])
+        d, n = points, self.n_water[channel]
+        if self.port is not None:
+            d = self.port.arrive(points, n)
+            if self.port.has_rim:
+                d = np.where(self.port.leave(np.zeros(3), d, n).transmittance[..., None] > 0.0, d, np.nan)
         return self.lens.image_plane(d) * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
 
 
