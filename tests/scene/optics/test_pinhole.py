@@ -92,6 +92,15 @@ def test_colours_that_part_need_the_port():
     assert port_worth(Camera(port=CLOSE, n_water=[1.34] * 3), RANGES).colours_px == 0.0
 
 
+def test_a_rim_in_view_needs_the_port():
+    """A centred dome cut 20 degrees from the axis: what it shows a pinhole shows too, but nothing beyond."""
+    worth = port_worth(Camera(port={"kind": "dome", "radius_m": 0.05, "half_angle_deg": 20.0}), RANGES)
+    assert worth.max_px < 1e-9
+    assert worth.pinhole is None
+    assert worth.in_words.endswith("; a part of the image sees nothing through the port")
+    assert port_worth(Camera(port={"kind": "dome", "radius_m": 0.05, "half_angle_deg": 40.0}), RANGES).pinhole
+
+
 def test_a_fisheye_behind_a_pane_is_judged_by_the_pixels_that_see():
     worth = port_worth(Camera(port={"kind": "flat", "distance_m": 0.02}, focal_mm=1.3,
                               distortion={"model": "kannala_brandt"}), RANGES)

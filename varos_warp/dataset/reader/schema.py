@@ -35,8 +35,10 @@ def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
 def _consistent(cameras: list) -> list:
     for camera in cameras:
         port = camera.port
-        if port is not None and not (camera.n_water and port.model_fields_set == set(type(port).model_fields)):
-            raise ValueError("a port is stated whole, and the water's index beside it")
+        if port is not None:
+            whole = {name for name, field in type(port).model_fields.items() if field.default is not None}
+            if not (camera.n_water and whole <= port.model_fields_set):
+                raise ValueError("a port is stated whole, and the water's index beside it")
     if len({camera.id.lower() for camera in cameras}) < len(cameras):
         raise ValueError("ids of cameras differ")
     return cameras

@@ -142,7 +142,7 @@ def described_camera(about: dict[str, Any]) -> CameraModel:
     return CameraModel(np.array(about["K_center_half"], float),
                        PINHOLE if isinstance(lens, str) else Lens(lens["model"], tuple(lens["k"])),
                        port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)),
-                       Vignetting(fall["kind"], tuple(fall["coefficients"])) if fall else None)
+                       Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None)
 
 
 def port_model(kind: str, **values: Any) -> Port:

@@ -28,6 +28,8 @@ class PortWorth(NamedTuple):
     far_m: float
     colours_px: float
     """How far apart red and blue are at most; 0 where the water's index is one number."""
+    hidden: bool
+    """Whether a part of the image sees nothing through the port."""
     pinhole: dict[str, Any] | None
     """``focal_mm`` and perhaps ``distortion`` of a camera without port that shows the same; None: there is none."""
 
@@ -40,7 +42,8 @@ class PortWorth(NamedTuple):
             return f"within {ALIKE_PX:g} px a pinhole without port shows the same {where}, with the keys {keys[1:-1]}"
         words = (f"a pinhole with the best distortion is off by {self.rms_px:.2g} px rms, {self.max_px:.2g} px at most "
                  f"{where}")
-        return words + (f"; red and blue part by up to {self.colours_px:.2g} px" if self.colours_px else "")
+        words += f"; red and blue part by up to {self.colours_px:.2g} px" if self.colours_px else ""
+        return words + ("; a part of the image sees nothing through the port" if self.hidden else "")
 
 
 def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
@@ -62,12 +65,13 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
     colours, keys = 0.0, None
     if len(set(model.n_water)) > 1:
         colours = float(np.nanmax(np.linalg.norm(model.project(points, 0) - model.project(points, 2), axis=-1)))
-    if colours < ALIKE_PX:
+    if colours < ALIKE_PX and seen.all():
         fits = (fit_pinhole(model, image, points, kind, centre=False) for kind in ("none", lens))
         keys = next((_keys(camera, model, fit) for fit in fits if distance_px(fit, image, points).max() < ALIKE_PX),
                     None)
     rms = float(np.sqrt(np.square(off).mean()))
-    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours, keys)
+    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours,
+                     not seen.all(), keys)
 
 
 def fit_pinhole(camera: CameraModel, image: np.ndarray, points: np.ndarray, lens: str, *, centre: bool = True
