@@ -19,7 +19,7 @@ from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
-from varos_warp.render.field.open_water import OpenWater, along_camera
+from varos_warp.render.field.open_water import OpenWater, along_camera, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
@@ -84,7 +84,7 @@ class RadianceRenderer:
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
-        self.open_water = OpenWater(scene, self.launcher)
+        self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
@@ -93,7 +93,8 @@ class RadianceRenderer:
             spp = -(-shot.options.spp // COLOUR_CYCLE) * COLOUR_CYCLE
             shot = shot._replace(options=replace(shot.options, spp=spp))
         options = shot.options
-        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings)
+        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings,
+                                        lambda _: self._no_field)
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
@@ -104,6 +105,11 @@ class RadianceRenderer:
         if integrator == "reference":
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))
+
+    @functools.cached_property
+    def _no_field(self) -> str | None:
+        """Why there is no field: once, for it reads files."""
+        return unavailable(self.scene)
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, self.world

@@ -167,8 +167,7 @@ class Planner:
             if asked != words and self.render.max_scatterings is not None:
                 why = "the field holds all orders of scattering, and a bound is given"
             elif asked != words:
-                reasons = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
-                why = "; ".join(sorted(reasons))
+                why = unavailable(self.scene)
             return self.decide("integrator", words, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
