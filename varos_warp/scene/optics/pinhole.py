@@ -57,7 +57,7 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
     x, y = (np.linspace(0.5, side - 0.5, count) for side, count in zip((width, height), GRID, strict=True))
     image = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     rays = model.rays(image)
-    seen = rays.weight > 0.0
+    seen = np.isfinite(rays.direction).all(-1)
     points = (rays.origin + ranges[:, None, None] * rays.direction)[:, seen]
     image = np.broadcast_to(image[seen], (*points.shape[:2], 2))
     lens = KANNALA_BRANDT if model.lens.model == KANNALA_BRANDT else BROWN_CONRADY
@@ -70,8 +70,7 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
         keys = next((_keys(camera, model, fit) for fit in fits if distance_px(fit, image, points).max() < ALIKE_PX),
                     None)
     rms = float(np.sqrt(np.square(off).mean()))
-    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours,
-                     not seen.all(), keys)
+    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours, not seen.all(), keys)
 
 
 def fit_pinhole(camera: CameraModel, image: np.ndarray, points: np.ndarray, lens: str, *, centre: bool = True
