@@ -125,7 +125,7 @@ def test_vignetting_is_that_of_its_formula(truth):
     model = CameraNoise(electrons_per_dn=1.0, shot_noise=False, bits=16)
 
     def share(**fall):
-        return CameraModel(K, vignetting=Vignetting(**fall)).light_share(pixel_centres(*shape[::-1]))
+        return CameraModel(K, vignetting=Vignetting(**fall)).vignette(pixel_centres(*shape[::-1]))
 
     numbers = expose(model, np.full((*shape, 3), 0.9), 1.0, frame_generator(0, 0, "x"),
                      share())

@@ -103,7 +103,7 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
     share: np.ndarray | float = 1.0
     if profile.camera.vignetting is not None and not data.camera(camera).get("vignetting"):
         fall = Vignetting(**profile.camera.vignetting.model_dump())
-        share = CameraModel(data.intrinsics(camera), vignetting=fall).light_share(pixel_centres(*linear.shape[1::-1]))
+        share = CameraModel(data.intrinsics(camera), vignetting=fall).vignette(pixel_centres(*linear.shape[1::-1]))
     rng = image_noise.frame_generator(seed, frame, camera)
     numbers = image_noise.expose(profile.camera, linear, gain, rng, share)
     return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)

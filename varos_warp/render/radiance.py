@@ -118,7 +118,7 @@ class RadianceRenderer:
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
-                        share=light_share(shot.view, self.device))
+                        share=vignette(shot.view, self.device))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -135,7 +135,7 @@ class RadianceRenderer:
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
-        share = light_share(view, self.device)
+        share = vignette(view, self.device)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
@@ -261,11 +261,11 @@ class RadianceRenderer:
 
 
 @functools.lru_cache(maxsize=16)
-def light_share(view: Camera, device: str) -> wp.array | None:
+def vignette(view: Camera, device: str) -> wp.array | None:
     """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]; None: all."""
     if view.vignetting is None:
         return None
-    share = camera_model(view).light_share(pixel_centres(*view.resolution))
+    share = camera_model(view).vignette(pixel_centres(*view.resolution))
     return wp.array(share, dtype=wp.float64, device=device)
 
 

@@ -83,7 +83,7 @@ class CameraModel:
         x, y = ((points[..., i] - self.K[i, 2]) / self.K[i, i] for i in range(2))
         return self.lens.directions(np.stack([x, y], -1))
 
-    def light_share(self, points: np.ndarray) -> np.ndarray:
+    def vignette(self, points: np.ndarray) -> np.ndarray:
         """Share [...] of the light at image points [..., 2] that vignetting leaves."""
         x, y = (points[..., i] - self.K[i, 2] for i in range(2))
         if self.vignetting is None:
@@ -99,7 +99,7 @@ class CameraModel:
         """Rays of image points [..., 2] [pixels] for one of R, G, B."""
         points = np.asarray(points, float)
         rays = self._rays(points, channel)
-        return rays if self.vignetting is None else rays._replace(weight=rays.weight * self.light_share(points))
+        return rays if self.vignetting is None else rays._replace(weight=rays.weight * self.vignette(points))
 
     def _rays(self, points: np.ndarray, channel: int) -> Rays:
         d = self.directions(points)
