@@ -111,6 +111,9 @@ class RadianceRenderer:
         """Why there is no field: once, for it reads files."""
         return unavailable(self.scene)
 
+    def _vignette(self, view: Camera) -> wp.array | None:
+        return None if view.vignetting is None else vignette(view, self.device)
+
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
@@ -118,7 +121,7 @@ class RadianceRenderer:
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
-                        share=vignette(shot.view, self.device))
+                        share=self._vignette(shot.view))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -135,7 +138,7 @@ class RadianceRenderer:
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
-        share = vignette(view, self.device)
+        share = self._vignette(view)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
@@ -261,10 +264,8 @@ class RadianceRenderer:
 
 
 @functools.lru_cache(maxsize=16)
-def vignette(view: Camera, device: str) -> wp.array | None:
-    """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]; None: all."""
-    if view.vignetting is None:
-        return None
+def vignette(view: Camera, device: str) -> wp.array:
+    """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]."""
     share = camera_model(view).vignette(pixel_centres(*view.resolution))
     return wp.array(share, dtype=wp.float64, device=device)
 
