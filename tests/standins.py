@@ -135,7 +135,7 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
     words = {"spp_in_words": str(plan["spp"])}
-    words |= {"error": None, "shortfall": None, "cost": None}
+    words |= {"error": None, "shortfall": None, "ports": [], "cost": None}
     return SimpleNamespace(**plan, **words, decisions=[decision],
                            to_dict=lambda: plan | {"decisions": [vars(decision)]})
 

@@ -121,6 +121,32 @@ def test_each_channel_of_a_dispersive_camera_is_that_of_a_camera_with_its_index(
           tolerance=2e-3 * expected * (integrator == "field"), reason="stated bias of the field")
 
 
+@pytest.mark.parametrize("integrator", ["path", "reference"])
+def test_past_the_rim_images_are_black_or_nothing(integrator):
+    """All six outputs, in water that scatters: a pane of 9 mm, and each pixel either has a ray or has none."""
+    rim = FLAT | {"normal": [0, 0, 1], "clear_radius_m": 0.009}
+    water = {"coefficients": {"sigma_s": [0.3] * 3, "sigma_a": [0.1] * 3}}
+    scene = scene_of({"port": rim, "distortion": BARREL}, water)
+    plate = rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")
+    frame = FrameRenderer(scene, "cpu", parts=[plate]).render(
+        np.eye(4), outputs="ABCDS", spp=4, spp_b=4, integrator=integrator, denoise="none", denoise_b="none")
+    border = camera_model(scene.vehicle.cameras[0])
+    row, col = np.indices((37, 65))
+    corners = border.rays(np.stack([col, row], -1)).weight > 0.0
+    whole = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
+    none = ~(corners[:-1, :-1] | corners[1:, :-1] | corners[:-1, 1:] | corners[1:, 1:])
+    assert min(whole.sum(), none.sum()) > 300
+    for image in (frame.A.radiance, frame.B.radiance):
+        assert (image[whole] > 0.0).all()
+        assert (image[none] == 0.0).all()
+    assert np.isfinite(frame.D.range[whole]).all()
+    assert np.isinf(frame.D.range[none]).all()
+    assert np.isinf(frame.D.depth[none]).all()
+    assert not frame.C.normal[none].any()
+    assert not frame.S.instance[none].any()
+    assert np.isfinite(frame.A.stderr).all()
+
+
 def test_white_surroundings_stay_white_in_b():
     """B has no water, so no port takes light from it; where the glass is not met, it is black."""
     scene = scene_of({"port": FLAT, "distortion": {"model": "kannala_brandt"}, "focal_mm": 1.3})

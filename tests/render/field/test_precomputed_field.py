@@ -341,7 +341,7 @@ def test_threads_do_not_change_a_byte(tiny, monkeypatch, tmp_path):
 )
 def test_where_the_field_does_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
     scene = one_ray_scene(lights, coefficients, **camera)
-    got = unavailable(scene, scene.vehicle.cameras[0])
+    got = unavailable(scene)
     assert got is None if why is None else why in got
 
 
@@ -349,4 +349,4 @@ def test_the_field_refuses_kinds_of_light_that_it_does_not_know():
     scene = one_ray_scene([point((0, 0, 0))], PAPER_WATER)
     unknown = scene.vehicle.lights[0].model_copy(update={"kind": "area"})
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": [unknown]})})
-    assert "'area'" in unavailable(scene, scene.vehicle.cameras[0])
+    assert "'area'" in unavailable(scene)

@@ -109,7 +109,8 @@ def _optics(about: dict) -> str:
     """Lens and port in words."""
     lens, port = about.get("distortion"), about.get("port")
     return (f", {lens['model']} {numbers(lens['k'])}" if isinstance(lens, dict) else "") + (
-        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
+        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "") + (
+        f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "")
 
 
 def equipment(data: Dataset) -> Raw:

@@ -350,8 +350,8 @@ class _Run:
         plan = plan_render(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)])
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
         self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
-        if plan.shortfall:
-            self.say(plan.shortfall)
+        for sentence in [*filter(None, [plan.shortfall]), *plan.ports]:
+            self.say(sentence)
         return plan.to_dict()
 
     # ------------------------------------------------------------------------------------------------------ texts

@@ -162,14 +162,14 @@ def describe_camera(layout: Layout, camera) -> dict:
 
 
 def describe_optics(camera) -> dict:
-    """Lens and port, as `described_camera` reads them."""
+    """Lens, port and vignetting, as `described_camera` reads them."""
     lens, port = camera.distortion, camera.port
     fisheye = lens is not None and lens.model == "kannala_brandt"
     about = {"camera_model": "fisheye" if fisheye else "pinhole",
              "distortion": "none" if lens is None else lens.model_dump(mode="json")}
     if port is not None:
         about |= {"port": port.model_dump(mode="json"), "n_water": list(camera_model(camera).n_water)}
-    return about
+    return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
 
 
 def describe_water(scene) -> dict:

@@ -24,6 +24,7 @@ from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPE
 from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
+from varos_warp.scene.optics.pinhole import port_worth
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
@@ -94,12 +95,20 @@ class Planner:
         else:  # nothing else pays for water
             self.decide("A", "none", "it is not among the outputs")
             spp = render.spp or FEWEST_SPP
+        self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
                     self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None) -> None:
         """Keep a decision."""
         self.decisions.append(Decision(what, str(choice), reason, None if error is None else tuple(map(float, error))))
+
+    def weigh_ports(self) -> None:
+        """Say what each port is worth; nothing that is rendered depends on it."""
+        for camera in self.scene.vehicle.cameras:
+            if camera.port is not None and len(distances := pilot.distances_seen(self.renderer, self.poses, camera)):
+                worth = port_worth(camera, distances)
+                self.decide(f"port of {camera.id}", "not needed" if worth.pinhole else "needed", worth.in_words)
 
     # ------------------------------------------------------------------------------------------------------ the pilot
 
@@ -158,8 +167,7 @@ class Planner:
             if asked != words and self.render.max_scatterings is not None:
                 why = "the field holds all orders of scattering, and a bound is given"
             elif asked != words:
-                reasons = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
-                why = "; ".join(sorted(reasons))
+                why = unavailable(self.scene)
             return self.decide("integrator", words, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:

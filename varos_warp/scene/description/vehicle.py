@@ -19,7 +19,7 @@ from varos_warp.scene.description.block import (
     outside,
     unwritten_if_absent,
 )
-from varos_warp.scene.description.optics import Distortion, Index, Port, WaterIndex, check_optics
+from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting, WaterIndex, check_optics
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -131,10 +131,12 @@ class Camera(Block):
     n_water: WaterIndex | None = None
     """Refractive index behind the port: a number, one each for R, G and B, or a block; absent: 1.34."""
     distortion: Distortion | None = None
+    vignetting: Vignetting | None = None
+    """Of A; B, C, D and S have none."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
-    _written = unwritten_if_absent("port", "n_water", "distortion")
+    _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting")
 
 
 class Mounted(Block):
