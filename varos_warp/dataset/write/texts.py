@@ -130,10 +130,8 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
 
 
 def light_pose(light) -> np.ndarray:
-    """T_v_l [4, 4]: z is the axis of the cone, from the light outwards."""
-    if light.kind == "point":
-        return transform(position=light.position)
-    return transform(look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C, light.position)
+    """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal."""
+    return transform(light_axes(light), light.position)
 
 
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:

@@ -14,16 +14,18 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.transport.next_event import irradiance
-from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import (
     choose_by_flux,
     get_light,
+    light_axis,
     light_emit,
     light_flux,
     light_sample,
     light_solid_angle,
+    on_disks,
     total_flux,
 )
 from varos_warp.kernels.world.medium import transmittance
@@ -62,11 +64,11 @@ def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
     light = get_light(scene.lights, i)
     sample = light_sample(light, p, wp.vec2(0.5))
     facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
-    return light_flux(light) / total_flux(scene.lights) * facing / light_solid_angle(light)
+    return light_flux(light) / total_flux(scene.lights) * facing / light_solid_angle(light, -wp.dot(sample.d, light_axis(light)))
 
 
 @cache
-def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
+def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
@@ -82,6 +84,8 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
         k = first + wp.tid()
         in_half = points.shape[0] / 2
         u = sobol4(half_key(key, k / in_half), -1, k % in_half, 0)
+        if wp.static(disks):
+            scene.lights = on_disks(scene.lights, sobol2(half_key(key, k / in_half), -1, k % in_half, 2))
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])
