@@ -16,7 +16,8 @@ from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.world import GROUND_TEXTURES
-from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
+from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
+from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties

@@ -70,7 +70,7 @@ def make_mirrored(spec: PathSpec) -> wp.Function:
                     L += sample_field(scene, field, o, d, hit.t, v[0], v[1])
         if hit.face >= 0 and bounds.bounces > 1:
             end = end_vertex(scene, hit, d, SUBPATH_ANGLE)
-            L_end = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[2])).L
+            L_end = reflected_once(scene, hit, end, u[2]).L
             if wp.static(spec.field):
                 L_end += reflected_field(scene, field, end.surface, end.p, end.n)
             L += wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
@@ -145,7 +145,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                 end = end_vertex(scene, hit, ray.d, camera.pixel_angle)
                 T = transmittance(scene.medium, hit.t)
                 if wp.static(spec.direct):
-                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3])).L)
+                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2]).L)
                 if wp.static(field_layer):
                     L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
                 if wp.static(spec.multiple and spec.mirrors):

@@ -226,7 +226,7 @@ def make_follow_segment(spec: PathSpec) -> wp.Function:
         if hit.face >= 0:
             end = end_vertex(scene, hit, path.vertex.d, wp.where(on_camera, pixel_angle, SUBPATH_ANGLE))
             if path.bounces < bounds.bounces and (wp.static(spec.field) or not on_camera):
-                reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
+                reflected = reflected_once(scene, hit, end, u[2])
                 end.shadowed = reflected.blocked
         if on_camera:
             u = draw(key, pixel, sample, group + 3)

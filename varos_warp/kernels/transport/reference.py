@@ -94,7 +94,7 @@ def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]
         if wp.static(disks):
             lights = on_disks(scene.lights, u)
         for i in range(light_count(lights)):
-            sample = light_sample(get_light(lights, i), p, u)
+            sample = light_sample(get_light(lights, i), p)
             apart = d - sample.d
             arriving = phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart)) * irradiance(scene.medium, sample)
             if brightest(arriving) > 0.0:
@@ -110,7 +110,7 @@ def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]
         if wp.static(disks):
             lights = on_disks(scene.lights, u)
         for i in range(light_count(lights)):
-            sample = light_sample(get_light(lights, i), hit.p, u)
+            sample = light_sample(get_light(lights, i), hit.p)
             if wp.dot(sample.d, hit.n) > 0.0:
                 f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
                 arriving = wp.cw_mul(f, irradiance(scene.medium, sample))

@@ -141,9 +141,9 @@ def make_segment(spec: PathSpec) -> Segment:
         return L
 
     @wp.func
-    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float):
         """Direct light that the surface at the end of a segment reflects into it, at that end."""
-        reflected = sample_reflected(scene, hit, end, u, v)
+        reflected = sample_reflected(scene, hit, end, u)
         if brightest(reflected.L) > 0.0:
             if not visible(scene, reflected.p, reflected.q):
                 reflected.L = wp.vec3(0.0)

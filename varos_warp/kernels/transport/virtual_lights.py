@@ -62,9 +62,10 @@ def may_have_lobe(scene: SceneData, hit: Hit):
 def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
     """Density [1/m^2] of the virtual point lights of light ``i`` at a lit point with geometric normal ``n``."""
     light = get_light(scene.lights, i)
-    sample = light_sample(light, p, wp.vec2(0.5))
+    sample = light_sample(light, p)
     facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
-    return light_flux(light) / total_flux(scene.lights) * facing / light_solid_angle(light, -wp.dot(sample.d, light_axis(light)))
+    solid_angle = light_solid_angle(light, -wp.dot(sample.d, light_axis(light)))
+    return light_flux(light) / total_flux(scene.lights) * facing / solid_angle
 
 
 @cache
@@ -98,7 +99,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> 
             point.p = hit.start
             point.n = hit.n
             if not may_have_lobe(scene, hit):
-                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p, wp.vec2(0.5)))
+                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
         points[k] = point

@@ -1,12 +1,11 @@
 """Lights: points that shine in a cone, by a profile or in a sheet, and disks. Kernels use them only through this file.
 
-`light_count` and `get_light` give the lights of a scene. Each point of a disk shines as a point light there would, so a
-kernel draws one for each sample (`on_disks`), and all else takes every light for a point. `light_sample` evaluates what it
-sends to a given point (`light_towards` only of its beam). `light_beam` and `light_core` give the lit part of a ray,
-`light_importance` and `light_strength` the importance of a light near a point and overall. `light_emit` draws a ray
-that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling
-pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
-precomputed for lights with an axis.
+`light_count` and `get_light` give the lights of a scene. Every point of a disk shines as a point light there would:
+kernels draw one for each sample (`on_disks`), and all else takes every light for a point. `light_sample` evaluates what
+a light sends to a given point, `light_towards` to one in its beam. `light_beam` and `light_core` give the lit part of a
+ray, `light_importance` and `light_strength` its importance near a point and overall. `light_emit` draws a ray
+that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with
+`light_axis` and `light_intensity`, for the field of open water, which is precomputed for lights with an axis.
 """
 
 import warp as wp
@@ -241,22 +240,20 @@ def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.struct
 class LightSample:
-    """A point on a light, as seen from another point."""
+    """A light as seen from a point."""
 
     p: wp.vec3
-    """The point on the light."""
+    """Where the light is."""
     d: wp.vec3
     """Unit direction and distance [m] to it, at least NEAR."""
     distance: float
     intensity: wp.vec3
     """Radiant intensity towards the point [W/sr]."""
-    pdf: float
-    """Density of the point on the light; 1 for a point light or spot."""
 
 
 @wp.func
-def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
-    """A point on the light as seen from ``p``; point lights and spots ignore ``u``."""
+def light_sample(light: Light, p: wp.vec3):
+    """The light as seen from ``p``."""
     sample = LightSample()
     sample.p = light.position
     offset = light.position - p
@@ -266,7 +263,6 @@ def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
     if light.shape == SHEET:
         if not in_sheet(light, -offset):
             sample.intensity = wp.vec3(0.0)
-    sample.pdf = 1.0
     return sample
 
 
@@ -279,7 +275,7 @@ def light_towards(light: Light, p: wp.vec3, distance: float):
 @wp.func
 def light_direction(light: Light, p: wp.vec3):
     """Unit direction from ``p`` to the centre of the light."""
-    return light_sample(light, p, wp.vec2(0.5)).d
+    return light_sample(light, p).d
 
 
 @wp.func
@@ -332,7 +328,7 @@ def nearest_light(lights: Lights, p: wp.vec3):
     """Distance to the nearest light [m]."""
     nearest = FAR
     for i in range(light_count(lights)):
-        nearest = wp.min(nearest, light_sample(get_light(lights, i), p, wp.vec2(0.5)).distance)
+        nearest = wp.min(nearest, light_sample(get_light(lights, i), p).distance)
     return nearest
 
 

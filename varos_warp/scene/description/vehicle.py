@@ -105,8 +105,8 @@ class SheetLight(Block):
     position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
     """To the middle of the fan."""
-    normal: Vec3 = (0.0, 0.0, 1.0)
-    """Of the sheet; what of it lies along the direction is left out."""
+    normal: Annotated[Position, Field(validate_default=True)] = (0.0, 0.0, 1.0)
+    """Of the sheet, of any length; what of it lies along the direction is left out."""
     fan_deg: Annotated[float, Field(ge=0.1, le=170.0)]
     thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)]
     """Single precision cannot represent much thinner sheets."""
@@ -117,14 +117,15 @@ class SheetLight(Block):
     @field_validator("normal")
     @classmethod
     def _across(cls, value, info: ValidationInfo):
-        direction = info.data.get("direction", (0.0, 1.0, 0.0))
-        across = np.linalg.norm(np.cross(value, direction))
-        if across < 1e-3 * np.linalg.norm(value) * np.linalg.norm(direction) or across == 0.0:
-            raise ValueError("the normal of a sheet must not lie along its direction")
+        direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
+        size = np.linalg.norm(value) * np.linalg.norm(direction)
+        if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
+            raise ValueError("the normal of a sheet must have a length and not lie along its direction: give another")
         return value
 
 
-Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"), kind_by_default("spot")]
+Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),
+                  kind_by_default("spot")]
 
 
 def _check_look_at(block):
