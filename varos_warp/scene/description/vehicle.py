@@ -105,7 +105,7 @@ class SheetLight(Block):
     position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
     """To the middle of the fan."""
-    normal: Annotated[Position, Field(validate_default=True)] = (0.0, 0.0, 1.0)
+    normal: Position
     """Of the sheet, of any length; what of it lies along the direction is left out."""
     fan_deg: Annotated[float, Field(ge=0.1, le=170.0)]
     thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)]
@@ -120,7 +120,7 @@ class SheetLight(Block):
         direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
         size = np.linalg.norm(value) * np.linalg.norm(direction)
         if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
-            raise ValueError("the normal of a sheet must have a length and not lie along its direction: give another")
+            raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
         return value
 
 
