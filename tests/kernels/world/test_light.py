@@ -218,7 +218,7 @@ def emit(lamp: light.Light, u: wp.array(dtype=wp.vec2), d: wp.array(dtype=wp.vec
 def sheet(fan_deg, thickness_deg, position=(0, 0, 0)):
     """Along z; the fan along x."""
     record = lamp(360.0, position=position)
-    record.shape = light.SHEET
+    record.sheet = 1
     record.right, record.up = (wp.vec3(*(np.eye(3)[i] / np.tan(np.radians(angle) / 2)))
                                for i, angle in enumerate((fan_deg, thickness_deg)))
     return record

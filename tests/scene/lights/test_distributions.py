@@ -5,8 +5,10 @@ import pytest
 import warp as wp
 from scipy.integrate import quad
 
+from varos_warp.dataset.write.texts import sources
 from varos_warp.errors import InputError
 from varos_warp.kernels.world.light import Light, falloff
+from varos_warp.render.field.open_water import CONES_DEG
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.vehicle import LampPort
 from varos_warp.scene.lights.distribution import NODES, Distribution, behind_port, distribution, of_table
@@ -160,6 +162,14 @@ def test_kernels_see_the_distribution(shape):
 
 def scene_of_lights(*lights):
     return scene_from_dict({"vehicle": {"lights": list(lights)}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+
+
+def test_the_flood_light_of_the_package_has_a_field_and_half_its_peak_at_30_degrees():
+    scene = scene_of_lights({"kind": "profile", "file": "led_flood"})
+    shape = distribution(scene.vehicle.lights[0], scene)
+    np.testing.assert_allclose(shape.at(np.radians([0, 30, 86])), [1.0, 0.5, 0.0], atol=0.01)
+    assert np.degrees(2 * shape.half_angle) < CONES_DEG[1]
+    assert sources(scene)["led_flood"]
 
 
 def test_lights_of_one_distribution_share_it():

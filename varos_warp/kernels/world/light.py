@@ -17,9 +17,6 @@ from varos_warp.kernels.world.camera import Ray
 
 wp.set_module_options({"enable_backward": False})
 
-POINT, DISK, SHEET = wp.constant(0), wp.constant(1), wp.constant(2)
-"""Shapes of lights."""
-
 
 @wp.struct
 class Light:
@@ -36,12 +33,15 @@ class Light:
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
-    shape: int
+    radius: float
+    """Of a disk across the axis [m]; 0 for a point."""
+    sheet: int
+    """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
+    from the light."""
     right: wp.vec3
     up: wp.vec3
-    """Perpendicular to the axis and to each other: radii of a disk [m]; of a sheet, whose sides are the four planes
-    where x dot (axis +- right) = 0 or x dot (axis +- up) = 0, with x from the light, the cotangents of its half angles.
-    """
+    """Perpendicular to the axis and to each other: of a disk unit vectors, of a sheet as long as the cotangents of its
+    half angles."""
 
 
 @wp.struct
@@ -68,20 +68,17 @@ def light_count(lights: Lights):
 
 
 @wp.func
-def moved(light: Light, place: wp.vec2):
-    """A disk as the point light at a place on it."""
+def at_place(light: Light, place: wp.vec2):
+    """A disk as the point light at a place on it; without a branch, which would copy the light, as others pay too."""
     after = light
-    after.position += place[0] * light.right + place[1] * light.up
+    after.position += light.radius * (place[0] * light.right + place[1] * light.up)
     return after
 
 
 @wp.func
 def get_light(lights: Lights, i: int):
     """One of the lights of a scene."""
-    light = lights.records[i]
-    if light.shape == DISK:
-        return moved(light, lights.place)
-    return light
+    return at_place(lights.records[i], lights.place)
 
 
 @wp.func
@@ -218,7 +215,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
         clipped = clip_to_cone(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
         part.yb = clipped[1]
-    if light.shape == SHEET:
+    if light.sheet == 1:
         clipped = clip_to_sheet(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
         part.yb = clipped[1]
@@ -260,7 +257,7 @@ def light_sample(light: Light, p: wp.vec3):
     sample.distance = wp.max(wp.length(offset), NEAR)
     sample.d = wp.normalize(offset)
     sample.intensity = falloff(light, -wp.dot(sample.d, light.axis)) * light.intensity
-    if light.shape == SHEET:
+    if light.sheet == 1:
         if not in_sheet(light, -offset):
             sample.intensity = wp.vec3(0.0)
     return sample
@@ -294,7 +291,7 @@ def light_importance(light: Light, p: wp.vec3):
 @wp.func
 def light_solid_angle(light: Light, cos_angle: float):
     """Inverse density of `light_emit` [sr] at an angle to the axis: the solid angle of a light's cone."""
-    if light.shape == SHEET:
+    if light.sheet == 1:
         # uniform on a plane across the axis
         return 4.0 / (wp.length(light.right) * wp.length(light.up)) * cos_angle * cos_angle * cos_angle
     return wp.tau * (1.0 - light.cos_half)
@@ -311,7 +308,7 @@ def light_emit(light: Light, u: float, v: float):
     """A ray that leaves the light with density 1 / light_solid_angle."""
     ray = Ray()
     ray.o = light.position
-    if light.shape == SHEET:
+    if light.sheet == 1:
         right = (2.0 * u - 1.0) / wp.dot(light.right, light.right) * light.right
         ray.d = wp.normalize(light.axis + right + (2.0 * v - 1.0) / wp.dot(light.up, light.up) * light.up)
         return ray

@@ -73,7 +73,7 @@ class ProfileLight(Block):
 
     kind: Literal["profile"]
     file: str
-    """The same all around the axis; the scale does not matter."""
+    """The same all around the axis; the scale does not matter. Or the name of a lamp that comes with the package."""
     position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
     intensity: IntensityRgb = (100.0, 100.0, 100.0)

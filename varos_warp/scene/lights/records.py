@@ -4,7 +4,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from varos_warp.kernels.world.light import DISK, SHEET
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.kernels.world.light import Lights as LightsData
 from varos_warp.scene.description import Scene
@@ -52,13 +51,13 @@ class Lights:
     def _record(self, light: Light, shape: Distribution, T_w_v: np.ndarray, origin) -> LightData:
         record = light_record(shape, light.intensity, light_position(light, T_w_v) - origin, _axis(light, T_w_v),
                               self._profiles.get(shape))
-        radius = radius_of(light)
-        if light.kind == "sheet" or radius:
-            right, up, _ = (T_w_v[:3, :3] @ light_axes(light)).T
-            record.shape, scale = DISK, np.full(2, radius)
-            if light.kind == "sheet":
-                record.shape, scale = SHEET, 1.0 / np.tan(np.radians([light.fan_deg, light.thickness_deg]) / 2.0)
-            record.right, record.up = wp.vec3(*(scale[0] * right)), wp.vec3(*(scale[1] * up))
+        right, up, _ = (T_w_v[:3, :3] @ light_axes(light)).T
+        record.radius = radius_of(light)
+        if light.kind == "sheet":
+            record.sheet = 1
+            tangents = np.tan(np.radians([light.fan_deg, light.thickness_deg]) / 2.0)
+            right, up = right / tangents[0], up / tangents[1]
+        record.right, record.up = wp.vec3(*right), wp.vec3(*up)
         return record
 
 
