@@ -118,7 +118,8 @@ class RadianceRenderer:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
-        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
+        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view),
+                                       world.lights.disks)
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
                         share=self._vignette(shot.view))
@@ -160,7 +161,7 @@ class RadianceRenderer:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view),
-                        optics_spec(shot.view))
+                        optics_spec(shot.view), world.lights.disks)
         kinds = []
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
@@ -174,7 +175,7 @@ class RadianceRenderer:
             return wp.empty(0, dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty(count, dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures)
+        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, self.world.lights.disks)
         self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 

@@ -65,7 +65,8 @@ def _metadata() -> type[BaseModel]:
                      "vignetting": Vignetting},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
-    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})
+    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
+                    "thickness_deg": float, "radius_m": float})
     sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]

@@ -16,7 +16,8 @@ from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.world import GROUND_TEXTURES
-from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
+from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
+from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
@@ -124,10 +125,8 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
 
 
 def light_pose(light) -> np.ndarray:
-    """T_v_l [4, 4]: z is the axis of the cone, from the light outwards."""
-    if light.kind == "point":
-        return transform(position=light.position)
-    return transform(look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C, light.position)
+    """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal."""
+    return transform(light_axes(light), light.position)
 
 
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:

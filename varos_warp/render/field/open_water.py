@@ -22,7 +22,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
-from varos_warp.scene.lights.records import Lights, light_position
+from varos_warp.scene.lights.records import Lights, light_position, radius_of
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
@@ -56,6 +56,8 @@ def unavailable(scene: Scene) -> str | None:
     for light in lights:
         if light.kind not in LIGHT_KINDS:
             return f"a light is of kind {light.kind!r}, and the field is known for {' and '.join(LIGHT_KINDS)} only"
+        if radius_of(light):
+            return "a lamp is a disk (radius_m), and the field is known for points only"
     if not lights:
         return "there are no lights"
     if not water.sigma_s.any():
