@@ -74,6 +74,11 @@ class KannalaBrandt(Block):
 Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
 
 
+def twin(camera: Any) -> Any:
+    """The same camera as a pinhole or thin lens in the water: without what bends its rays."""
+    return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water")))
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
     for problem in (_of_water, _of_lens, _of_port):
