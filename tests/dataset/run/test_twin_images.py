@@ -85,6 +85,13 @@ def test_a_wrong_gain_and_a_damaged_image_are_found(tmp_path):
     assert "P-00000002.png: is not its EXR with the gain of the exposure table" in text
 
 
+def test_pytorch_gets_it_as_it_gets_a(whole):
+    pytest.importorskip("torch")
+    item, frame = Dataset(whole).torch(("P", "P_radiance"))[1], Dataset(whole)[1]
+    np.testing.assert_array_equal(np.rint(item["P"].numpy() * 255), np.moveaxis(frame.P, -1, 0))
+    np.testing.assert_array_equal(item["P_radiance"].numpy(), np.moveaxis(frame.P_radiance, -1, 0))
+
+
 def test_it_is_not_exported_for_it_does_not_lie_on_the_depth(whole, tmp_path):
-    with pytest.raises(InputError, match="are no colour images of this dataset.*It has: A"):
+    with pytest.raises(InputError, match=r"are no colour images of this dataset.*It has: A"):
         export(whole, "tum", tmp_path / "out", images="P")

@@ -1,4 +1,4 @@
-"""The file of a camera's rays: those of its lens and port to the rounding of float32, for whoever has no model of them."""
+"""The file of a camera's rays: those of its lens and port to the rounding of float32."""
 
 import json
 import shutil
@@ -10,6 +10,7 @@ from standins import make_scene, scene_dict
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.report import facts
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.dataset.write.texts import describe_camera
@@ -78,8 +79,8 @@ def test_only_cameras_with_a_port_or_distortion_have_one(scene, made):
     assert [("rays" in data.camera(name), data.layout.rays(name).exists()) for name in data.cameras] == [
         (True, True), (True, True), (False, False)]
     assert "rays" not in describe_camera(data.layout, scene.vehicle.cameras[2])
-    pinhole = data.rays("M0")
-    assert np.array_equal(pinhole.direction, camera_model(scene.vehicle.cameras[2]).rays(pixel_centres(*SIZE)).direction)
+    exact = camera_model(scene.vehicle.cameras[2]).rays(pixel_centres(*SIZE))
+    assert np.array_equal(data.rays("M0").direction, exact.direction)
     assert {name.partition(".")[0] for name in files.read_exr(data.layout.rays("B0"))} == {"green"}
     with pytest.raises(InputError, match="red, green, blue"):
         data.rays("F0", "cyan")
@@ -105,6 +106,12 @@ def test_colours_are_apart_by_what_the_rays_of_each_say(scene, made):
         np.testing.assert_allclose(seen, point, atol=1e-9)
     assert np.abs(offsets["blue"][hit]).max() > 0.02  # of 17 px a radian
     assert not np.any(data[1, "B0"].colour_offsets("red")[hit] > 1e-9)
+
+
+def test_the_report_names_them(made):
+    text = facts.cameras(Dataset(made))
+    assert "vehicle0/cam0/camF0_rays.exr, vehicle0/cam1/camB0_rays.exr" in text
+    assert "camM0_rays" not in text
 
 
 def one_ray(channels):

@@ -10,9 +10,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
-from varos_warp.scene.launch import usable_cores
 from varos_warp.scene.optics.camera import CHANNELS, GREEN, CameraModel, camera_model, pixel_centres
-
 
 PARTS = ("ox", "oy", "oz", "dx", "dy", "dz", "weight")
 """Of a ray: origin [m] and direction in camera axes; radiance at the sensor over that in the water."""
@@ -25,6 +23,8 @@ def ray_channels(model: CameraModel, width: int, height: int) -> dict[str, np.nd
 
     Of red and blue alike, where they have rays of their own. NaN and weight 0 where no water is seen.
     """
+    from varos_warp.scene.launch import usable_cores
+
     alike = model.port is None or len(set(model.n_water)) == 1
     numbers = (GREEN,) if alike else range(len(CHANNELS))
     planes = {number: np.empty((len(PARTS), height, width), np.float32) for number in numbers}

@@ -278,7 +278,7 @@ _BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distor
   camXX_rays.exr has the ray in the water of every pixel's centre: float32 channels green.ox, oy, oz (its origin on the
   port [m]), green.dx, dy, dz (its unit direction), both in camera axes, and green.weight (radiance at the sensor over
   that in the water); NaN where no water is seen. red and blue have theirs where their index differs, else green's.
-  What a pixel sees lies at origin + D * direction, if D is the range.
+  What a pixel sees lies at o + D d if D is the range, at o + (D - oz) / dz d if it is along the axis.
   varos_warp.Dataset(".").camera_model("M0").rays(points) gives those of any point; the code below is for pinholes.
   B, C, D and S follow the rays of green. D along the ray is the path in the water; D along the axis is from the lens.
   Intrinsics in both conventions of pixels:"""
