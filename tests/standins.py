@@ -6,6 +6,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.scene.description.optics import twin
 from varos_warp.scene.frames import camera_pose, pose_matrix
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model
@@ -97,8 +98,10 @@ class FlatFloorRenderer:
     def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
-        self.calls.append((frame, camera, outputs))
-        view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        if isinstance(camera, str):
+            self.calls.append((frame, camera, outputs))
+            camera = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        view = camera
         T_w_c, model = camera_pose(view, T_w_v), camera_model(view)
         width, height = view.resolution
         col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -116,7 +119,7 @@ class FlatFloorRenderer:
         tone = np.where(hit, 0.3 + 0.3 * (np.floor(point[..., 0]) + np.floor(point[..., 1])) % 2, 0.02)
         light = tone / np.where(hit, np.maximum(z, 1), 1) ** 2
         clean = light[..., None] * np.array([0.4, 0.7, 1.0])
-        rng = np.random.default_rng([self.scene.seed, frame, *camera.encode()])
+        rng = np.random.default_rng([self.scene.seed, frame, *view.id.encode()])
         noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
         error = (clean / np.sqrt(spp)).astype(np.float32)
         plain = dict.fromkeys(("albedo", "normal", "correction", "denoised"))
@@ -127,7 +130,9 @@ class FlatFloorRenderer:
         C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))
         D = SimpleNamespace(depth=z.astype(np.float32), range=(t * np.linalg.norm(ray, axis=-1)).astype(np.float32))
         S = SimpleNamespace(instance=hit.astype(np.int32), material=hit.astype(np.int32))
-        return SimpleNamespace(**{k: v for k, v in {"A": A, "B": B, "C": C, "D": D, "S": S}.items() if k in outputs})
+        P = self.render(T_w_v, twin(view), "A", spp=spp, frame=frame).A if "P" in outputs else None
+        made = {"A": A, "B": B, "C": C, "D": D, "S": S, "P": P}
+        return SimpleNamespace(**{k: v for k, v in made.items() if k in outputs})
 
 
 def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):

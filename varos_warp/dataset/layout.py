@@ -3,8 +3,9 @@
 Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, figure 5)::
 
     dataset.json  README.txt  contact_sheet.png  segments.json
-    vehicle0/cam0/{A,B,C,D,S}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr
+    vehicle0/cam0/{A,B,C,D,S,P}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr ...
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
+                  camM0_rays.exr (behind a port, or distorted)
     vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
     vehicle0/lights0/lights0_poses.csv
@@ -57,8 +58,12 @@ class Layout:
         """A file that tells of a camera, such as ``camM0_timestamps.csv``."""
         return self.camera_dir(camera) / f"cam{camera}{suffix}"
 
+    def rays(self, camera: str) -> Path:
+        """Rays of every pixel, of a camera with a port or distortion."""
+        return self.camera_file(camera, "_rays.exr")
+
     def exposures(self, camera: str, output: str) -> Path:
-        """Gains of A or B, and the statistics that they follow from."""
+        """Gains of A, B or P, and the statistics that they follow from."""
         return self.camera_file(camera, f"_exposure_{output}.csv")
 
     def image_name(self, camera: str, output: str, frame: int) -> str:
@@ -70,21 +75,21 @@ class Layout:
         return self.camera_dir(camera) / output / f"{self.image_name(camera, output, frame)}.png"
 
     def exr(self, camera: str, output: str, frame: int) -> Path:
-        """Half floats of A or B before exposure; of D, float32 channels Z and range."""
+        """Half floats of A, B or P before exposure; of D, float32 channels Z and range."""
         return self.camera_dir(camera) / f"{output}_exr" / f"{self.image_name(camera, output, frame)}.exr"
 
     def clean(self, camera: str, frame: int) -> Path:
         """A without camera noise, where `png` has it."""
         return self.camera_dir(camera) / "A_clean" / f"{self.image_name(camera, 'A', frame)}.png"
 
-    def linear(self, camera: str, frame: int) -> Path:
-        """A as it was rendered: float32 with standard error and layers."""
-        return self.camera_dir(camera) / "A_linear" / f"{self.image_name(camera, 'A', frame)}.exr"
+    def linear(self, camera: str, frame: int, output: str = "A") -> Path:
+        """A or P as it was rendered: float32 with standard error and layers."""
+        return self.camera_dir(camera) / f"{output}_linear" / f"{self.image_name(camera, output, frame)}.exr"
 
     def rendered(self, camera: str, output: str, frame: int, linear_exr: bool, depth_exr: bool) -> list[Path]:
-        """Files of an image that only rendering can make; the PNG of A and B follow from their EXR."""
+        """Files of an image that only rendering can make; the PNG of A, B and P follow from their EXR."""
         if OUTPUTS[output].is_color:
-            more = [self.linear(camera, frame)] if output == "A" and linear_exr else []
+            more = [self.linear(camera, frame, output)] if output in "AP" and linear_exr else []
             return [self.exr(camera, output, frame), *more]
         more = [self.exr(camera, output, frame)] if output == "D" and depth_exr else []
         return [self.png(camera, output, frame), *more]

@@ -1,4 +1,4 @@
-"""One frame from one pose of the vehicle: radiance of A and B, normals of C, depth of D, objects of S."""
+"""One frame from one pose of the vehicle: radiance of A, B and P, normals of C, depth of D, objects of S."""
 
 import copy
 import functools
@@ -19,12 +19,13 @@ from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec, resolve_device
 from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.optics.camera import CHANNELS, Rays, camera_model, pixel_centres
+from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
            "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
@@ -82,7 +83,7 @@ class FrameRenderer:
         Args:
             T_w_v: Pose of the vehicle in the world.
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
-            outputs: Any of A, B, C, D and S.
+            outputs: Any of A, B, C, D, S and P.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
@@ -100,12 +101,15 @@ class FrameRenderer:
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
-        guides = functools.cache(lambda: self.radiance.trace_guides(view, T_w_v))
+        guides = functools.cache(lambda seen: self.radiance.trace_guides(seen, T_w_v))
+        water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
-        for letter, make in (("A", self.radiance.water), ("B", self.radiance.ambient)):
-            if letter in outputs:
-                key = stream_key(seed, frame, view.id, letter)
-                images[letter] = yield from make(Shot(view, T_w_v, how, key, guides))
+        for letter, make, seen in (("A", water, view), ("B", ambient, view), ("P", water, twin(view))):
+            if letter == "P" and "P" in outputs and "A" in images and seen == view:
+                images["P"] = images["A"]
+            elif letter in outputs:
+                key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
+                images[letter] = yield from make(Shot(seen, T_w_v, how, key, functools.partial(guides, seen)))
         if set("CDS") & set(outputs):
             images |= yield from self._render_first_hits(view, T_w_v, outputs)
         return Frame(**images)
@@ -128,7 +132,7 @@ class FrameRenderer:
         Raises:
             InputError: If there is no such camera or channel.
         """
-        view, number = self._camera(camera), _channel(channel)
+        view, number = self._camera(camera), channel_number(channel)
         image = pixel_centres(*view.resolution) if points is None else np.asarray(points, np.float64)
         return camera_model(view).rays(image, number).moved(camera_pose(view, np.asarray(T_w_v, np.float64)))
 
@@ -141,7 +145,7 @@ class FrameRenderer:
         Raises:
             InputError: If there is no such camera or channel.
         """
-        view, number = self._camera(camera), _channel(channel)
+        view, number = self._camera(camera), channel_number(channel)
         T_w_c = camera_pose(view, np.asarray(T_w_v, np.float64))
         return camera_model(view).project((np.asarray(points, np.float64) - T_w_c[:3, 3]) @ T_w_c[:3, :3], number)
 
@@ -171,8 +175,3 @@ class FrameRenderer:
             on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
-
-
-def _channel(name: str) -> int:
-    check_names("channel", [name], CHANNELS)
-    return CHANNELS.index(name)

@@ -209,7 +209,7 @@ def _check_cameras(scene):
 
 def _check_lights(scene, poses):
     lights = scene.vehicle.lights
-    if "A" in scene.render.outputs and not any(any(light.intensity) for light in lights):
+    if {"A", "P"} & set(scene.render.outputs) and not any(any(light.intensity) for light in lights):
         return ["vehicle.lights: there is no light, so A will be black"]
     warnings = []
     for i, light in enumerate(lights):

@@ -15,7 +15,6 @@ from pathlib import Path
 from varos_warp.dataset import files
 from varos_warp.dataset.export.job import Clocked, Job
 from varos_warp.errors import InputError
-from varos_warp.render.image.outputs import OUTPUTS
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap")
 """Names of the modules here; docs/exports.md says what each writes."""
@@ -54,7 +53,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     data, out = Clocked(dataset_root, start_ns), Path(out)
     if not data.frames:
         raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
-    colors = [letter for letter in data.outputs if OUTPUTS[letter].is_color]
+    colors = [letter for letter in data.outputs if letter in "AB"]  # P does not lie on D
     if images not in colors:
         raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
                          remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")

@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.files import is_file
-from varos_warp.scene.optics.camera import CameraModel, described_camera
+from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
 from varos_warp.sim.motion import Trajectory
 
 if TYPE_CHECKING:
@@ -186,10 +186,31 @@ class Dataset:
         """
         return described_camera(self.camera(camera))
 
+    def rays(self, camera: str | None = None, channel: str = "green") -> Rays:
+        """Rays [H, W] in the water of the pixels' centres, in camera axes; float32, from the camera's file of rays.
+
+        A camera without port and distortion has no file: its rays follow from K, in float64.
+
+        Args:
+            camera: Its id; absent: the first.
+            channel: red, green or blue, whose rays differ where the water's index does.
+        """
+        about, number = self.camera(camera), channel_number(channel)
+        if "rays" not in about:
+            return described_camera(about).rays(pixel_centres(about["width"], about["height"]), number)
+        path = self.layout.rays(about["id"])
+        planes = files.read_exr(path)
+        name = channel if f"{channel}.weight" in planes else "green"
+        parts = [[f"{name}.{part}" for part in group] for group in (("ox", "oy", "oz"), ("dx", "dy", "dz"))]
+        if missing := [part for part in (*parts[0], *parts[1], f"{name}.weight") if part not in planes]:
+            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
+        origin, direction = (np.stack([planes[part] for part in group], -1) for group in parts)
+        return Rays(origin, direction, planes[f"{name}.weight"])
+
     # ---------------------------------------------------------------------------------------------------- images
 
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """A decoded image: linear radiance of A and B (from 8 bits), unit normals of C, metres of D, numbers of S.
+        """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
         Args:
             output: Its letter.
@@ -232,7 +253,7 @@ class Dataset:
                              remedy="`run` again to complete the dataset.")
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
-        """Linear radiance float32 [H, W, 3] of A or B before exposure, from its EXR."""
+        """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
         path = self.layout.exr(self._camera(camera), output, frame)
         channels = files.read_exr(path)
         if missing := [c for c in "RGB" if c not in channels]:
@@ -252,13 +273,13 @@ class Dataset:
         return self.image("D", frame, camera)
 
     def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
-        """What an image's pixels are decoded with: gain of A and B, range [m] of D, None for C."""
+        """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for C."""
         if output == "D":
             return tuple(self.meta["depth"]["range_m"])
         return self.gain(output, frame, camera) if OUTPUTS[output].is_color else None
 
     def gain(self, output: str, frame: int, camera: str | None = None) -> float:
-        """Exposure gain of A or B."""
+        """Exposure gain of A, B or P."""
         camera = self._camera(camera)
         gains = self._once(("gains", output, camera), lambda: self.gains(output, camera))
         if frame not in gains:
@@ -266,7 +287,7 @@ class Dataset:
         return gains[frame]
 
     def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
-        """Exposure gain of every frame of A or B."""
+        """Exposure gain of every frame of A, B or P."""
         exposures = read_exposures(self.layout.exposures(self._camera(camera), output))
         return {frame: gain for frame, (gain, _) in exposures.items()}
 

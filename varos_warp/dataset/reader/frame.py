@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.dataset.reader.points import colour_offsets
+
 
 class Frame:
     """What one camera sees at one time; `Dataset.__getitem__` makes it.
@@ -63,6 +65,11 @@ class Frame:
         return self.data.image("S", self.number, self.camera)
 
     @cached_property
+    def P(self) -> np.ndarray:
+        """A without the port and the distortion of the lens (the twin), uint8 [H, W, 3], sRGB after exposure."""
+        return self.data.pixels("P", self.number, self.camera)
+
+    @cached_property
     def A_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of A, float32 [H, W, 3], before exposure: from the half floats of its EXR."""
         return self.data.linear("A", self.number, self.camera)
@@ -72,9 +79,21 @@ class Frame:
         """Linear radiance [W/sr/m^2] of B, float32 [H, W, 3], before exposure."""
         return self.data.linear("B", self.number, self.camera)
 
+    @cached_property
+    def P_radiance(self) -> np.ndarray:
+        """Linear radiance [W/sr/m^2] of P, float32 [H, W, 3], before exposure."""
+        return self.data.linear("P", self.number, self.camera)
+
     def gain(self, output: str = "A") -> float:
-        """What the radiance of A or B was multiplied with before the sRGB curve."""
+        """What the radiance of A, B or P was multiplied with before the sRGB curve."""
         return self.data.gain(output, self.number, self.camera)
+
+    def colour_offsets(self, channel: str) -> np.ndarray:
+        """Where a channel shows what each pixel shows in green: so far right and down, float64 [H, W, 2] [pixels].
+
+        Exact for the distances of D; 0 where all channels have one index, NaN where D has none.
+        """
+        return colour_offsets(self.data, self.number, self.camera, channel)
 
     # ------------------------------------------------------------------------------------------ where and when
 

@@ -1,10 +1,11 @@
-"""D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
+"""D as geometry: depth along the camera's axis, and the points of the world pixels see. ``data`` is a `Dataset`."""
+
+from typing import Any
 
 import numpy as np
 
-from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.scene.optics.camera import CameraModel
+from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_centres
 
 
 def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -23,7 +24,7 @@ def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np
     return rays.origin, rays.direction
 
 
-def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
+def planar_depth(data: Any, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
     """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none.
 
     ``pixels`` of D, if they are at hand, save reading them.
@@ -58,6 +59,15 @@ def along_rays(model: CameraModel, row: np.ndarray, col: np.ndarray, z: np.ndarr
     if model.is_pinhole:
         return d * z[..., None]
     return origin + d * ((z - origin[..., 2]) / d[..., 2])[..., None]
+
+
+def colour_offsets(data: Any, frame: int, camera: str, channel: str) -> np.ndarray:
+    """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels."""
+    model, z = data.camera_model(camera), planar_depth(data, frame, camera)
+    z = np.where(np.isfinite(z), z, np.nan)
+    pixels = np.indices(z.shape)
+    seen = along_rays(model, pixels[0], pixels[1], z)
+    return model.project(seen, channel_number(channel)) - pixel_centres(*z.shape[::-1])
 
 
 def points_at(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:

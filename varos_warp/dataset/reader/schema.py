@@ -60,7 +60,7 @@ def _plan() -> Any:
 def _metadata() -> type[BaseModel]:
     """The whole file."""
     matrix = tuple[Row4, Row4, Row4, Row4]
-    camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port,
+    camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
                      "vignetting": Vignetting},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
@@ -73,7 +73,7 @@ def _metadata() -> type[BaseModel]:
     return _block(
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
-        outputs=list[Literal["A", "B", "C", "D", "S"]],
+        outputs=list[Literal["A", "B", "C", "D", "S", "P"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,

@@ -25,18 +25,18 @@ def _read(frame: Frame, output: str) -> torch.Tensor:
     """One image of a frame."""
     if output == "S":
         return torch.from_numpy(frame.S.astype(np.int64))
-    return _planes(getattr(frame, output), 1 / 255 if output in "AB" else 1.0)
+    return _planes(getattr(frame, output), 1 / 255 if output in "ABP" else 1.0)
 
 
-IMAGES = ("A", "B", "C", "D", "S", "A_radiance", "B_radiance")
+IMAGES = ("A", "B", "C", "D", "S", "P", "A_radiance", "B_radiance", "P_radiance")
 """What may be asked for."""
 
 
 class TorchDataset(torch.utils.data.Dataset):
     """Frames as dicts of tensors; give it to a ``torch.utils.data.DataLoader`` with any number of workers.
 
-    An item has, of what is asked for, ``A`` and ``B`` float32 [3, H, W] in 0..1 (sRGB, after exposure), ``A_radiance``
-    and ``B_radiance`` float32 [3, H, W] (linear, before exposure), ``C`` float32 [3, H, W] (unit world normals, zero
+    An item has, of what is asked for, ``A``, ``B`` and ``P`` float32 [3, H, W] in 0..1 (sRGB, after exposure), their
+    ``A_radiance`` ... float32 [3, H, W] (linear, before exposure), ``C`` float32 [3, H, W] (unit world normals, zero
     where nothing was hit), ``D`` float32 [1, H, W] [m] and ``S`` int64 [H, W]; and always ``T_w_c`` and ``T_w_v``
     float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`, not OpenCV's), ``time_ns`` and ``frame`` int64 [].
 

@@ -101,8 +101,11 @@ def cameras(data: Dataset) -> Raw:
         rows.append((about["id"], f"{about['width']} × {about['height']}", numbers((K[0, 0], K[1, 1])),
                      numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°", stop,
                      number(about["focus_m"]) if about.get("focus_m") else "–", f"{about['mount']}: {numbers(place)}"))
-    return table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
+    files_of_rays = [about["rays"] for about in data.meta["cameras"] if about.get("rays")]
+    words = f"Rays of every pixel through lens and port: {', '.join(files_of_rays)}."
+    found = table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
                         "mounted on, at [m]"), "numbers")
+    return Raw(found + note(words)) if files_of_rays else found
 
 
 def _optics(about: dict) -> str:

@@ -43,7 +43,7 @@ class Rendered:
     """What is known after images were rendered and written."""
 
     statistics: dict[tuple[str, str, int], exposure.Statistics] = field(default_factory=dict)
-    """What the exposure needs of A and B, by camera, letter and frame."""
+    """What the exposure needs of A, B and P, by camera, letter and frame."""
     clamped: Counter[str] = field(default_factory=Counter)
     """Values that were cut to the largest half float, by letter."""
     timings: list[dict] = field(default_factory=list)
@@ -161,11 +161,12 @@ class Pipeline:
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""
-        lost = {letter: count for letter in "AB" if (count := getattr(getattr(image, letter, None), "lost_samples", 0))}
+        lost = {letter: getattr(getattr(image, letter, None), "lost_samples", 0) for letter in job.letters}
+        lost = {letter: count for letter, count in lost.items() if count}
         for letter, count in lost.items():
             self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
                      "not a number and count as black")
-        spp = getattr(getattr(image, "A", None), "spp", None)
+        spp = getattr(getattr(image, "A", None) or getattr(image, "P", None), "spp", None)
         return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if lost else {})
 
     def collect(self, job: ImageJob, rendering: Future) -> None:

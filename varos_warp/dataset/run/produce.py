@@ -25,10 +25,13 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import Record
 from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
+from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
+from varos_warp.scene.description.optics import twin
 from varos_warp.scene.device import resolve_device
+from varos_warp.scene.optics.camera import camera_model
 
 
 @dataclass
@@ -296,7 +299,7 @@ class _Run:
         """
         render = self.scene.render
         for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
-            if not any(letter in job.letters for job in self.work):
+            if not any(OUTPUTS[made].settings == letter for job in self.work for made in job.letters):
                 continue
             method, before = available_method(asked), self.denoisers[letter]
             if before not in (None, method):
@@ -372,6 +375,8 @@ class _Run:
         poses, time_ns = np.array([self.T_w_v(frame) for frame in self.frames]), self.time_ns(self.frames)
         for camera in self.scene.vehicle.cameras:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
+            if twin(camera) != camera and not self.record.has(self.layout.rays(camera.id)):
+                write_rays(self.layout, camera)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
 
     def write_metadata(self) -> None:
@@ -423,7 +428,7 @@ class _Run:
     # --------------------------------------------------------------------------------------------------- finishing
 
     def finish(self) -> None:
-        """Expose A and B once all frames asked for are rendered, and make the contact sheet."""
+        """Expose A, B and P once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
@@ -435,11 +440,12 @@ class _Run:
                      "any later one) exposes A and B and ends the dataset")
             return
         with self.clock("expose"):
-            for camera in self.layout.cameras:
-                for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):
-                    frames = [f for f in self.frames if self.record.has(self.layout.exr(camera, letter, f))]
-                    expose(self.layout, getattr(self.scene.render.exposure, letter), camera, letter, frames,
-                           self.time_ns(frames), self.made.statistics, self.record.has)
+            for camera in self.scene.vehicle.cameras:
+                for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):  # A before P
+                    frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
+                    setting = getattr(self.scene.render.exposure, OUTPUTS[letter].settings)
+                    expose(self.layout, setting, camera.id, letter, frames, self.time_ns(frames),
+                           self.made.statistics, self.record.has, camera_model(camera).axis_weight)
             from varos_warp.dataset.report import contact_sheet
 
             contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")

@@ -40,7 +40,7 @@ def validate(root, quiet: bool = False) -> Validation:
     result, pending = Validation(data.root), Pending.of(data)
     for check in listing.CHECKS:
         result.guard(check, data, result, pending)
-    for check in (listing.check_metadata, listing.check_segments, *motion.CHECKS):
+    for check in (listing.check_metadata, listing.check_segments, listing.check_rays, *motion.CHECKS):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
     views.check_views(data, result, pending.ready(data), quiet)

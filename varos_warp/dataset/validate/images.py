@@ -15,6 +15,7 @@ from varos_warp.dataset.validate import places, surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.write import texts as writers
+from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS, to_half
@@ -65,8 +66,8 @@ class _FrameImages:
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for color in colors:
             self.found.guard(color.check, self)
-        for output, check in (("A", self._linear), ("D", self._steps), ("D", self._depths),
-                              ("S", self._segments), ("C", self._normals)):
+        for output, check in (("A", self._linear), ("P", partial(self._linear, "P")), ("D", self._steps),
+                              ("D", self._depths), ("S", self._segments), ("C", self._normals)):
             if output in data.outputs:
                 self.found.guard(check)
 
@@ -124,12 +125,12 @@ class _FrameImages:
         """Where C has a surface, bool [H, W]."""
         return self.normals[..., 0] | self.normals[..., 1] | self.normals[..., 2] > 0  # any(-1) is slow in numpy
 
-    def _linear(self) -> None:
-        """A as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
-        path = self.data.layout.linear(self.camera, self.frame)
+    def _linear(self, output: str = "A") -> None:
+        """A or P as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
+        path = self.data.layout.linear(self.camera, self.frame, output)
         if not path.is_file():
             return
-        channels, name = self.exr(path), f"A_linear/{path.name}"
+        channels, name = self.exr(path), f"{output}_linear/{path.name}"
         if any(c.shape != self.shape or not np.isfinite(c).all() for c in channels.values()):
             return self.tell(name, "has values that are not finite, or another size")
         if missing := {"R", "G", "B"} - set(channels):
@@ -143,8 +144,8 @@ class _FrameImages:
                 self.tell(name, "has a negative standard error")
         if self.data.meta["samples"]["denoise"] == "none":
             made = to_half(np.stack([channels[c] for c in "RGB"], -1))[0]
-            if not np.array_equal(made.astype(np.float32), self.data.linear("A", self.frame, self.camera)):
-                self.tell(name, "is not the image of A_exr, though nothing was denoised")
+            if not np.array_equal(made.astype(np.float32), self.data.linear(output, self.frame, self.camera)):
+                self.tell(name, f"is not the image of {output}_exr, though nothing was denoised")
 
     def _steps(self) -> None:
         """D is its EXR in steps, where there is one."""
@@ -219,7 +220,7 @@ class _FrameImages:
 
 
 class Exposures:
-    """A or B of one camera: of PNG, EXR and table of exposures, the one that does not fit the others is named.
+    """A, B or P of one camera: of PNG, EXR and table of exposures, the one that does not fit the others is named.
 
     The table holds statistics of each EXR, gains that follow from the statistics of all frames, and each PNG is an EXR
     times its gain. What a wrong file holds instead is looked for among the other frames.
@@ -291,17 +292,27 @@ class Exposures:
         return f"{where}: log_average and highlight of frame {frame} are not those of its EXR"
 
     def _wrong_gains(self) -> list[str]:
-        """Gains follow from the statistics of all frames, as the scene asks for."""
-        setting = self.data.meta["color"]["exposure"][self.output]
-        time_s = files.read_csv(self.path)[writers.TIME] * 1e-9
-        made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
+        """Gains follow from the statistics of all frames, as the scene asks for, or of P from those of A."""
+        made, problem = self._expected_gains()
         wrong = [f for f, gain in zip(self.table, made, strict=True) if not np.isclose(self.table[f][0], gain, 1e-9, 0)]
         if not wrong:
             return []
         more = f" and of {len(wrong) - 1} more" if wrong[1:] else ""
         where = self.result.cell(self.path, list(self.table).index(wrong[0]), "gain")
-        return [f"{where}: the gain of frame {wrong[0]}{more} does not follow from the table's log_average "
-                f"and highlight by the exposure {setting!r}"]
+        return [f"{where}: the gain of frame {wrong[0]}{more} {problem}"]
+
+    def _expected_gains(self) -> tuple[np.ndarray, str]:
+        """What the gains of the table should be, and what is wrong with others."""
+        setting = self.data.meta["color"]["exposure"][OUTPUTS[self.output].settings]
+        if self.output == "P":
+            weight = self.data.camera_model(self.camera).axis_weight
+            of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
+            if of_a is not None:
+                return of_a, "is not that of A times what the port lets through"
+        time_s = files.read_csv(self.path)[writers.TIME] * 1e-9
+        made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
+        return made, ("does not follow from the table's log_average and highlight by the exposure "
+                      f"{setting!r}")
 
 
 def _same(one: exposure.Statistics, other: exposure.Statistics) -> bool:

@@ -15,15 +15,19 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
+from varos_warp.dataset.write.rays import ray_channels
 from varos_warp.errors import InputError
 from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.phase import HenyeyGreenstein
 from varos_warp.scene.load import scene_from_dict, scene_to_dict
+from varos_warp.scene.optics.camera import CameraModel
 
 RELATIVE = 1e-9
 """Numbers that differ by less are the same."""
+ROUNDING = 2.0**-23
+"""Two roundings to float32, for another machine may round otherwise before."""
 
 
 def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
@@ -31,7 +35,8 @@ def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
     # what an earlier run may have been asked for
     optional = {data.layout.exr(camera, "D", frame) for camera in data.cameras for frame in data.frames}
-    optional |= {data.layout.linear(camera, frame) for camera in data.cameras for frame in data.frames}
+    optional |= {data.layout.linear(camera, frame, output) for camera in data.cameras for frame in data.frames
+                 for output in data.outputs if output in "AP"}
     missing = sorted(path for path in required - pending.files if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
@@ -48,6 +53,8 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield from (layout.poses(name, form) for form in POSE_FORMS)
     for camera in data.cameras:
         yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))
+        if "rays" in data.camera(camera):
+            yield layout.rays(camera)
     yield from exposure_tables(data)
     if data.meta["lights"]:
         yield layout.lights
@@ -132,6 +139,28 @@ def check_segments(data: Dataset, result: Validation) -> None:
     result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
                     f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
                     for key, here, there in found], "entries")
+
+
+def check_rays(data: Dataset, result: Validation) -> None:
+    """The rays of a camera's pixels are those of its lens and port, to the rounding of float32."""
+    for camera in data.cameras:
+        path = data.layout.rays(camera)
+        if "rays" in (about := data.camera(camera)) and path.is_file():
+            if problem := _of_rays(files.read_exr(path), data.camera_model(camera), (about["width"], about["height"])):
+                result.add(f"{result.name(path)}: {problem}")
+
+
+def _of_rays(found: dict[str, np.ndarray], model: CameraModel, size: tuple[int, int]) -> str | None:
+    """What is wrong with channels of rays."""
+    if any(plane.shape != size[::-1] for plane in found.values()):
+        return f"is not of {size[0]} x {size[1]} pixels"
+    made = ray_channels(model, *size)
+    if names := sorted(made.keys() ^ found.keys()):
+        return f"channel {names[0]} is {'missing' if names[0] in made else 'none of its rays'}"
+    wrong = [~np.isclose(found[name], plane, ROUNDING, ROUNDING, equal_nan=True) for name, plane in made.items()]
+    if count := np.count_nonzero(np.any(wrong, axis=0)):
+        return f"{count} pixels have other rays than lens and port give them"
+    return None
 
 
 def _place(key: str) -> tuple:

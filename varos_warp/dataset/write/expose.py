@@ -20,7 +20,7 @@ Known = dict[tuple[str, str, int], exposure.Statistics]
 
 
 def expose(layout: Layout, setting: str | float, camera: str, letter: str, frames: list[int], time_ns: np.ndarray,
-           made: Known, has: Callable[[Path], bool] = files.is_complete) -> None:
+           made: Known, has: Callable[[Path], bool] = files.is_complete, axis_weight: float = 1.0) -> None:
     """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
 
     The gains come last: if it is interrupted, the next run finds the old ones and does it again.
@@ -29,11 +29,12 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         layout: Of the dataset.
         setting: The scene's ``render.exposure`` of the letter.
         camera: Its id.
-        letter: A or B.
+        letter: A, B or P.
         frames: Numbers [N] of the frames whose EXR is there.
         time_ns: Their times [N].
         made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
         has: Whether an image file is there already, and good.
+        axis_weight: Of the camera (`CameraModel`), for P.
     """
     from varos_warp.scene.launch import usable_cores
 
@@ -56,10 +57,34 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
 
     with ThreadPoolExecutor(usable_cores(), "expose") as pool:
         found = list(pool.map(statistics, frames))
-        gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
+        gains = twin_gains(layout, setting, camera, frames, axis_weight) if letter == "P" else None
+        if gains is None:
+            gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
     files.write_csv(table, [writers.TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
                     [s.log_average for s in found], [s.highlight for s in found])
+
+
+def twin_gains(layout: Layout, setting: str | float, camera: str, frames: list[int], axis_weight: float
+               ) -> np.ndarray | None:
+    """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
+
+    None where A has none for some frame: then P is exposed by itself.
+
+    Args:
+        layout: Of the dataset.
+        setting: The scene's ``render.exposure.A``.
+        camera: Its id.
+        frames: Numbers [N] of the frames.
+        axis_weight: Of the camera (`CameraModel`).
+    """
+    if not isinstance(setting, str):
+        return np.full(len(frames), axis_weight * setting)
+    try:
+        known = read_exposures(layout.exposures(camera, "A"))
+        return axis_weight * np.array([known[frame][0] for frame in frames])
+    except (InputError, KeyError):
+        return None
 
 
 def _read_half(path: Path) -> np.ndarray:

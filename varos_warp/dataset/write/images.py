@@ -39,7 +39,7 @@ class Stored:
     clamped: int = 0
     """Values that were cut to the largest half float."""
     statistics: exposure.Statistics | None = None
-    """Of A and B."""
+    """Of A, B and P."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Store:
     render: object
     """The scene's block of that name."""
     denoisers: dict[str, str | None]
-    """What denoises A and B on the host, where the renderer did not."""
+    """What denoises A (and P) and B on the host, where the renderer did not."""
     has: Callable[[Path], bool] = files.is_complete
     """Whether an image file is there already, and good."""
 
@@ -83,22 +83,22 @@ class Store:
             raise RuntimeError(f"frame {job.frame}, camera {job.camera}, image {letter}: {error}") from error
 
     def _write_color(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
-        """A or B: as rendered where asked for, denoised as half floats, and exposed if the gain is known."""
+        """A, B or P: as rendered where asked for, denoised as half floats, and exposed if the gain is known."""
         frame, camera, _ = job
-        if letter == "A" and self.render.linear_exr:
+        if letter in "AP" and self.render.linear_exr:
             with clock("encode"):
-                files.write_exr(self.layout.linear(camera, frame), linear_channels(image))
+                files.write_exr(self.layout.linear(camera, frame, letter), linear_channels(image))
         denoised = image.denoised if image.denoised is not None else self._denoise(image, letter, clock)
         with clock("encode"):
             half, clamped = to_half(denoised)
             files.write_exr(self.layout.exr(camera, letter, frame), {"RGB": half})
-            gain = exposure.known_gain(getattr(self.render.exposure, letter), letter)
+            gain = exposure.known_gain(getattr(self.render.exposure, OUTPUTS[letter].settings), letter)
             if gain is not None:
                 files.write_png(self.layout.png(camera, letter, frame), develop(letter, half, gain))
             return Stored(clamped, exposure.statistics(half))
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
-        method = self.denoisers[letter]
+        method = self.denoisers[OUTPUTS[letter].settings]
         with _oidn_turn if method == "oidn" else contextlib.nullcontext(), clock("denoise"):
             return denoise_image(image, method)
 
@@ -117,7 +117,7 @@ class Store:
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:
-    """Pixels of A or B, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
+    """Pixels of A, B or P, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
 
     That is what `OUTPUTS[letter].encode` makes of them, in a sixth of its time at 1280 x 720.
     """

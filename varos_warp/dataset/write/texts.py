@@ -15,6 +15,7 @@ from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
@@ -117,7 +118,7 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
     path = layout.camera_file(camera.id, ".yaml")
     text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
     files.write_bytes(path, (_PIXELS + text).encode())
-    letters = "ABCDS" if "S" in outputs else "ABCD"  # the released sequence has four columns
+    letters = [*"ABCD", *(letter for letter in outputs if letter not in "ABCD")]  # the released sequence has four
     names = [[layout.png(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
              for letter in letters]
     files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *letters], time_ns, *names)
@@ -155,6 +156,7 @@ def describe_camera(layout: Layout, camera) -> dict:
         "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
         "width": width, "height": height, "resolution": {"width": width, "height": height},
         "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
+        **({} if twin(camera) == camera else {"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()}),
         "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
     }
@@ -232,13 +234,15 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
     """
     vehicle, render = scene.vehicle, scene.render
-    conventions = (resources.files("varos_warp") / "data" / "conventions.yaml").read_text(encoding="utf-8")
+    conventions = yaml.safe_load((resources.files("varos_warp") / "data/conventions.yaml").read_text(encoding="utf-8"))
+    absent = {"P"} - set(outputs) | ({"rays"} if all(twin(camera) == camera for camera in vehicle.cameras) else set())
+    conventions = {key: words for key, words in conventions.items() if key not in absent}
     start, end = render.depth_range_m
     mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
         "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "versions": versions(), "device": device, "conventions": yaml.safe_load(conventions),
+        "versions": versions(), "device": device, "conventions": conventions,
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
         "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
@@ -264,7 +268,11 @@ _RAYS = {"z": "# z = 1: D is planar",
 
 _PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
 _BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distortion, coefficients in OpenCV's order.
-  varos_warp.Dataset(".").camera_model("M0").rays(points) gives the rays in the water; the code below is for pinholes.
+  camXX_rays.exr has the ray in the water of every pixel's centre: float32 channels green.ox, oy, oz (its origin on the
+  port [m]), green.dx, dy, dz (its unit direction), both in camera axes, and green.weight (radiance at the sensor over
+  that in the water); NaN where no water is seen. red and blue have theirs where their index differs, else green's.
+  What a pixel sees lies at o + D d if D is the range, at o + (D - oz) / dz d if it is along the axis.
+  varos_warp.Dataset(".").camera_model("M0").rays(points) gives those of any point; the code below is for pinholes.
   B, C, D and S follow the rays of green. D along the ray is the path in the water; D along the axis is from the lens.
   Intrinsics in both conventions of pixels:"""
 

@@ -1,4 +1,4 @@
-"""Exposure correction (paper 3.2.1): the gain that each frame of A and B gets before its 8 bit PNG.
+"""Exposure correction (paper 3.2.1): the gain that each frame of A, B and P gets before its 8 bit PNG.
 
 The gains of a sequence follow from the statistics of all its frames, so that they do not depend on the order, the
 shards or the interruptions in which the frames were rendered.
@@ -54,7 +54,9 @@ def statistics(radiance: np.ndarray) -> Statistics:
 
 
 def known_gain(setting: str | float, output: str) -> float | None:
-    """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B."""
+    """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B; P follows A."""
+    if output == "P":
+        return None
     if not isinstance(setting, str):
         return float(setting)
     return CONSTANT_GAIN_B if (setting, output) == ("constant", "B") else None
@@ -66,7 +68,7 @@ def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[St
     Args:
         setting: A number: that gain. ``constant``: 1 for B, the median over the sequence for A. ``adaptive``:
             follows the light, smoothed over time.
-        output: ``A`` or ``B``.
+        output: ``A``, ``B`` or ``P``.
         time_s: Time [N] of each frame, ascending [s].
         frames: Statistics [N] of each frame.
     """

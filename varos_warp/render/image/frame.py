@@ -98,3 +98,4 @@ class Frame:
     C: NormalImage | None = None
     D: DepthImage | None = None
     S: SegmentImage | None = None
+    P: RadianceImage | None = None

@@ -1,6 +1,6 @@
-"""THE table of image types A, B, C, D and S: what each holds, how it becomes the pixels of a file, and back.
+"""THE table of image types A, B, C, D, S and P: what each holds, how it becomes the pixels of a file, and back.
 
-A and B: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
+A, B and P: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
 C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535] (paper eq. (1) and 4.1).
 S: number of the object, 0 where there is none. CONTRIBUTING.md lists what else a new type needs.
 """
@@ -112,9 +112,16 @@ class Output:
     is_color: bool
     """Linear radiance, which has an EXR and an exposure."""
     encode: Callable[..., np.ndarray]
-    """(image, scale) -> pixels; the scale is the gain of A and B, the depth range of D, None for C and S."""
+    """(image, scale) -> pixels; the scale is the gain of A, B and P, the depth range of D, None for C and S."""
     decode: Callable[..., np.ndarray]
     """(pixels, scale) -> image."""
+    like: str = ""
+    """Another letter, with whose samples, denoiser and exposure it is made."""
+
+    @property
+    def settings(self) -> str:
+        """The letter under which the scene says how it is made."""
+        return self.like or self.letter
 
 
 OUTPUTS = {row.letter: row for row in (
@@ -123,11 +130,12 @@ OUTPUTS = {row.letter: row for row in (
     Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
     Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
     Output("S", "Number of the object in each pixel", 1, np.uint16, False, encode_segments, decode_segments),
+    Output("P", "A without port and lens distortion", 3, np.uint8, True, encode_color, decode_color, like="A"),
 )}
 
 
 def linear_channels(image) -> dict[str, np.ndarray]:
-    """Channels of the float32 EXR of a `RadianceImage` A: RGB, ``stderr.R`` ... and a triple for each layer."""
+    """Channels of the float32 EXR of a `RadianceImage` A or P: RGB, ``stderr.R`` ... and a triple for each layer."""
     layers = {f"{name}.": layer for name, layer in image.layers.items()}
     triples = {"": image.radiance, "stderr.": image.stderr} | layers
     channels = {}

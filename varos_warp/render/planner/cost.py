@@ -11,6 +11,7 @@ from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import pilot_camera
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 
 MOST_COSTED = 16
@@ -23,9 +24,10 @@ def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
     From the pose in the middle, with the samples of an average frame.
     """
     asked = scene.render.outputs
-    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "B", "CDS"))
-    seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan)
-                            for camera in scene.vehicle.cameras) for letters in groups if letters}
+    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDS"))
+    free = [camera for camera in scene.vehicle.cameras if "A" in asked and twin(camera) == camera]  # P is A
+    seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
+                            if letters != "P" or camera not in free) for letters in groups if letters}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
             "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
@@ -53,7 +55,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
     measured(small, 0.0)  # compiles, and solves for the field
     if renderer.device != "cpu":  # a GPU is not full with a small image
         return measured(camera, 1.0)
-    samples = {"A": spp, "B": scene.render.spp_b}.get(letters, 1)
+    samples = {"A": spp, "P": spp, "B": scene.render.spp_b}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / samples)
     at_large = measured(large, factor)
     if large.resolution == camera.resolution:

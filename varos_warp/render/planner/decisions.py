@@ -107,6 +107,7 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres"}
+    words["P"] = words["A"]
     return {letter: how for letter, how in words.items() if letter in render.outputs}
 
 

@@ -89,7 +89,7 @@ class Planner:
     def plan(self) -> Plan:
         """All decisions."""
         render = self.render
-        if "A" in render.outputs:
+        if {"A", "P"} & set(render.outputs):
             self.choose_integrator()
             spp = self.choose_samples()
         else:  # nothing else pays for water

@@ -98,6 +98,11 @@ class Vignetting(Block):
         return self
 
 
+def twin(camera: Any) -> Any:
+    """The same camera as a pinhole or thin lens in the water: without what bends or dims its rays."""
+    return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water", "vignetting")))
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
     for problem in (_of_water, _of_lens, _of_port, _of_rim, _of_vignetting):

@@ -23,7 +23,7 @@ class Render(Block):
     """What is rendered and how well."""
 
     frame_rate_hz: Positive = 10.0
-    outputs: list[Literal["A", "B", "C", "D", "S"]] = ["A", "B", "C", "D"]
+    outputs: list[Literal["A", "B", "C", "D", "S", "P"]] = ["A", "B", "C", "D"]
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = None
@@ -44,7 +44,7 @@ class Render(Block):
     depth_kind: Literal["z", "range"] = "z"
     depth_range_m: tuple[NonNegative, Positive] = (0.0, 25.0)
     linear_exr: bool = False
-    """Also write A before denoising and exposure as float32 EXR, with its standard error."""
+    """Also write A (and P) before denoising and exposure as float32 EXR, with its standard error."""
     depth_exr: bool = False
     """Also write planar depth and range as float32 EXR (channels Z and range)."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from varos_warp.errors import InputError
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.optics.distortion import Lens
 from varos_warp.scene.optics.ports import DomePort, FlatPort, Port
@@ -13,6 +14,17 @@ from varos_warp.scene.optics.seawater import CHANNELS_NM, SEA, seawater_index
 CHANNELS = ("red", "green", "blue")
 """Each may have an index of its own; geometry (C, D, S) follows green."""
 GREEN = 1
+
+
+def channel_number(name: str) -> int:
+    """Place of a channel among `CHANNELS`.
+
+    Raises:
+        InputError: If there is no such channel.
+    """
+    if name not in CHANNELS:
+        raise InputError("no such channel", key="channel", value=name, remedy=f"There are: {', '.join(CHANNELS)}.")
+    return CHANNELS.index(name)
 
 
 PINHOLE = Lens()
@@ -63,6 +75,11 @@ class CameraModel:
     def is_pinhole(self) -> bool:
         """Without port and distortion: K says it all."""
         return self.port is None and self.lens.model == "none"
+
+    @property
+    def axis_weight(self) -> float:
+        """Radiance at the sensor over that in the water, in the middle of the image; 1 where the water is not seen."""
+        return float(self.rays(self.K[:2, 2]).weight) or 1.0
 
     @property
     def pixel_angle(self) -> float:
