@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.machine import Stopwatch, machine
 from benchmarks.scenes import HERE
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.cost import timed
@@ -111,7 +112,7 @@ class Bench:
 
     def estimates(self) -> list[np.ndarray]:
         """Independent images with the field, whose own error `plan.FIELD_ERROR` states, or else by paths."""
-        return self.many(resolve_integrator(self.scene, self.camera, "auto", None))
+        return self.many(resolve_integrator("auto", None, lambda: unavailable(self.scene)))
 
     def many(self, integrator: str) -> list[np.ndarray]:
         """Independent images with many samples each."""
@@ -137,7 +138,7 @@ class Bench:
     def by_hand(self, estimates: list, tolerance: float) -> list[dict]:
         """The fewest samples that keep the tolerance, by each integrator."""
         rows = []
-        best = resolve_integrator(self.scene, self.camera, "auto", None)
+        best = resolve_integrator("auto", None, lambda: unavailable(self.scene))
         for integrator in dict.fromkeys((best, "path")):
             for spp in FIELD_SPP if integrator == "field" else PATH_SPP:
                 row = self.measure(estimates, 2, integrator=integrator, spp=spp)

@@ -33,6 +33,13 @@ def test_the_starter_scene_becomes_a_valid_dataset(made):
     assert Dataset(made / "out").linear("A", 0).max() > 0
 
 
+def test_one_sample_a_pixel_is_a_sound_dataset(made):
+    """Its standard errors are infinite."""
+    how = [*SMALL, "--spp", "1", "--frames", "0:1", "--outputs", "A", "--linear-exr", "--integrator", "path"]
+    call("run", made / "scene.yaml", "-o", made / "one", *how)
+    call("validate", made / "one", "-q")
+
+
 def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
     """With a given integrator: that a plan is the same each time is shown of the planner."""
     how = [*SMALL, "--integrator", "field"]

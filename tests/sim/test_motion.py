@@ -86,3 +86,12 @@ def test_velocities_are_the_derivatives_of_places():
 def test_beyond_its_ends_nothing_is_known(time_ns):
     with pytest.raises(ValueError, match="known from 0 to 1000000000 ns"):
         coning(times_ns(11, 10.0)).at([time_ns])
+
+
+def test_one_time_is_a_motion_of_one_row_and_seconds_are_refused():
+    motion = coning(times_ns(11, 10.0))
+    np.testing.assert_array_equal(motion.at(123_456_789).poses(), motion.at([123_456_789]).poses())
+    assert len(motion.at([])) == 0
+    for wrong in (0.5, [0.5], "a", None):
+        with pytest.raises(ValueError, match="whole nanoseconds"):
+            motion.at(wrong)

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from benchmarks.stability.transport_lamps import beside_error, cone_error, flux_error, intensity_error, lit_error
 from varos_warp.errors import InputError
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import PointLight, SpotLight
@@ -55,10 +56,10 @@ def test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond(cone, expected
     scene = Scene(water={"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}},
                   vehicle={"lights": [spot((0.1, 0, 0), cone_deg=cone)]},
                   trajectory={"poses": [{"position": (0, 0, 0)}]})
-    assert resolve_integrator(scene, scene.vehicle.cameras[0], "auto", None) == expected
+    assert resolve_integrator("auto", None, lambda: unavailable(scene)) == expected
     if expected == "path":
         with pytest.raises(InputError, match="cone"):
-            resolve_integrator(scene, scene.vehicle.cameras[0], "field", None)
+            resolve_integrator("field", None, lambda: unavailable(scene))
     for blend in (0.0, 1.0):
         if cone < 360.0:  # then the blend does not matter
             assert cone_error(cone, blend, expected) < (1e-3 if expected == "field" else 0.01)

@@ -14,7 +14,8 @@ from benchmarks.stability.transport_media import (
     single_error,
 )
 from varos_warp.errors import InputError
-from varos_warp.render.renderer import resolve_integrator
+from varos_warp.render.field.open_water import unavailable
+from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.load import load_scene
 
@@ -25,7 +26,7 @@ def scene_of(coefficients, lights=VAROS_LAMPS):
 
 
 def integrator_of(scene):
-    return resolve_integrator(scene, scene.vehicle.cameras[0], "auto", None)
+    return resolve_integrator("auto", None, lambda: unavailable(scene))
 
 
 @pytest.mark.parametrize("sigma_t", [1e-7, 1e-3, 0.01, 0.1, 1.0, 50.0, 100.0])

@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_che
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.description.noise_profile import NoiseProfile
-from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
+from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
@@ -102,8 +103,8 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
     linear, gain = data.linear("A", frame, camera), data.gain("A", frame, camera)
     share: np.ndarray | float = 1.0
     if profile.camera.vignetting is not None and not data.camera(camera).get("vignetting"):
-        fall = Vignetting(**profile.camera.vignetting.model_dump())
-        share = CameraModel(data.intrinsics(camera), vignetting=fall).vignette(pixel_centres(*linear.shape[1::-1]))
+        seen = replace(data.camera_model(camera), vignetting=Vignetting(**profile.camera.vignetting.model_dump()))
+        share = seen.vignette(pixel_centres(*linear.shape[1::-1]))
     rng = image_noise.frame_generator(seed, frame, camera)
     numbers = image_noise.expose(profile.camera, linear, gain, rng, share)
     return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)

@@ -5,11 +5,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from varos_warp.errors import InputError
-from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.denoise import METHODS
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import field_by_old_name
-from varos_warp.scene.description.vehicle import Camera
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "field", "path", "reference")
@@ -85,11 +83,13 @@ def check_names(key: str, names, known) -> None:
         raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
 
 
-def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None,
-                       no_field: Callable[[Scene], str | None] = unavailable) -> str:
+def resolve_integrator(name: str, max_scatterings: int | None, no_field: Callable[[], str | None]) -> str:
     """The integrator that ``name`` stands for: ``auto`` is paths with the field where it serves, else without.
 
-    ``no_field`` tells why it does not.
+    Args:
+        name: As in a scene file.
+        max_scatterings: Bound, if any.
+        no_field: Tells why a scene has no field, or None; asked only where that matters.
 
     Raises:
         InputError: If the field is asked for and cannot be had.
@@ -97,7 +97,7 @@ def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: i
     name = field_by_old_name(name)
     if name not in ("auto", "field"):
         return name
-    why = no_field(scene)
+    why = no_field()
     if max_scatterings is not None:
         why = f"it holds all orders of scattering, and max_scatterings is {max_scatterings}"
     if name == "field" and why:

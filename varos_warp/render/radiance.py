@@ -84,6 +84,7 @@ class RadianceRenderer:
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
+        self._vignettes: dict[Camera, wp.array] = {}
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
@@ -93,8 +94,7 @@ class RadianceRenderer:
             spp = -(-shot.options.spp // COLOUR_CYCLE) * COLOUR_CYCLE
             shot = shot._replace(options=replace(shot.options, spp=spp))
         options = shot.options
-        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings,
-                                        lambda _: self._no_field)
+        integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
@@ -112,7 +112,13 @@ class RadianceRenderer:
         return unavailable(self.scene)
 
     def _vignette(self, view: Camera) -> wp.array | None:
-        return None if view.vignetting is None else vignette(view, self.device)
+        """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]; None: all."""
+        if view.vignetting is None:
+            return None
+        if view not in self._vignettes:
+            share = camera_model(view).vignette(pixel_centres(*view.resolution))
+            self._vignettes[view] = wp.array(share, dtype=wp.float64, device=self.device)
+        return self._vignettes[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, self.world
@@ -262,13 +268,6 @@ class RadianceRenderer:
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None
-
-
-@functools.lru_cache(maxsize=16)
-def vignette(view: Camera, device: str) -> wp.array:
-    """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]."""
-    share = camera_model(view).vignette(pixel_centres(*view.resolution))
-    return wp.array(share, dtype=wp.float64, device=device)
 
 
 def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]) -> float:

@@ -195,7 +195,7 @@ def _check_cameras(scene):
                             "sensor_mm differ in shape")
         fov = camera_info(camera)["horizontal_fov_deg"]
         fisheye = camera.distortion is not None and camera.distortion.model == "kannala_brandt"
-        if not 5.0 <= fov <= (360.0 if fisheye else 130.0) and np.isfinite(fov):
+        if not 5.0 <= fov <= (360.0 if fisheye else 130.0):
             warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check focal_mm and sensor_mm")
         if 0.0 < camera.f_stop < 0.7:
             warnings.append(f"{key}: no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")

@@ -51,15 +51,19 @@ class Trajectory:
 
         That is the polynomial of degree five, of the position and of the rotation vector from the earlier row, which
         has their place, velocity and acceleration at both ends. So the motion has a continuous acceleration, of which
-        velocity and place are the integrals, and its error falls with the sixth power of the step.
+        velocity and place are the integrals. The errors of place, velocity and acceleration fall with the sixth, fifth
+        and fourth power of the step.
 
         Args:
-            time_ns: int64 [M], from the first row's time to the last's.
+            time_ns: int64 [M], or one, from the first row's time to the last's.
 
         Raises:
-            ValueError: If one is before the first row or after the last.
+            ValueError: If one is before the first row or after the last, or not a whole number.
         """
-        time_ns = np.asarray(time_ns, np.int64)
+        time_ns = np.atleast_1d(time_ns)
+        if time_ns.dtype.kind not in "iu" and time_ns.size:
+            raise ValueError(f"times are whole nanoseconds, not {time_ns.dtype}")
+        time_ns = time_ns.astype(np.int64)
         if time_ns.size and not self.time_ns[0] <= time_ns.min() <= time_ns.max() <= self.time_ns[-1]:
             raise ValueError(f"the motion is known from {self.time_ns[0]} to {self.time_ns[-1]} ns")
         before = np.searchsorted(self.time_ns, time_ns, side="right") - 1
@@ -123,7 +127,8 @@ def _body_rates(phi: np.ndarray, rate: np.ndarray, rate_of_rate: np.ndarray) -> 
     """Angular velocity and acceleration in body axes: the inverse of `_vector_rates`, as exact."""
     square = (phi * phi).sum(axis=1, keepdims=True)
     half = (phi * rate).sum(axis=1, keepdims=True)
-    a, b, da, db = 1 / 2 - square / 24, 1 / 6 - square / 120, -half / 12, -half / 60
+    a, da = 1 / 2 - square / 24 + square**2 / 720, -half / 12 + half * square / 180
+    b, db = 1 / 6 - square / 120, -half / 60
     once, change = np.cross(phi, rate), np.cross(phi, rate_of_rate)
     omega = rate - a * once + b * np.cross(phi, once)
     alpha = (rate_of_rate - a * change - da * once + b * (np.cross(rate, once) + np.cross(phi, change))

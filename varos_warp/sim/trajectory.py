@@ -122,7 +122,7 @@ def _rows(scene: Scene, frames: int) -> int:
     """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
     last, imu = (frames - 1) / scene.render.frame_rate_hz, scene.vehicle.imu
     rate = imu.rate_hz if imu else TICK_RATE_HZ
-    after_ns = int(times_ns(frames_until(last, rate) + 1, rate)[-1])
+    after_ns = round(frames_until(last, rate) * (1e9 / rate))
     return -(-after_ns // TICK_NS) + 1
 
 

@@ -277,3 +277,11 @@ def test_the_part_of_a_ray_inside_a_sheet_is_between_planes(fan_deg, thickness_d
     dark = high - low < -16 * EPS * size / np.maximum(angle, 1e-3)
     assert not lit["angle"][dark & (angle > 1e-3)].any()
     assert np.all(lit["angle"][inside & (high - low > 2 * doubt)] > 0.0)
+
+
+def test_a_ray_along_a_sheet_is_lit_within_it_and_dark_beside_it():
+    """Parallel to two of its planes, which it never crosses: 1 m before the lamp the sheet is 0.17 m thick."""
+    o, d = np.array([[-1.0, 0.05, 1.0], [-1.0, 0.1, 1.0], [-1.0, -0.5, 1.0]]), np.tile([1.0, 0.0, 0.0], (3, 1))
+    lamps = wp.array([sheet(60.0, 10.0)] * 3, dtype=light.Light, device="cpu")
+    lit = run(clip, [lamps, o, d, np.full(3, 5.0)], [light.LitInterval], dim=3)
+    assert (lit["angle"] > 0.0).tolist() == [True, False, False]

@@ -96,8 +96,8 @@ def test_the_field_of_view_is_that_in_the_water():
     across, down = camera_model(view).field_of_view(*view.resolution)
     expected = [2.0 * np.arcsin(np.sin(np.arctan(half / 3.4)) / 1.333) for half in (2.208, 1.242)]
     np.testing.assert_allclose([across, down], expected, rtol=1e-12)
-    assert np.isnan(camera_model(Camera(
-        port=PORTS["flat"], distortion={"model": "kannala_brandt"}, focal_mm=1.3)).field_of_view(1280, 720)[0])
+    fisheye = camera_model(Camera(port=view.port, n_water=1.333, distortion={"model": "kannala_brandt"}, focal_mm=1.3))
+    assert fisheye.field_of_view(1280, 720)[0] == pytest.approx(2.0 * np.arcsin(1.0 / 1.333), abs=1e-3)
 
 
 def test_a_pane_of_a_size_is_seen_through_within_it():
@@ -138,6 +138,8 @@ def test_half_a_sphere_ends_at_90_degrees_of_its_centre():
 BAD = {
     "port.clear_radius_m: the rim": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [1, 0, 1],
                                               "clear_radius_m": 0.01}},
+    "port.half_angle_deg: the rim of the port hides": {"port": {"kind": "dome", "radius_m": 0.05,
+                                                                "half_angle_deg": 1e-6}},
     "port.half_angle_deg: the rim": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.03, 0, 0],
                                               "half_angle_deg": 30}},
     "n_water has no effect without a port": {"n_water": 1.34},

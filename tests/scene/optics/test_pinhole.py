@@ -53,10 +53,11 @@ def test_a_pinhole_is_found_again(lens):
     np.testing.assert_allclose(distance_px(found, image, points), 0.0, atol=1e-9)
 
 
+CENTRED = {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007}
 SAME = {
     "close glass": {"port": CLOSE},
-    "centred dome": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007}},
-    "centred dome, barrel": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007},
+    "centred dome": {"port": CENTRED},
+    "centred dome, barrel": {"port": CENTRED,
                              "distortion": {"model": "brown_conrady", "k": [-0.35, 0.12, 0.001, -0.002, -0.01]}},
     "centred dome, fisheye": {"port": {"kind": "dome", "radius_m": 0.05}, "focal_mm": 1.3,
                               "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
@@ -99,6 +100,18 @@ def test_a_rim_in_view_needs_the_port():
     assert worth.pinhole is None
     assert worth.in_words.endswith("; a part of the image sees nothing through the port")
     assert port_worth(Camera(port={"kind": "dome", "radius_m": 0.05, "half_angle_deg": 40.0}), RANGES).pinhole
+
+
+@pytest.mark.parametrize(("more", "words"), [
+    ({"f_stop": 2.0, "focus_m": 2.0}, "its depth of field would be another"),
+    ({"vignetting": {"kind": "cos4"}}, "its vignetting would be another"),
+    ({"port": CENTRED | {"centre": [2e-5, 0.0, 0.0]}}, "with its centre in the middle of the image, 0.")])
+def test_what_else_a_pinhole_would_show_differently_needs_the_port(more, words):
+    """Lens rays behind a dome meet elsewhere; cos^4 is that of the angle in air; the centre has no key."""
+    worth = port_worth(Camera(**{"port": CENTRED} | more), RANGES)
+    assert worth.max_px < ALIKE_PX
+    assert worth.pinhole is None
+    assert words in worth.in_words
 
 
 def test_a_fisheye_behind_a_pane_is_judged_by_the_pixels_that_see():

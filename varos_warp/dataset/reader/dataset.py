@@ -347,7 +347,7 @@ class Dataset:
         Raises:
             InputError: If a time is before the first pose or after the last.
         """
-        known, T_w_v = self.poses("vehicle")
+        known, T_w_v = self._once(("poses", "vehicle"), lambda: self.poses("vehicle"))
         rows = rows_at(known, time_ns)
         T, off = T_w_v[rows], np.flatnonzero(known[rows] != time_ns)
         if off.size:
@@ -360,7 +360,7 @@ class Dataset:
 
     def trajectory(self) -> Trajectory:
         """The vehicle's motion, which gives its state at any time between the first and the last on record."""
-        return Trajectory(**self.states())
+        return self._once("trajectory", lambda: Trajectory(**self.states()))
 
     def states(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray]:
         """The vehicle at every tick, or at those in start_ns <= time < stop_ns.

@@ -14,7 +14,7 @@ from varos_warp.scene.description.optics import Distortion, Index, Port, Vignett
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
-Rate = Annotated[float, Field(gt=0.0)]
+Rate = Annotated[float, Field(gt=0.0, strict=True)]
 Whole = Annotated[int, Field(strict=True)]
 """Not 4.0, which no `range` takes."""
 Count = Annotated[Whole, Field(ge=0, le=10**8)]

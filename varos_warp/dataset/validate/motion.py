@@ -11,6 +11,7 @@ from varos_warp.dataset.noise_pass import is_repeatable, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
+from varos_warp.sim.clock import times_ns
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 EPS = np.finfo(float).eps
@@ -209,9 +210,9 @@ def _in_step(data: Dataset, result: Validation, name: str, time_ns: np.ndarray, 
     if not np.array_equal(time_ns, readings_ns):
         result.add(f"{name}: poses and readings have different time stamps")
         return False
-    step = round(1e9 / data.meta["sensors"][name]["rate_hz"])
-    wrong = np.abs(np.diff(time_ns) - step) > 1
-    return not result.add_rows(data.layout.sensor(name), f"the next sample is not {step} ns later", wrong,
+    step = np.diff(times_ns(len(time_ns), rate := data.meta["sensors"][name]["rate_hz"]))
+    wrong = np.diff(time_ns) != step
+    return not result.add_rows(data.layout.sensor(name), f"the next sample is not {1e9 / rate:.0f} ns later", wrong,
                                wrong[:, None], [0])
 
 

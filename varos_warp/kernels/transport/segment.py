@@ -13,7 +13,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, uniforms
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import sample_pixel
-from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
@@ -98,8 +98,7 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
 @wp.func
 def lights_of_sample(scene: SceneData, key: wp.uint32, pixel: int, sample: int):
     """The lights of one sample: each of its vertices sees the same point of a disk."""
-    u = draw(key + ON_DISKS, pixel, sample, 0)
-    return on_disks(scene.lights, wp.vec2(u[0], u[1]))
+    return on_disks(scene.lights, sobol2(half_key(key + ON_DISKS, sample & 1), pixel, sample >> 1, 0))
 
 
 class Segment(NamedTuple):

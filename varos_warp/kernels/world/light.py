@@ -178,10 +178,12 @@ def clip_to_side(m: wp.vec3, v: wp.vec3, d: wp.vec3, interval: wp.vec2):
     """The part of an interval of points v + y d on the side of a plane through the origin to which ``m`` points."""
     a = wp.dot(m, v)
     b = wp.dot(m, d)
-    y = -a / wp.where(wp.abs(b) < 1.0e-30, 1.0e-30, b)
+    if b == 0.0:
+        return wp.where(a >= 0.0, interval, wp.vec2(0.0, 0.0))
+    y = -a / b
     if b > 0.0:
         return wp.vec2(wp.max(interval[0], y), interval[1])
-    return wp.vec2(interval[0], wp.min(interval[1], wp.where(b < 0.0 or a < 0.0, y, interval[1])))
+    return wp.vec2(interval[0], wp.min(interval[1], y))
 
 
 @wp.func(inline=False)  # few scenes have a sheet, and code that all would carry is not free

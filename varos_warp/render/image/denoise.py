@@ -144,8 +144,9 @@ def open_image_denoise():
             import pyoidn
         finally:
             del sys.modules["torch"]
-        for name in ("utils", "filter", "denoise"):  # others may give it tensors
-            sys.modules[f"pyoidn.{name}"].TORCH_AVAILABLE = find_spec("torch") is not None
+        for name, module in [*sys.modules.items()]:  # others may give it tensors
+            if name.startswith("pyoidn.") and hasattr(module, "TORCH_AVAILABLE"):
+                module.TORCH_AVAILABLE = find_spec("torch") is not None
     import pyoidn
 
     return pyoidn

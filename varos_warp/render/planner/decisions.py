@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
@@ -100,9 +101,7 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
     limits = "".join(f", at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds
                      if bound is not None)
-    used = {resolve_integrator(scene, camera, plan.integrator, plan.max_scatterings)
-            for camera in scene.vehicle.cameras}
-    tracer = " or ".join(TRACERS[name] for name in sorted(used))
+    tracer = TRACERS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
     words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",

@@ -137,16 +137,20 @@ class Planner:
         """The worst view's camera with the pixels in which errors are measured."""
         return pilot_camera(self.worst.camera, pilot.pixels_tried(self.worst.camera, len(self.poses)))
 
+    @cached_property
+    def no_field(self) -> str | None:
+        """Why the scene has no field."""
+        return unavailable(self.scene)
+
     @property
-    def integrators(self) -> set[str]:
-        """What renders A, over the cameras."""
-        return {resolve_integrator(self.scene, camera, self.integrator, self.render.max_scatterings)
-                for camera in self.scene.vehicle.cameras}
+    def resolved(self) -> str:
+        """The integrator that renders A by what has been chosen so far."""
+        return resolve_integrator(self.integrator, self.render.max_scatterings, lambda: self.no_field)
 
     @property
     def steepest(self) -> float:
         """Exponent of the error in the samples, at the least."""
-        return min(STEEPEST[name] for name in self.integrators)
+        return STEEPEST[self.resolved]
 
     def image(self, T_w_v, camera, spp: int, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
@@ -161,14 +165,13 @@ class Planner:
 
     def choose_integrator(self) -> None:
         """The one that takes least time for the same error; paths alone where the field is not right enough."""
-        asked, found = self.render.integrator, self.integrators
-        words, why = " and ".join(sorted(found)), "given"
-        if "field" not in found:
-            if asked != words and self.render.max_scatterings is not None:
+        asked, found, why = self.render.integrator, self.resolved, "given"
+        if found != "field":
+            if asked != found and self.render.max_scatterings is not None:
                 why = "the field holds all orders of scattering, and a bound is given"
-            elif asked != words:
-                why = unavailable(self.scene)
-            return self.decide("integrator", words, why, np.zeros(3))
+            elif asked != found:
+                why = self.no_field
+            return self.decide("integrator", found, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
@@ -179,7 +182,7 @@ class Planner:
                     return self.take_paths("in this scene the field of open water helps little: "
                                            f"paths alone take {gain:.2g} of the time for the same noise")
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
-        return self.decide("integrator", words, why, np.full(3, FIELD_ERROR))
+        return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
 
     def take_paths(self, why: str) -> None:
         """Do without the field."""
@@ -236,7 +239,7 @@ class Planner:
     def seconds(self, spp: float) -> float:
         """About how long an image of the largest camera takes with so many samples per pixel."""
         pixels = max(np.prod(camera.resolution) for camera in self.scene.vehicle.cameras)
-        cost = max(SAMPLE_COST.get(name, 1.0) for name in self.integrators) / SAMPLE_COST["field"]
+        cost = SAMPLE_COST.get(self.resolved, 1.0) / SAMPLE_COST["field"]
         return float(pixels * spp * cost * NOMINAL_SECONDS[kind_of(self.renderer.device)])
 
     @property
@@ -282,7 +285,7 @@ class Planner:
 
     def error_law(self, target: float) -> ErrorLaw:
         """How the error falls with the samples: from images with about as many as are needed."""
-        spp = first = min(FIRST_GUESS[name] for name in self.integrators)
+        spp = first = FIRST_GUESS[self.resolved]
         for _ in range(ROUNDS):
             law = self.measured_law(spp)
             needed = law.samples(target)

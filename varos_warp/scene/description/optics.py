@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import Block, Vec3, unwritten_if_absent
-from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.camera import camera_model, unit
 
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
 """Refractive index, relative to air."""
@@ -105,7 +105,7 @@ def twin(camera: Any) -> Any:
 
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
-    for problem in (_of_water, _of_lens, _of_port, _of_rim, _of_vignetting):
+    for problem in (_of_water, _of_port, _of_lens, _of_rim, _of_vignetting):
         if found := problem(camera):
             raise ValueError(found)
     return camera
@@ -147,19 +147,20 @@ def _of_port(camera: Any) -> str | None:
             return (f"port: the lens (of radius {lens_radius:g} m, at [0, 0, 0]) does not lie within the dome; "
                     "move port.centre nearer to it or give a larger port.radius_m")
         return None
-    length = float(np.linalg.norm(port.normal))
-    if length < 1e-6 or port.normal[2] <= 1e-6 * length:
+    cosine = unit(port.normal)[2] if any(port.normal) else 0.0
+    if cosine <= 1e-6:
         return "port.normal must point forwards: the glass of a flat port is before the lens, so its z is above 0"
-    if lens_radius * np.sqrt(max(0.0, 1.0 - (port.normal[2] / length) ** 2)) >= port.distance_m:
+    if lens_radius * np.sqrt(max(0.0, 1.0 - cosine**2)) >= port.distance_m:
         return (f"port.distance_m: the glass cuts the lens, whose radius (focal_mm / f_stop / 2) is {lens_radius:g} m; "
                 "give a larger distance_m or f_stop")
     return None
 
 
 def _of_rim(camera: Any) -> str | None:
-    """What the middle of the image sees tells how large a pixel is."""
+    """The pixels in the middle of the image see something."""
     model = camera_model(camera)
-    if model.port is None or all(model.rays(model.K[:2, 2], channel).weight > 0.0 for channel in range(3)):
+    middle = model.K[:2, 2] + np.array([[0, 0], [-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]])
+    if model.port is None or all((model.rays(middle, channel).weight > 0.0).all() for channel in range(3)):
         return None
     key = "clear_radius_m" if camera.port.kind == "flat" else "half_angle_deg"
     return f"port.{key}: the rim of the port hides the middle of the image; give a larger one"

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import intrinsics
@@ -90,10 +91,14 @@ class CameraModel:
         return float(np.linalg.norm(np.cross(*d)))
 
     def field_of_view(self, width: int, height: int) -> np.ndarray:
-        """Angles [2] [rad] across and down the middle of an image, between rays in the water; NaN beyond a pane."""
-        ends = np.array([[[0.0, height / 2], [width, height / 2]], [[width / 2, 0.0], [width / 2, height]]])
-        d = self.rays(ends).direction
-        return np.arctan2(np.hypot(d[..., 0], d[..., 1]), d[..., 2]).sum(-1)
+        """Angles [2] [rad] across and down the middle of an image, between the outermost rays that see water."""
+        middle, along = np.array([width, height]) / 2, np.linspace(-1.0, 1.0, 1025)[:, None]
+        angles = []
+        for half in np.diag(middle):
+            d = self.rays(middle + along * half).direction
+            d = d[np.isfinite(d).all(-1)][[0, -1]]
+            angles.append(np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]).sum())
+        return np.array(angles)
 
     def directions(self, points: np.ndarray) -> np.ndarray:
         """Unit vectors [..., 3] in front of the lens, in air if there is a port, of image points [..., 2]."""
@@ -166,8 +171,13 @@ def port_model(kind: str, **values: Any) -> Port:
     """The port of a scene's block."""
     if kind == "dome":
         return DomePort(**values | {"centre": tuple(values["centre"])})
-    normal = np.array(values["normal"], float)
-    return FlatPort(**values | {"normal": tuple((normal / np.linalg.norm(normal)).tolist())})
+    return FlatPort(**values | {"normal": tuple(unit(values["normal"]).tolist())})
+
+
+def unit(vector: ArrayLike) -> np.ndarray:
+    """A vector that is not 0, of any length that float64 holds, at unit length."""
+    scaled = np.array(vector, float) / np.abs(vector).max()
+    return scaled / np.linalg.norm(scaled)
 
 
 def pixel_centres(width: int, height: int) -> np.ndarray:

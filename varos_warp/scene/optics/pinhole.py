@@ -4,6 +4,7 @@ Behind a port, where a point is seen depends on its distance in ways that no dis
 is follows from the distances that a camera sees.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +29,8 @@ class PortWorth(NamedTuple):
     far_m: float
     colours_px: float
     """How far apart red and blue are at most; 0 where the water's index is one number."""
-    hidden: bool
-    """Whether a part of the image sees nothing through the port."""
+    besides: tuple[str, ...]
+    """What else differs, in words."""
     pinhole: dict[str, Any] | None
     """``focal_mm`` and perhaps ``distortion`` of a camera without port that shows the same; None: there is none."""
 
@@ -43,7 +44,7 @@ class PortWorth(NamedTuple):
         words = (f"a pinhole with the best distortion is off by {self.rms_px:.2g} px rms, {self.max_px:.2g} px at most "
                  f"{where}")
         words += f"; red and blue part by up to {self.colours_px:.2g} px" if self.colours_px else ""
-        return words + ("; a part of the image sees nothing through the port" if self.hidden else "")
+        return "; ".join([words, *self.besides])
 
 
 def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
@@ -62,15 +63,27 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
     image = np.broadcast_to(image[seen], (*points.shape[:2], 2))
     lens = KANNALA_BRANDT if model.lens.model == KANNALA_BRANDT else BROWN_CONRADY
     off = distance_px(fit_pinhole(model, image, points, lens), image, points)
-    colours, keys = 0.0, None
+    colours, keys, besides = 0.0, None, [*_besides(camera, seen)]
     if len(set(model.n_water)) > 1:
         colours = float(np.nanmax(np.linalg.norm(model.project(points, 0) - model.project(points, 2), axis=-1)))
-    if colours < ALIKE_PX and seen.all():
-        fits = (fit_pinhole(model, image, points, kind, centre=False) for kind in ("none", lens))
-        keys = next((_keys(camera, model, fit) for fit in fits if distance_px(fit, image, points).max() < ALIKE_PX),
-                    None)
+    if colours < ALIKE_PX and not besides:
+        fits = [fit_pinhole(model, image, points, kind, centre=False) for kind in ("none", lens)]
+        apart = [np.linalg.norm(fit.project(points) - image, axis=-1).max() for fit in fits]  # NaN: its lens folds
+        keys = next((_keys(camera, model, fit) for fit, px in zip(fits, apart, strict=True) if px < ALIKE_PX), None)
+        if keys is None and off.max() < ALIKE_PX:
+            besides.append(f"with its centre in the middle of the image, {np.nanmin(apart):.2g} px")
     rms = float(np.sqrt(np.square(off).mean()))
-    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours, not seen.all(), keys)
+    return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours, tuple(besides), keys)
+
+
+def _besides(camera: Any, seen: np.ndarray) -> Iterator[str]:
+    """What a pinhole would not have, but for the places of points."""
+    if not seen.all():
+        yield "a part of the image sees nothing through the port"
+    if camera.f_stop > 0.0:
+        yield "its depth of field would be another"
+    if camera.vignetting is not None and camera.vignetting.kind == "cos4":
+        yield "its vignetting would be another"
 
 
 def fit_pinhole(camera: CameraModel, image: np.ndarray, points: np.ndarray, lens: str, *, centre: bool = True
