@@ -13,11 +13,11 @@ LONGEST_S = 86_400
 """Longest sequence [s]: a day, whose trajectory is 17 million rows and takes 9 GB to make."""
 MAX_TICKS = LONGEST_S * TICK_RATE_HZ
 HIGHEST_RATE_HZ = 10_000.0
-"""Of frames and sensors. The motion has what the simulation moves in a tick, whatever the rate."""
+"""Of frames and sensors: 50 to a tick, between which the motion has no more to tell."""
 
 
 def check_rate(rate_hz: float, key: str) -> None:
-    """Refuse a rate that gives less than one sample in the longest sequence, or whose samples nanoseconds cannot tell.
+    """Refuse a rate that gives less than one sample in the longest sequence, or more than anyone has asked for.
 
     Raises:
         InputError: It is such a rate.

@@ -37,10 +37,10 @@ REPORT_TICKS = 200
 
 @dataclass(frozen=True)
 class Simulation:
-    """A trajectory, the ticks of its frames and what the sensors read."""
+    """A trajectory, where it is at the frames, and what the sensors read."""
 
     trajectory: Trajectory
-    """Motion of the vehicle, up to one IMU sample after the last frame."""
+    """Motion of the vehicle, up to the first IMU sample after the last frame, and the tick after that."""
     frames: Trajectory
     """The same at the frames' times, the first at 0."""
     imu: Imu | None

@@ -66,7 +66,7 @@ class Frame:
 
     @cached_property
     def P(self) -> np.ndarray:
-        """A without the port and the distortion of the lens (the twin), uint8 [H, W, 3], sRGB after exposure."""
+        """A without port, distortion and vignetting (the twin), uint8 [H, W, 3], sRGB after exposure."""
         return self.data.pixels("P", self.number, self.camera)
 
     @cached_property

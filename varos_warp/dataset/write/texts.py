@@ -281,7 +281,7 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
     start, end = scene.render.depth_range_m
-    bent = any(camera.port or camera.distortion for camera in scene.vehicle.cameras)
+    bent = any(twin(camera) != camera for camera in scene.vehicle.cameras)
     words = {"LENS": _BENT if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",

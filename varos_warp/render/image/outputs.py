@@ -130,7 +130,7 @@ OUTPUTS = {row.letter: row for row in (
     Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
     Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
     Output("S", "Number of the object in each pixel", 1, np.uint16, False, encode_segments, decode_segments),
-    Output("P", "A without port and lens distortion", 3, np.uint8, True, encode_color, decode_color, like="A"),
+    Output("P", "A without port, lens distortion and vignetting", 3, np.uint8, True, encode_color, decode_color, like="A"),
 )}
 
 
