@@ -49,7 +49,7 @@ def check(renderer, plan: Plan, poses, frame: int) -> dict:
 def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) -> dict:
     """Plan a sequence and check some of its frames; ``keep`` is told after each."""
     simulation = simulate(scene)
-    poses = [simulation.trajectory.T_w_v(tick) for tick in simulation.frame_ticks]
+    poses = list(simulation.frames.poses())
     renderer, watch = FrameRenderer(scene, device), Stopwatch()
     plan = plan_render(scene, renderer, poses)
     planning = watch.seconds

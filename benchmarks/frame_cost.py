@@ -82,7 +82,7 @@ def main() -> None:
     numbers = {name: [int(n) for n in getattr(options, name).split(",")] for name in ("frames", "spp", "spp_b")}
     scene = load_scene(options.scene)
     simulation = simulate(scene)
-    poses = [simulation.trajectory.T_w_v(k) for k in simulation.frame_ticks]
+    poses = list(simulation.frames.poses())
     renderer = FrameRenderer(scene, options.device)
     result = {"machine": machine(renderer.device), "scene": scene.name,
               "resolution": scene.vehicle.cameras[0].resolution, "estimate_spp": options.estimate_spp}

@@ -100,7 +100,7 @@ class Bench:
     def __post_init__(self):
         self.scene = load_scene(self.case.path, (SIZE, "render.spp=null", *self.case.changes))
         trajectory = simulate(self.scene)
-        self.T_w_v = trajectory.trajectory.T_w_v(trajectory.frame_ticks[self.case.frame])
+        self.T_w_v = trajectory.frames.T_w_v(self.case.frame)
         self.camera = self.scene.vehicle.cameras[0]
         self.renderer = FrameRenderer(self.scene, self.device, build_parts(self.scene))
         self.denoise = self.scene.render.denoise

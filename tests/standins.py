@@ -7,9 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.scene.description.optics import twin
-from varos_warp.scene.frames import camera_pose, pose_matrix, transform
+from varos_warp.scene.frames import camera_pose, pose_matrix
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.sim.motion import Trajectory
 
 FLOOR_Z = -3.0
 
@@ -53,9 +54,6 @@ def simulate(scene, *, progress=None):
     alpha = np.column_stack([np.zeros_like(t), np.zeros_like(t), -0.4 * np.sin(t)])
     time_ns = ticks.astype(np.int64) * 5_000_000
 
-    def T_w_v(k):
-        return transform(rotation[int(k)].as_matrix(), position[k])
-
     imu = SimpleNamespace(time_ns=time_ns)
     R_v_s = pose_matrix(scene.vehicle.imu)[:3, :3]
     lever = np.array(scene.vehicle.imu.position)
@@ -69,13 +67,11 @@ def simulate(scene, *, progress=None):
         white = scene.vehicle.imu.noise.accelerometer_noise_density * np.sqrt(rate)
         white = white * np.random.default_rng(scene.seed).standard_normal(body.shape)
         imu.acceleration = imu.acceleration + imu.acceleration_bias + white
+    trajectory = Trajectory(time_ns, position, velocity, acceleration,
+                            rotation.as_quat(canonical=True, scalar_first=True), omega, alpha)
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
-        trajectory=SimpleNamespace(
-            time_ns=time_ns, position=position, velocity=velocity, acceleration=acceleration,
-            quaternion=rotation.as_quat(canonical=True, scalar_first=True), angular_velocity=omega,
-            angular_acceleration=alpha, T_w_v=T_w_v),
-        frame_ticks=np.arange(0, len(ticks) - 1, 20), imu=imu,
+        trajectory=trajectory, frames=trajectory.at(time_ns[:-1:20]), imu=imu,
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[])
 
 
@@ -144,7 +140,7 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
     words = {"spp_in_words": str(plan["spp"])}
-    words |= {"error": None, "shortfall": None, "cost": None}
+    words |= {"error": None, "shortfall": None, "ports": [], "cost": None}
     return SimpleNamespace(**plan, **words, decisions=[decision],
                            to_dict=lambda: plan | {"decisions": [vars(decision)]})
 

@@ -38,7 +38,7 @@ def test_every_shipped_scene_renders(path):
     scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", "trajectory.duration_s=0.5"])
     simulation = simulate(scene)
     renderer = FrameRenderer(scene, "cpu")
-    T_w_v = simulation.trajectory.T_w_v(simulation.frame_ticks[0])
+    T_w_v = simulation.frames.T_w_v(0)
     for camera in scene.vehicle.cameras:
         frame = renderer.render(T_w_v, camera.id, "ABCDS", spp=2, spp_b=2, denoise="none", denoise_b="none")
         for image in (frame.A, frame.B):

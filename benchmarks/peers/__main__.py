@@ -26,11 +26,11 @@ def export(
     """Write one frame of a scene as a file that the other program opens."""
     scene = load_scene(scene_file)
     run = simulate(scene)
-    if frame >= len(run.frame_ticks) or camera >= len(scene.vehicle.cameras):
+    if frame >= len(run.frames) or camera >= len(scene.vehicle.cameras):
         raise InputError("there is no such frame or camera", file=scene_file, key="--frame, --camera",
-                         value=(frame, camera), remedy=f"There are {len(run.frame_ticks)} frames and "
+                         value=(frame, camera), remedy=f"There are {len(run.frames)} frames and "
                                                        f"{len(scene.vehicle.cameras)} cameras, from 0.")
-    T_w_v = run.trajectory.T_w_v(run.frame_ticks[frame])
+    T_w_v = run.frames.T_w_v(frame)
     peers.export(peer, scene, build_parts(scene), scene.vehicle.cameras[camera], T_w_v, output, spp=spp)
 
 

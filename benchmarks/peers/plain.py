@@ -97,8 +97,11 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         max_events: most scatterings and reflections together; 1 is direct light and single scattering.
 
     Raises:
-        InputError: the peers cannot render a material or the phase function of the scene, or count paths in that way.
+        InputError: the peers cannot render the camera, a material or the phase function, or count paths in that way.
     """
+    if camera.port is not None or camera.distortion is not None:
+        raise InputError("the peers' cameras have neither port nor distortion", key="cameras.port, distortion",
+                         remedy="Compare a camera without them.")
     T_w_c = camera_pose(camera, np.asarray(T_w_v, float))
     origin = np.round(T_w_c[:3, 3])
     T_w_c[:3, 3] -= origin

@@ -190,9 +190,8 @@ def saturation() -> Sweep:
                                "handover_timeout_s": 5.0}}))
         except InputError:
             return float("nan"), float("nan")
-        end = run.frame_ticks[-1]
         return (float(np.linalg.norm(run.reference_position - run.trajectory.position, axis=1).max()),
-                float(np.linalg.norm(run.trajectory.position[end] - [0.0, 3.0, 0.0])))
+                float(np.linalg.norm(run.frames.position[-1] - [0.0, 3.0, 0.0])))
 
     made = [lag(force) for force in forces]
     return Sweep(

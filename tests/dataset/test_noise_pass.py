@@ -12,6 +12,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import NoiseProfile, load_profile, merge_profiles, named_profiles
+from varos_warp.scene.description.optics import Vignetting
 from varos_warp.sim.sensors.noise import imu_noise
 
 PROFILE = load_profile("low_light_rov")
@@ -114,6 +115,23 @@ def test_a_part_for_which_there_is_no_sensor_is_left_out_with_a_warning(tmp_path
     with pytest.warns(UserWarning, match="no readings of: camera"):
         made = add_noise(tmp_path / "d", PROFILE, tmp_path / "out", quiet=True)
     assert made.meta["noise"]["profile"]["camera"] is None
+
+
+def test_a_camera_with_vignetting_gets_none_of_the_profile(tmp_path):
+    """dataset.json and its camera model say what it has; A is what the profile without vignetting makes."""
+    fall = {"kind": "polynomial", "coefficients": [-0.4]}
+    scene = make_scene()
+    cameras = [scene.vehicle.cameras[0].model_copy(update={"vignetting": Vignetting(**fall)})]
+    scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
+    produce(scene, tmp_path / "d", frames=slice(2), quiet=True)
+    data = Dataset(tmp_path / "d")
+    assert data.camera()["vignetting"] == fall
+    np.testing.assert_allclose(data.camera_model().rays([[0.0, 0.0]]).weight, 0.6)
+    with pytest.warns(UserWarning, match="A of L0 has the vignetting of the scene"):
+        made = add_noise(data.root, PROFILE, tmp_path / "out", quiet=True)
+    without = PROFILE.model_copy(update={"camera": PROFILE.camera.model_copy(update={"vignetting": None})})
+    bare = add_noise(data.root, without, tmp_path / "bare", quiet=True)
+    np.testing.assert_array_equal(made.image("A", 0, "L0"), bare.image("A", 0, "L0"))
 
 
 def test_no_noise_is_added_to_a_dataset_that_is_not_complete(tmp_path):

@@ -25,7 +25,7 @@ def motion(turned: Rotation, *, position=0.0, velocity=0.0, acceleration=0.0, om
     count = len(turned)
     vectors = (np.broadcast_to(x, (count, 3)).astype(float) for x in (position, velocity, acceleration))
     rates = (np.broadcast_to(x, (count, 3)).astype(float) for x in (omega, alpha))
-    return Trajectory(times_ns(count), *vectors, turned.as_quat(canonical=True, scalar_first=True), *rates)
+    return Trajectory(times_ns(count, 200.0), *vectors, turned.as_quat(canonical=True, scalar_first=True), *rates)
 
 
 @pytest.mark.parametrize("angles", UP_DOWN_SIDEWAYS)

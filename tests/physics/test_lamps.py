@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from rig import assert_agrees, floor, hg, one_ray_scene, radiance, spot
 
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.lights import distribution as distribution_module
 from varos_warp.scene.lights.distribution import distribution
+from varos_warp.scene.lights.profiles import read_profile
 
 WATER = {"sigma_s": [0.2] * 3, "sigma_a": [0.1] * 3, "phase": {"g": 0.8}}
 PLACES = [(-0.15, 0, -0.1), (0.15, 0, -0.1)]
@@ -72,3 +75,22 @@ def test_the_floor_below_a_lamp_has_the_irradiance_of_its_profile(tmp_path, port
     r = np.hypot(x, 3.0 - z)
     E = 2.0 * shape.gain * shape.at(np.arctan2(x, 3.0 - z)) / r**2 * (3.0 - z) / r
     assert_agrees(radiance(scene, [floor(3.0, 0.3)], "direct", spp=4), 0.3 / np.pi * E)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("port", [{}, {"port": {"kind": "flat"}}])
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_a_gpu_lights_as_a_cpu_does(tmp_path, port, integrator):
+    scene, ground = one_ray_scene(lamps(hot_spot(tmp_path) | port), WATER, pixels=64), [floor(3.0, 0.3)]
+    cpu, gpu = (radiance(scene, ground, device=device, integrator=integrator) for device in ("cpu", "cuda:0"))
+    assert_agrees(gpu, cpu[0], truth_stderr=cpu[1])
+
+
+def test_the_file_of_a_profile_is_not_read_for_every_frame(tmp_path, monkeypatch):
+    """Nor for the lights of the device twice: once for them, and once to see whether the field serves."""
+    reads = []
+    monkeypatch.setattr(distribution_module, "read_profile", lambda *of: reads.append(of) or read_profile(*of))
+    renderer = FrameRenderer(one_ray_scene(lamps(hot_spot(tmp_path))[:1], WATER), "cpu", parts=[])
+    for frame in range(3):
+        renderer.render(np.eye(4), outputs="A", integrator="auto", layers=("single",), spp=1, frame=frame)
+    assert len(reads) == 2

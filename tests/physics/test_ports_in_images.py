@@ -121,6 +121,32 @@ def test_each_channel_of_a_dispersive_camera_is_that_of_a_camera_with_its_index(
           tolerance=2e-3 * expected * (integrator == "field"), reason="stated bias of the field")
 
 
+@pytest.mark.parametrize("integrator", ["path", "reference"])
+def test_past_the_rim_images_are_black_or_nothing(integrator):
+    """All six outputs, in water that scatters: a pane of 9 mm, and each pixel either has a ray or has none."""
+    rim = FLAT | {"normal": [0, 0, 1], "clear_radius_m": 0.009}
+    water = {"coefficients": {"sigma_s": [0.3] * 3, "sigma_a": [0.1] * 3}}
+    scene = scene_of({"port": rim, "distortion": BARREL}, water)
+    plate = rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")
+    frame = FrameRenderer(scene, "cpu", parts=[plate]).render(
+        np.eye(4), outputs="ABCDS", spp=4, spp_b=4, integrator=integrator, denoise="none", denoise_b="none")
+    border = camera_model(scene.vehicle.cameras[0])
+    row, col = np.indices((37, 65))
+    corners = border.rays(np.stack([col, row], -1)).weight > 0.0
+    whole = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
+    none = ~(corners[:-1, :-1] | corners[1:, :-1] | corners[:-1, 1:] | corners[1:, 1:])
+    assert min(whole.sum(), none.sum()) > 300
+    for image in (frame.A.radiance, frame.B.radiance):
+        assert (image[whole] > 0.0).all()
+        assert (image[none] == 0.0).all()
+    assert np.isfinite(frame.D.range[whole]).all()
+    assert np.isinf(frame.D.range[none]).all()
+    assert np.isinf(frame.D.depth[none]).all()
+    assert not frame.C.normal[none].any()
+    assert not frame.S.instance[none].any()
+    assert np.isfinite(frame.A.stderr).all()
+
+
 def test_white_surroundings_stay_white_in_b():
     """B has no water, so no port takes light from it; where the glass is not met, it is black."""
     scene = scene_of({"port": FLAT, "distortion": {"model": "kannala_brandt"}, "focal_mm": 1.3})
@@ -132,3 +158,19 @@ def test_white_surroundings_stay_white_in_b():
     np.testing.assert_allclose(B[inner], 1.0, atol=1e-5)
     assert (B[:, 0] == 0.0).all()
     assert (weight[:, 0] == 0.0).all()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_gpu_sees_through_lens_and_port_as_a_cpu_does(camera):
+    """The same random numbers, so that rounding alone differs: that of a ray errs in 1 / D of a plane, at any slant."""
+    scene = scene_of(CAMERAS[camera], {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [0.4, 0.1, 0.05]}})
+    parts = [rectangle((-30, -6, -30), (60, 18, 0), (0, 0, 60), 0.5, "plane"),
+             rectangle((-0.4, 1.88, -0.3), (0.9, 0.27, 0), (0, 0, 0.7), 0.8, "square")]
+    how = {"outputs": "ADS", "spp": 6, "integrator": "path", "layers": ("direct",), "denoise": "none"}
+    cpu, gpu = (FrameRenderer(scene, device, parts=parts).render(np.eye(4), **how) for device in ("cpu", "cuda:0"))
+    same = cpu.S.instance == gpu.S.instance
+    assert same.mean() > 0.999
+    np.testing.assert_allclose(1.0 / gpu.D.range[same], 1.0 / cpu.D.range[same], rtol=0, atol=1e-6)
+    off = np.abs(gpu.A.radiance - cpu.A.radiance) > 1e-3 * cpu.A.radiance
+    assert off[same].mean() < 1e-3  # samples at edges, on either side

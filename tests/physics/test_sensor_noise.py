@@ -4,8 +4,9 @@ import allantools
 import numpy as np
 import pytest
 
-from varos_warp.scene.description.noise_profile import CameraNoise, DepthGaugeNoise, Vignetting, load_profile
-from varos_warp.sim.sensors.image_noise import expose, frame_generator, to_linear, vignette
+from varos_warp.scene.description.noise_profile import CameraNoise, DepthGaugeNoise, load_profile
+from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
+from varos_warp.sim.sensors.image_noise import expose, frame_generator, to_linear
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 RATE, COUNT = 200.0, 1 << 20
@@ -120,16 +121,20 @@ def test_with_exposure_by_time_the_gain_brings_electrons_and_with_amplification_
 
 @pytest.mark.subject("camera")
 def test_vignetting_is_that_of_its_formula(truth):
-    K, shape = np.array([[300.0, 0, 90.0], [0, 280.0, 50.0], [0, 0, 1]]), (100, 160)
-    model = CameraNoise(electrons_per_dn=1.0, shot_noise=False, bits=16, vignetting=Vignetting())
+    K, shape = np.array([[300.0, 0, 80.0], [0, 280.0, 50.0], [0, 0, 1]]), (100, 160)
+    model = CameraNoise(electrons_per_dn=1.0, shot_noise=False, bits=16)
+
+    def share(**fall):
+        return CameraModel(K, vignetting=Vignetting(**fall)).vignette(pixel_centres(*shape[::-1]))
+
     numbers = expose(model, np.full((*shape, 3), 0.9), 1.0, frame_generator(0, 0, "x"),
-                     vignette(model.vignetting, K, shape))
+                     share())
     row, col = np.meshgrid(np.arange(100) + 0.5, np.arange(160) + 0.5, indexing="ij")
-    angle = np.arctan(np.hypot((col - 90) / 300, (row - 50) / 280))
+    angle = np.arctan(np.hypot((col - 80) / 300, (row - 50) / 280))
     truth("cos^4 of the angle to the axis", source="0.9 cos^4", expected=0.9 * np.cos(angle) ** 4,
           got=to_linear(model, numbers)[..., 0], tolerance=0.5 / 65535 * (1 + 1e-9), reason="half a step of 16 bit")
-    polynomial = vignette(Vignetting(kind="polynomial", coefficients=(-0.3, 0.1)), K, shape)
-    r2 = ((col - 90) ** 2 + (row - 50) ** 2) / (50**2 + 80**2)
+    polynomial = share(kind="polynomial", coefficients=(-0.3, 0.1))
+    r2 = ((col - 80) ** 2 + (row - 50) ** 2) / (50**2 + 80**2)
     np.testing.assert_allclose(polynomial, 1 - 0.3 * r2 + 0.1 * r2**2, atol=1e-14)
 
 

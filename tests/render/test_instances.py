@@ -50,7 +50,7 @@ def render(parts, outputs="ABCDS", **how):
 @pytest.fixture(scope="module")
 def pair():
     copies = nuts()
-    return [render(parts, spp=64, spp_b=64) for parts in ([ground(), copies], [ground(), *copies.parts()])]
+    return [render(parts, spp=40, spp_b=24) for parts in ([ground(), copies], [ground(), *copies.parts()])]
 
 
 def test_depth_normals_and_numbers_are_those_of_separate_meshes(pair):

@@ -1,5 +1,7 @@
 """The small parts: parameters, actuator limit, design identities, current, noise, quaternions, clock."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
-from varos_warp.sim.clock import frame_count, ticks_per_sample
+from varos_warp.sim.clock import HIGHEST_RATE_HZ, LONGEST_S, check_rate, frame_count, frames_until, times_ns
 from varos_warp.sim.sensors.noise import noise
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.actuator import limit
@@ -259,15 +261,24 @@ def test_log_undoes_exp_for_small_and_large_turns_and_either_sign(v, sign, scale
     np.testing.assert_allclose(quaternion.log(q), v, atol=4e-15, rtol=1e-12)
 
 
-def test_rates_that_divide_the_clock_are_taken_also_as_rounded_decimals():
-    assert [ticks_per_sample(rate, "x") for rate in (200, 100, 66.6666666667, 10, 0.5)] == [1, 2, 3, 20, 400]
-    for rate in (30.0, 201.0, 1e9, 150.0):
-        with pytest.raises(InputError):
-            ticks_per_sample(rate, "x")
+@pytest.mark.parametrize("rate", [200.0, 10.0, 0.5, 29.97, 60.0, 1e3])
+def test_samples_are_at_the_nearest_nanosecond_for_a_day(rate):
+    count = int(LONGEST_S * min(rate, 200.0))
+    last = Fraction(count - 1) * 10**9 / Fraction(rate)
+    assert abs(times_ns(count, rate)[-1] - last) <= Fraction(51, 100)  # half a nanosecond, and float64's rounding
+
+
+def test_rates_that_nanoseconds_cannot_tell_are_refused():
+    check_rate(HIGHEST_RATE_HZ, "x")
+    for rate in (1.01 * HIGHEST_RATE_HZ, 1e300):
+        with pytest.raises(InputError, match="is too high"):
+            check_rate(rate, "x")
 
 
 def test_a_duration_has_frames_at_its_start_but_not_at_its_end():
-    assert [frame_count(duration, 20) for duration in (20.0, 0.3, 0.1, 1e-3, 0.25)] == [200, 3, 1, 1, 3]
+    assert [frame_count(duration, 10.0) for duration in (20.0, 0.3, 0.1, 1e-3, 0.25)] == [200, 3, 1, 1, 3]
+    assert [frames_until(end, 10.0) for end in (20.0, 0.3, 0.1, 1e-3, 0.25)] == [201, 4, 2, 1, 3]
+    assert frame_count(1000 / 29.97, 29.97) == frames_until(1000 / 29.97, 29.97) - 1 == 1000
 
 
 def test_all_parameters_of_the_sphere_are_fields_of_the_scene():

@@ -246,7 +246,7 @@ def test_the_vehicle_never_stalls_at_a_turn(turn_deg):
     for mode in ("none", "full"):
         simulation = simulate(course({"position": (0, 0, 0)}, {"position": (0, 5, 0)}, {"position": goal},
                                      vehicle={"controller": {"feed_forward": mode}}))
-        last = simulation.trajectory.position[simulation.frame_ticks[-1]]
+        last = simulation.frames.position[-1]
         assert np.linalg.norm(last - goal) < 0.55  # the hand-over radius and a frame's way
         assert not simulation.messages
 
@@ -304,7 +304,7 @@ def test_waypoints_without_distance_or_turn_are_held_and_nothing_is_divided_by_z
 
 def test_a_single_waypoint_is_held_for_the_duration():
     simulation = simulate(course({"position": (1, 2, 3), "rotation_euler_deg": (0, 0, 30)}, duration_s=3.0))
-    assert len(simulation.frame_ticks) == 30
+    assert len(simulation.frames) == 30
     assert set(simulation.waypoint) == {0}
     np.testing.assert_allclose(simulation.trajectory.velocity, 0.0, atol=1e-12)
 

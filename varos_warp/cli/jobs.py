@@ -85,9 +85,8 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     device = resolve_device(choices.device)
     loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
     simulation = simulated(loaded, quiet)
-    ticks = simulation.frame_ticks
-    poses = [simulation.trajectory.T_w_v(tick) for tick in ticks]
-    wanted = [poses[frame] for frame in select(chosen, len(ticks))]
+    poses = list(simulation.frames.poses())
+    wanted = [poses[frame] for frame in select(chosen, len(poses))]
     planned = plan_render(loaded, FrameRenderer(loaded, device), wanted, measure_cost=True)
     result = planned.to_dict()
     if json_:

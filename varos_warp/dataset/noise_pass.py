@@ -24,6 +24,7 @@ from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_che
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.description.noise_profile import NoiseProfile
+from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
@@ -99,7 +100,10 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
         InputError: If its EXR or its gain cannot be read.
     """
     linear, gain = data.linear("A", frame, camera), data.gain("A", frame, camera)
-    share = image_noise.vignette(profile.camera.vignetting, data.intrinsics(camera), linear.shape[:2])
+    share: np.ndarray | float = 1.0
+    if profile.camera.vignetting is not None and not data.camera(camera).get("vignetting"):
+        fall = Vignetting(**profile.camera.vignetting.model_dump())
+        share = CameraModel(data.intrinsics(camera), vignetting=fall).vignette(pixel_centres(*linear.shape[1::-1]))
     rng = image_noise.frame_generator(seed, frame, camera)
     numbers = image_noise.expose(profile.camera, linear, gain, rng, share)
     return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)
@@ -115,6 +119,10 @@ def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
     absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
     if absent:
         warnings.warn(f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out",
+                      stacklevel=3)
+    seen = [about["id"] for about in data.meta["cameras"] if about.get("vignetting")]
+    if seen and there["camera"] and profile.camera is not None and profile.camera.vignetting is not None:
+        warnings.warn(f"A of {', '.join(seen)} has the vignetting of the scene; the profile's is left out there",
                       stacklevel=3)
     return profile.model_copy(update=dict.fromkeys(absent))
 

@@ -28,7 +28,6 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.files import is_file
 from varos_warp.scene.geometry.parts import local_origin
 from varos_warp.scene.load import load_scene
-from varos_warp.sim.clock import TICK_S
 
 MOST_SPP = 64
 """Samples per pixel at which an image is good enough, where the scene names none."""
@@ -208,9 +207,9 @@ class _EditedScene:
         cameras = [smaller(camera, self.viewpoint.width) for camera in scene.vehicle.cameras]
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
         camera = _camera(cameras, self.viewpoint.camera)
-        trajectory = self._simulated(scene).trajectory
-        T_w_v = trajectory.T_w_v(_tick(self.viewpoint, self._simulation))
-        return View(self._uploaded(scene), camera, T_w_v, trajectory.position)
+        simulation = self._simulated(scene)
+        T_w_v = _pose(self.viewpoint, simulation)
+        return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position)
 
     def _simulated(self, scene: Scene):
         moving = scene.model_dump(exclude=NOT_MOVING)
@@ -281,15 +280,15 @@ def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
     return cameras[0] if wanted is None else known[wanted]
 
 
-def _tick(viewpoint: Viewpoint, simulation) -> int:
-    """Row of the trajectory at which to look."""
-    frame, time_s, ticks = viewpoint.frame, viewpoint.time_s, simulation.frame_ticks
+def _pose(viewpoint: Viewpoint, simulation) -> np.ndarray:
+    """Pose [4, 4] of the vehicle from which to look."""
+    frame, time_s, trajectory = viewpoint.frame, viewpoint.time_s, simulation.trajectory
     if time_s is not None:
-        end = TICK_S * (len(simulation.trajectory.time_ns) - 1)
+        end = 1e-9 * trajectory.time_ns[-1]
         if not 0.0 <= time_s <= end:
             raise InputError("is not on the course", key="--time", value=time_s, remedy=f"It lasts {end:g} s.")
-        return round(time_s / TICK_S)
-    if not 0 <= frame < len(ticks):
+        return trajectory.at([min(round(1e9 * time_s), trajectory.time_ns[-1])]).T_w_v(0)
+    if not 0 <= frame < len(simulation.frames):
         raise InputError("there is no such frame", key="--frame", value=frame,
-                         remedy=f"The sequence has frames 0 to {len(ticks) - 1}.")
-    return int(ticks[frame])
+                         remedy=f"The sequence has frames 0 to {len(simulation.frames) - 1}.")
+    return simulation.frames.T_w_v(frame)

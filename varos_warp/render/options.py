@@ -1,6 +1,6 @@
 """What can be asked of the images of a frame, and the integrator that serves."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -85,8 +85,11 @@ def check_names(key: str, names, known) -> None:
         raise InputError("unknown or none", key=key, value=names, remedy=f"Name some of: {', '.join(known)}.")
 
 
-def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None) -> str:
+def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: int | None,
+                       no_field: Callable[[Scene], str | None] = unavailable) -> str:
     """The integrator that ``name`` stands for: ``auto`` is paths with the field where it serves, else without.
+
+    ``no_field`` tells why it does not.
 
     Raises:
         InputError: If the field is asked for and cannot be had.
@@ -94,7 +97,7 @@ def resolve_integrator(scene: Scene, view: Camera, name: str, max_scatterings: i
     name = field_by_old_name(name)
     if name not in ("auto", "field"):
         return name
-    why = unavailable(scene, view)
+    why = no_field(scene)
     if max_scatterings is not None:
         why = f"it holds all orders of scattering, and max_scatterings is {max_scatterings}"
     if name == "field" and why:

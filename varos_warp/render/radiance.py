@@ -19,7 +19,7 @@ from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
-from varos_warp.render.field.open_water import OpenWater, along_camera
+from varos_warp.render.field.open_water import OpenWater, along_camera, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
@@ -29,6 +29,7 @@ from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec
+from varos_warp.scene.optics.camera import camera_model, pixel_centres
 
 DENOISED = 8.0
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
@@ -83,7 +84,7 @@ class RadianceRenderer:
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
-        self.open_water = OpenWater(scene, self.launcher)
+        self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
@@ -92,7 +93,8 @@ class RadianceRenderer:
             spp = -(-shot.options.spp // COLOUR_CYCLE) * COLOUR_CYCLE
             shot = shot._replace(options=replace(shot.options, spp=spp))
         options = shot.options
-        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings)
+        integrator = resolve_integrator(self.scene, view, options.integrator, options.max_scatterings,
+                                        lambda _: self._no_field)
         medium = bool(self.world.water.sigma_s.any())
         if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
@@ -104,13 +106,23 @@ class RadianceRenderer:
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))
 
+    @functools.cached_property
+    def _no_field(self) -> str | None:
+        """Why there is no field: once, for it reads files."""
+        return unavailable(self.scene)
+
+    def _vignette(self, view: Camera) -> wp.array | None:
+        return None if view.vignetting is None else vignette(view, self.device)
+
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
-        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view))
+        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view),
+                                       world.lights.disks)
         before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
-        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp)
+        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
+                        share=self._vignette(shot.view))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -127,11 +139,12 @@ class RadianceRenderer:
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
+        share = self._vignette(view)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
                 after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
-                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths)
+                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths, share=share)
 
         take(first)
         if first != spp:
@@ -148,7 +161,7 @@ class RadianceRenderer:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view),
-                        optics_spec(shot.view))
+                        optics_spec(shot.view), world.lights.disks)
         kinds = []
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
@@ -162,7 +175,7 @@ class RadianceRenderer:
             return wp.empty(0, dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty(count, dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures)
+        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, self.world.lights.disks)
         self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 
@@ -249,6 +262,13 @@ class RadianceRenderer:
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None
+
+
+@functools.lru_cache(maxsize=16)
+def vignette(view: Camera, device: str) -> wp.array:
+    """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]."""
+    share = camera_model(view).vignette(pixel_centres(*view.resolution))
+    return wp.array(share, dtype=wp.float64, device=device)
 
 
 def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]) -> float:

@@ -206,7 +206,8 @@ def optics_spec(camera: Camera) -> OpticsSpec:
     lens = "none" if camera.distortion is None else camera.distortion.model
     if camera.port is None:
         return OpticsSpec(lens)
-    return OpticsSpec(lens, camera.port.kind, len(set(camera_model(camera).n_water)) > 1)
+    model = camera_model(camera)
+    return OpticsSpec(lens, camera.port.kind, len(set(model.n_water)) > 1, model.port.has_rim)
 
 
 def optics_record(camera: Camera) -> Optics:
@@ -222,5 +223,7 @@ def optics_record(camera: Camera) -> Optics:
         record.axis, record.distance = wp.vec3(*model.port.centre), model.port.radius_m - model.port.thickness_m
     if model.port is not None:
         record.thickness, record.n_glass = model.port.thickness_m, model.port.n_glass
+        if model.port.has_rim:
+            record.rim = model.port.clear_radius_m if isinstance(model.port, FlatPort) else model.port.rim_cosine
     record.n_water = wp.vec3(*model.n_water)
     return record

@@ -104,13 +104,13 @@ def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: flo
                    "position)")
 
 
-def on_run(scene: Scene, guidance: Guidance, end: int | None, ticks: int, saturated: int) -> Iterator[str]:
+def on_run(scene: Scene, guidance: Guidance, end: int | None, seconds: float, saturated: int) -> Iterator[str]:
     """What happened: the sequence was too short or longer than the course, thrusters were at their limit."""
     several, asked = len(scene.trajectory.waypoints) > 1, scene.trajectory.duration_s
     if end is None and several:
         yield (f"the sequence ends after trajectory.duration_s = {asked:g} s on the way "
                f"to waypoint {guidance.target} of {len(scene.trajectory.waypoints) - 1}")
-    if end is not None and several and asked and ticks > end:
+    if end is not None and several and asked and seconds > end * TICK_S:
         yield f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until {asked:g} s"
     if saturated:
         yield f"the thrusters were at their limit for {saturated * TICK_S:.2f} s"

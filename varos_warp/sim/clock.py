@@ -1,4 +1,4 @@
-"""The clock: one tick is 5 ms, times are integer nanoseconds, every sensor runs at a whole fraction of it."""
+"""The clock: one tick of the simulation is 5 ms; times are integer nanoseconds; frames and sensors have any rate."""
 
 import math
 
@@ -12,25 +12,21 @@ TICK_NS = 1_000_000_000 // TICK_RATE_HZ
 LONGEST_S = 86_400
 """Longest sequence [s]: a day, whose trajectory is 17 million rows and takes 9 GB to make."""
 MAX_TICKS = LONGEST_S * TICK_RATE_HZ
+HIGHEST_RATE_HZ = 10_000.0
+"""Of frames and sensors. The motion has what the simulation moves in a tick, whatever the rate."""
 
 
-def ticks_per_sample(rate_hz: float, key: str) -> int:
-    """Ticks from one sample to the next of a sensor with ``rate_hz``.
+def check_rate(rate_hz: float, key: str) -> None:
+    """Refuse a rate that gives less than one sample in the longest sequence, or whose samples nanoseconds cannot tell.
 
     Raises:
-        InputError: The rate does not divide 200 Hz, so its samples would fall between ticks; or it is less than one
-            sample in the longest sequence.
+        InputError: It is such a rate.
     """
-    step = max(1, round(min(TICK_RATE_HZ / rate_hz, 2.0 * MAX_TICKS)))
-    if step > MAX_TICKS:
+    if rate_hz * LONGEST_S < 1.0:
         raise InputError("is less than a sample a day", key=key, value=rate_hz,
                          remedy=f"Give at least {1.0 / LONGEST_S:.3g} Hz; sequences are no longer than {LONGEST_S} s")
-    if not math.isclose(step * rate_hz, TICK_RATE_HZ, rel_tol=1e-9):
-        steps = (max(1, whole(TICK_RATE_HZ / rate_hz)) for whole in (math.ceil, math.floor))
-        near = " or ".join(f"{TICK_RATE_HZ / step:.10g}" for step in dict.fromkeys(steps))
-        raise InputError(f"must divide the simulator's {TICK_RATE_HZ} Hz", key=key, value=rate_hz,
-                         remedy=f"Use 200, 100, 50, 40, 25, 20, 10, 8, 5, 4, 2, 1 ... Hz; the nearest is {near}")
-    return step
+    if rate_hz > HIGHEST_RATE_HZ:
+        raise InputError("is too high", key=key, value=rate_hz, remedy=f"Give at most {HIGHEST_RATE_HZ:g} Hz")
 
 
 def check_length(seconds: float, key: str, what: str) -> None:
@@ -45,11 +41,16 @@ def check_length(seconds: float, key: str, what: str) -> None:
                          remedy="Make it shorter (nearer stops, a higher speed) or divide it into several scenes")
 
 
-def times_ns(count: int, step: int = 1) -> np.ndarray:
-    """Times [count] of the samples taken every ``step`` ticks from tick 0; int64, never through a float."""
-    return np.arange(count, dtype=np.int64) * (step * TICK_NS)
+def times_ns(count: int, rate_hz: float) -> np.ndarray:
+    """Times [count] of the samples of a rate, from 0: int64, the nearest nanosecond of each."""
+    return np.rint(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
 
 
-def frame_count(duration_s: float, step: int) -> int:
-    """Frames in [0, ``duration_s``) at one every ``step`` ticks; at least one."""
-    return max(1, math.ceil(round(duration_s * TICK_RATE_HZ / step, 6)))
+def frame_count(duration_s: float, rate_hz: float) -> int:
+    """Samples of a rate in [0, ``duration_s``); at least one."""
+    return max(1, math.ceil(round(duration_s * rate_hz, 6)))
+
+
+def frames_until(end_s: float, rate_hz: float) -> int:
+    """Samples of a rate in [0, ``end_s``]."""
+    return math.floor(round(end_s * rate_hz, 6)) + 1

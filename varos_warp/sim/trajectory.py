@@ -3,18 +3,28 @@
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import floor, isfinite
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
-from varos_warp.scene.frames import transform
 from varos_warp.sim import advice
-from varos_warp.sim.clock import LONGEST_S, MAX_TICKS, TICK_S, check_length, frame_count, ticks_per_sample, times_ns
+from varos_warp.sim.clock import (
+    LONGEST_S,
+    MAX_TICKS,
+    TICK_NS,
+    TICK_RATE_HZ,
+    TICK_S,
+    check_length,
+    check_rate,
+    frame_count,
+    frames_until,
+    times_ns,
+)
 from varos_warp.sim.guidance import Guidance, plan
+from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import pose_times, through_poses
 from varos_warp.sim.sensors.readings import DepthGauge, Imu, measure_depth, measure_imu
 from varos_warp.sim.vehicle.body import sphere
@@ -26,41 +36,13 @@ REPORT_TICKS = 200
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """Motion of the vehicle, one row per tick of 5 ms, float64."""
-
-    time_ns: np.ndarray
-    """int64 [N], from 0."""
-    position: np.ndarray
-    """[N, 3] [m], world axes, as are velocity and acceleration."""
-    velocity: np.ndarray
-    """[N, 3] [m/s]"""
-    acceleration: np.ndarray
-    """[N, 3] [m/s^2], from the force balance, never from differences."""
-    quaternion: np.ndarray
-    """[N, 4] Hamilton (w, x, y, z), vehicle to world, w >= 0."""
-    angular_velocity: np.ndarray
-    """[N, 3] [rad/s], vehicle axes."""
-    angular_acceleration: np.ndarray
-    """[N, 3] [rad/s^2], vehicle axes."""
-
-    def rotation(self) -> Rotation:
-        """Attitude of all rows, vehicle to world."""
-        return Rotation.from_quat(self.quaternion, scalar_first=True)
-
-    def T_w_v(self, k: int) -> np.ndarray:
-        """Pose [4, 4] at row ``k``, vehicle to world."""
-        return transform(Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix(), self.position[k])
-
-
-@dataclass(frozen=True)
 class Simulation:
     """A trajectory, the ticks of its frames and what the sensors read."""
 
     trajectory: Trajectory
     """Motion of the vehicle, up to one IMU sample after the last frame."""
-    frame_ticks: np.ndarray
-    """Rows of the trajectory at which frames are taken, int [n_frames], from tick 0."""
+    frames: Trajectory
+    """The same at the frames' times, the first at 0."""
     imu: Imu | None
     depth_gauge: DepthGauge | None
     """Readings, or None where the vehicle has none."""
@@ -112,13 +94,16 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
         progress: Called now and then with the share of the work done, 0 to 1.
 
     Raises:
-        InputError: A rate does not divide 200 Hz, poses are out of order, parameters cannot be simulated, or the
-            sequence would last longer than a day.
+        InputError: Poses are out of order, parameters cannot be simulated, a rate is less than one sample in a day,
+            or the sequence would last longer than that.
     """
     check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
-    step = ticks_per_sample(scene.render.frame_rate_hz, "render.frame_rate_hz")
+    check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
+    for sensor in ("imu", "depth_gauge"):
+        if block := getattr(scene.vehicle, sensor):
+            check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
-    run = _follow_poses(scene, step) if scene.trajectory.waypoints is None else _follow_waypoints(scene, step, tell)
+    run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
     vehicle, trajectory = scene.vehicle, run.trajectory
     tell(1.0)
     return replace(
@@ -133,36 +118,37 @@ COLUMNS: list[tuple] = [
 """What the loop writes down at each tick."""
 
 
-def _rows(scene: Scene, frames: int, step: int) -> int:
+def _rows(scene: Scene, frames: int) -> int:
     """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
-    imu = scene.vehicle.imu
-    every = ticks_per_sample(imu.rate_hz, "vehicle.imu.rate_hz") if imu else 1
-    return ((frames - 1) * step // every + 1) * every + 1
+    last, imu = (frames - 1) / scene.render.frame_rate_hz, scene.vehicle.imu
+    rate = imu.rate_hz if imu else TICK_RATE_HZ
+    after_ns = int(times_ns(frames_until(last, rate) + 1, rate)[-1])
+    return -(-after_ns // TICK_NS) + 1
 
 
-def _trajectory(columns: dict[str, np.ndarray]) -> Trajectory:
+def _simulation(scene: Scene, frames: int, columns: dict[str, np.ndarray], *more) -> Simulation:
     q = columns["quaternion"]
     columns["quaternion"] = np.where(q[:, :1] < 0.0, -q, q)
-    return Trajectory(times_ns(len(q)), **columns)
+    trajectory = Trajectory(times_ns(len(q), TICK_RATE_HZ), **columns)
+    return Simulation(trajectory, trajectory.at(times_ns(frames, scene.render.frame_rate_hz)), None, None, *more)
 
 
-def _follow_poses(scene: Scene, step: int) -> Simulation:
-    poses, duration = scene.trajectory.poses or [], scene.trajectory.duration_s
+def _follow_poses(scene: Scene) -> Simulation:
+    poses, duration, rate = scene.trajectory.poses or [], scene.trajectory.duration_s, scene.render.frame_rate_hz
     times = pose_times(poses)
     last = times[-1] if len(poses) > 1 else 0.0
     if not duration:
         check_length(last * TICK_S, f"trajectory.poses.{len(poses) - 1}.time_s", "the poses last")
-    frames = frame_count(duration, step) if duration else floor(last / step) + 1
-    rows = _rows(scene, frames, step)
+    frames = frame_count(duration, rate) if duration else frames_until(last * TICK_S, rate)
+    rows = _rows(scene, frames)
     columns = through_poses(poses, rows)
-    messages = list(advice.on_poses(poses, columns, (frames - 1) * step * TICK_S))
-    trajectory = _trajectory(columns)
+    messages = list(advice.on_poses(poses, columns, (frames - 1) / rate))
     pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
-    return Simulation(trajectory, np.arange(frames) * step, None, None, messages, trajectory.position, pose)
+    return _simulation(scene, frames, columns, messages, columns["position"], pose)
 
 
-def _follow_waypoints(scene: Scene, step: int, tell: Callable[[float], None]) -> Simulation:
-    course, duration = plan(scene.trajectory), scene.trajectory.duration_s
+def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Simulation:
+    course, duration, rate = plan(scene.trajectory), scene.trajectory.duration_s, scene.render.frame_rate_hz
     if not duration:
         check_length(course.duration, f"trajectory.waypoints.{course.longest}", "the course takes")
     body, current = sphere(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
@@ -171,19 +157,19 @@ def _follow_waypoints(scene: Scene, step: int, tell: Callable[[float], None]) ->
     origin = course.positions[0]
     guidance = Guidance(replace(course, positions=course.positions - origin))
     dynamics = Dynamics(body, current, actuator_frame=scene.vehicle.actuator_frame)
-    frames = frame_count(duration, step) if duration else None
+    frames = frame_count(duration, rate) if duration else None
 
     log, end = _fly(guidance, regulator, dynamics,
-                    rows=_rows(scene, frames, step) if frames else None,
-                    rows_after=lambda tick: _rows(scene, tick // step + 1, step),
+                    rows=_rows(scene, frames) if frames else None,
+                    rows_after=lambda tick: _rows(scene, frames_until(tick * TICK_S, rate)),
                     tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))))
-    frames = frames or end // step + 1  # type: ignore[operator]  # where frames is unknown, end is known
+    frames = frames or frames_until(end * TICK_S, rate)  # type: ignore[operator]  # where frames is unknown, end is known
     columns = {name: np.ascontiguousarray(log[name]) for name, *_ in COLUMNS}
     reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint").astype(int)
     columns["position"] += origin
     messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
-                *advice.on_run(scene, guidance, end, frames * step, regulator.saturated_ticks)]
-    return Simulation(_trajectory(columns), np.arange(frames) * step, None, None, messages, reference, waypoint)
+                *advice.on_run(scene, guidance, end, frames / rate, regulator.saturated_ticks)]
+    return _simulation(scene, frames, columns, messages, reference, waypoint)
 
 
 def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: int | None,

@@ -17,6 +17,7 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import texts as writers
+from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.load import scene_from_dict
 
 
@@ -217,9 +218,12 @@ def test_the_bias_of_a_noisy_imu_is_written(tmp_path):
     assert (table["b_a_RS_S_x [m s^-2]"] == 0.3).all()
 
 
-def test_a_sensor_that_samples_between_ticks_is_refused(tmp_path):
+def test_a_sensor_that_samples_between_ticks_has_the_poses_of_its_times(tmp_path):
     scene = make_scene()
     simulation = simulate(scene)
-    simulation.imu.time_ns = simulation.imu.time_ns + 1
-    with pytest.raises(ValueError, match="does not fall on a tick"):
-        writers.write_sensors(Layout.of(scene, tmp_path), scene, simulation)
+    simulation.imu.time_ns[:-1] += 2_000_000
+    writers.write_sensors(layout := Layout.of(scene, tmp_path), scene, simulation)
+    table = files.read_numbers(layout.poses("imu0", "transformation_matrix"), 13)
+    assert np.array_equal(table[0], simulation.imu.time_ns)
+    expected = simulation.trajectory.at(table[0]).poses() @ pose_matrix(scene.vehicle.imu)
+    np.testing.assert_array_equal(np.column_stack(table[1:]).reshape(-1, 3, 4), expected[:, :3])

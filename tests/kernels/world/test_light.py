@@ -201,3 +201,79 @@ def test_a_ray_from_the_lamp_itself_along_its_axis_is_lit_and_finite():
     assert np.isfinite(lit["angle"]).all()
     np.testing.assert_allclose(interval[0], [0, 5], atol=1e-6)
     assert np.isnan(interval[1]).all()
+
+
+# ------------------------------------------------------------------------------------------------------------- sheets
+
+
+@wp.kernel(enable_backward=False)
+def emit(lamp: light.Light, u: wp.array(dtype=wp.vec2), d: wp.array(dtype=wp.vec3), area: wp.array(dtype=float),
+         sent: wp.array(dtype=float)):
+    i = wp.tid()
+    d[i] = light.light_emit(lamp, u[i][0], u[i][1]).d
+    area[i] = light.light_solid_angle(lamp, wp.dot(d[i], lamp.axis))
+    sent[i] = light.light_sample(lamp, lamp.position + 2.0 * d[i]).intensity[0]
+
+
+def sheet(fan_deg, thickness_deg, position=(0, 0, 0)):
+    """Along z; the fan along x."""
+    record = lamp(360.0, position=position)
+    record.sheet = 1
+    record.right, record.up = (wp.vec3(*(np.eye(3)[i] / np.tan(np.radians(angle) / 2)))
+                               for i, angle in enumerate((fan_deg, thickness_deg)))
+    return record
+
+
+@pytest.mark.parametrize(("fan_deg", "thickness_deg"), [(60.0, 0.1), (120.0, 1.0), (170.0, 30.0), (5.0, 5.0)])
+def test_a_sheet_emits_the_light_within_its_four_planes(fan_deg, thickness_deg):
+    """Its solid angle is that of a rectangular pyramid, 4 asin(sin a sin b); directions fill it and nothing else."""
+    side = (np.arange(600) + 0.5) / 600
+    u = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    d, area, sent = run(emit, [sheet(fan_deg, thickness_deg), u], [wp.vec3, float, float])
+    a, b = np.radians([fan_deg, thickness_deg]) / 2
+    assert sent.min() == 1.0
+    assert abs((area.astype(float) * sent).mean() / (4 * np.arcsin(np.sin(a) * np.sin(b))) - 1) < 1e-4
+    np.testing.assert_allclose(np.abs(d[:, :2] / d[:, 2:]).max(axis=0), np.tan([a, b]), rtol=2e-3)
+    beyond = np.array([[np.tan(1.001 * a), 0, 1], [0, -np.tan(1.001 * b), 1], [0, 0, -1]])
+    assert not run(look, [sheet(fan_deg, thickness_deg), beyond], [float]).any()
+
+
+@wp.kernel(enable_backward=False)
+def look(lamp: light.Light, p: wp.array(dtype=wp.vec3), sent: wp.array(dtype=float)):
+    i = wp.tid()
+    sent[i] = light.light_sample(lamp, p[i]).intensity[0]
+
+
+@pytest.mark.parametrize(("fan_deg", "thickness_deg"), [(60.0, 0.5), (150.0, 5.0), (40.0, 40.0)])
+def test_the_part_of_a_ray_inside_a_sheet_is_between_planes(fan_deg, thickness_deg):
+    """Random rays, half of them aimed into the sheet, some in its plane; against the four planes in float64."""
+    n = 4000
+    o, d, t_max = random_rays(5, n, spread=1.0)
+    aim = np.random.default_rng(6).uniform(-0.3, 0.3, (n, 3)) * [1, 0.01, 0] + [0, 0, 2.0]
+    d[::2] = unit(aim - o)[::2]
+    o[::8, 1] = d[::8, 1] = 0.0
+    d = unit(d)
+    lit = run(clip, [wp.array([sheet(fan_deg, thickness_deg)] * n, dtype=light.Light, device="cpu"), o, d, t_max],
+              [light.LitInterval], dim=n)
+    o, d, t_max = (np.float32(x).astype(float) for x in (o, d, t_max))
+    a, b = np.tan(np.radians([fan_deg, thickness_deg]) / 2)
+    low, high = np.zeros(n), t_max.copy()
+    for side in ([1, 0, a], [-1, 0, a], [0, 1, b], [0, -1, b]):
+        at, along = o @ side, d @ side
+        with np.errstate(divide="ignore", invalid="ignore"):
+            y = -at / along
+        low = np.where(along > 0, np.maximum(low, y), np.where((along == 0) & (at < 0), np.inf, low))
+        high = np.where(along < 0, np.minimum(high, y), high)
+    inside = high - low > 1e-4
+    assert 0.1 < inside.mean() < 0.9
+    found = np.column_stack([lit["ya"], lit["yb"]]).astype(float) + lit["foot"].astype(float)[:, None]
+    # planes are known to a few spacings of the coordinates, and crossed at an angle
+    angle = np.min([np.abs(d @ side) / np.linalg.norm(side) for side in ([1, 0, a], [-1, 0, a], [0, 1, b], [0, -1, b])],
+                   axis=0)
+    clear = inside & (angle > 1e-3)
+    size = np.abs(o).max(axis=1) + np.abs(high)
+    doubt = 16 * EPS * size / np.maximum(angle, 1e-3)
+    assert np.all(np.abs(found - np.column_stack([low, high]))[clear] <= doubt[clear, None])
+    dark = high - low < -16 * EPS * size / np.maximum(angle, 1e-3)
+    assert not lit["angle"][dark & (angle > 1e-3)].any()
+    assert np.all(lit["angle"][inside & (high - low > 2 * doubt)] > 0.0)

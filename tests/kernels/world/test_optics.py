@@ -21,6 +21,7 @@ PORTS = {
     "flat": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "normal": [0.2, -0.1, 1.0]},
     "dome": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.004, -0.003, 0.012]},
 }
+RIMS = {"flat": {"clear_radius_m": 0.012}, "dome": {"half_angle_deg": 20.0}}
 LENSES = {
     "none": None,
     "brown_conrady": {"model": "brown_conrady", "k": [-0.3, 0.1, 0.001, -0.002, -0.01]},
@@ -67,6 +68,21 @@ def test_rays_are_the_hosts(port, lens):
         np.testing.assert_allclose(o, expected.origin, atol=1e-7, rtol=0)
         whole = 3.0 * np.eye(3)[channel] if port != "none" else np.ones(3)
         np.testing.assert_allclose(weight, expected.weight[:, None] * whole, atol=2e-6, rtol=0)
+
+
+@pytest.mark.parametrize("port", RIMS)
+def test_rays_past_the_rim_are_none_as_on_the_host(port):
+    """But for those within rounding of it, of which there are hardly any."""
+    plain, image = camera_of(port, "none"), rng_array(2, (2000, 2)) * np.float32([1280, 720])
+    view = plain.model_copy(update={"port": plain.port.model_copy(update=RIMS[port])})
+    _, d, weight = shoot(view, image, np.zeros((2000, 2)))
+    expected = camera_model(view).rays(image)
+    passes = expected.weight > 0.0
+    assert 200 < passes.sum() < 1800
+    assert np.count_nonzero((weight[:, 1] > 0.0) != passes) <= 2
+    both = passes & (weight[:, 1] > 0.0)
+    np.testing.assert_allclose(d[both], camera_model(plain).rays(image).direction[both], atol=1e-6, rtol=0)
+    np.testing.assert_allclose(weight[both, 1], 3.0 * camera_model(plain).rays(image).weight[both], atol=2e-6, rtol=0)
 
 
 @pytest.mark.parametrize("lens", ["none", "brown_conrady"])

@@ -228,20 +228,22 @@ def test_irradiance_is_that_of_a_traced_plate(request, light, coefficients, d, a
     assert np.all(np.abs(got[0] - mean) < 4.0 * stderr + 0.01 * got[1]), f"{got[0] / mean} {stderr / mean}"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("coefficients", [PAPER_WATER, TURBID], ids=["the paper's", "turbid"])
-def test_twice_as_many_nodes_change_little(monkeypatch, tmp_path, coefficients):
-    """Inside the cone to an optical depth of 8: 0.5 % in the paper's water, 1 % in turbid."""
+def test_the_field_has_converged(monkeypatch, tmp_path, coefficients):
+    """Inside the cone to an optical depth of 8 it is right to 0.5 % in the paper's water, to 1 % in turbid.
+
+    It is linear between its nodes, so half of them leave an error four times as large: they differ by three errors.
+    """
     rng = np.random.default_rng(3)
     farthest = 10.0 if coefficients is PAPER_WATER else 8.0
     a, d = np.radians(rng.uniform(0.0, 32.4, 2000)), np.exp(rng.uniform(np.log(0.2), np.log(farthest), 2000))
     p = np.stack([d * np.sin(a), d * np.cos(a), 0.0 * d], 1)
     one = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
-    monkeypatch.setattr(solver, "FINE", (100, 30, 30))
-    monkeypatch.setattr(solver, "COARSE", (32, 13, 18))
-    two = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
-    assert np.abs(one / two - 1).max() < (0.005 if coefficients is PAPER_WATER else 0.01)
+    for name in ("FINE", "COARSE"):
+        monkeypatch.setattr(solver, name, tuple(count // 2 for count in getattr(solver, name)))
+    half = looked_up(open_water([spot((0, 0, 0))], coefficients), p, -p / d[:, None])[0]
+    assert np.abs(half / one - 1).max() < 3.0 * (0.005 if coefficients is PAPER_WATER else 0.01)
 
 
 # ------------------------------------------------------------------------------------------- scattering as a matrix
@@ -331,6 +333,7 @@ def test_threads_do_not_change_a_byte(tiny, monkeypatch, tmp_path):
         (VAROS_LAMPS, PAPER_WATER, {"mount": "world"}, None),
         ([*VAROS_LAMPS, spot((0, 0, 0), cone_deg=180.0)], PAPER_WATER, {}, "cone"),
         ([spot((0, 0, 0), cone_deg=5.0)], PAPER_WATER, {}, "cone"),
+        ([spot((0, 0, 0)) | {"radius_m": 0.01}], PAPER_WATER, {}, "disk"),
         (VAROS_LAMPS, PAPER_WATER, {}, None),
         ([point((0, 0, 0)), spot((0, 0, 0), cone_deg=360.0)], water(0.1, 0.1, 0.0), {}, None),
         (VAROS_LAMPS, {"sigma_s": [0.005, 0.05, 0.24], "sigma_a": [0.005, 0.05, 0.25]}, {}, None),
@@ -339,7 +342,7 @@ def test_threads_do_not_change_a_byte(tiny, monkeypatch, tmp_path):
 )
 def test_where_the_field_does_not_serve_a_sentence_says_why(lights, coefficients, camera, why):
     scene = one_ray_scene(lights, coefficients, **camera)
-    got = unavailable(scene, scene.vehicle.cameras[0])
+    got = unavailable(scene)
     assert got is None if why is None else why in got
 
 
@@ -347,4 +350,4 @@ def test_the_field_refuses_kinds_of_light_that_it_does_not_know():
     scene = one_ray_scene([point((0, 0, 0))], PAPER_WATER)
     unknown = scene.vehicle.lights[0].model_copy(update={"kind": "area"})
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": [unknown]})})
-    assert "'area'" in unavailable(scene, scene.vehicle.cameras[0])
+    assert "'area'" in unavailable(scene)

@@ -1,6 +1,9 @@
 """Denoising lowers the error, keeps the local mean, and gives the same bytes every time."""
 
+import os
+import subprocess
 import sys
+import textwrap
 import warnings
 from types import SimpleNamespace
 
@@ -151,6 +154,23 @@ def test_without_open_image_denoise_nlm_takes_its_place_and_says_so_once(monkeyp
         assert first.tobytes() == denoise(noisy, stderr, "nlm").tobytes()
     finally:
         module.available_method.cache_clear()
+
+
+def test_torch_is_not_imported_to_denoise_and_may_be_by_others(tmp_path):
+    """Where it is installed its import takes seconds; who gives tensors to the library still can."""
+    pytest.importorskip("pyoidn")
+    (tmp_path / "torch.py").write_text("raise SystemExit('torch was imported')\n")
+    code = """
+        import numpy as np, sys
+        from varos_warp.render.image.denoise import denoise
+        image = np.ones((8, 8, 3), np.float32)
+        denoise(image, 0.1 * image, "oidn")
+        assert "torch" not in sys.modules
+        from pyoidn.utils import require_torch
+        require_torch()
+    """
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True, env=os.environ | {"PYTHONPATH": path})
 
 
 # -------------------------------------------------------------------------------------------- only what has the noise

@@ -1,5 +1,6 @@
 """The planner: an integrator and a number of samples that keep the tolerance, from the scene alone."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -96,6 +97,33 @@ def test_one_bright_sample_does_not_make_a_view_the_noisiest():
 def test_water_that_does_not_scatter_has_no_field(water):
     plan = plan_render(make_scene(water, spp=4, integrator="auto"), None, [POSE])
     assert plan.reasons[0] == "integrator path: the water does not scatter"
+
+
+# ------------------------------------------------------------------------------------------------------------ ports
+
+
+def test_a_port_is_weighed_at_the_distances_that_its_camera_sees():
+    camera = {"rotation_euler_deg": [-45, 0, 0], "port": {"kind": "flat", "distance_m": 0.2, "thickness_m": 0.02}}
+    scene = make_scene(spp=4, camera=camera, outputs=["D"])
+    renderer = make_renderer(scene)
+    plan = plan_render(scene, renderer, [POSE])
+    sentence, = plan.ports
+    near, far = np.quantile(renderer.render(POSE, outputs="D").D.range, (0.01, 0.99))
+    assert re.fullmatch(r"port of M0 needed: a pinhole with the best distortion is off by [\d.]+ px rms, [\d.]+ px at "
+                        rf"most \({near:.2g} to {far:.2g} m\)", sentence)
+    assert sentence in plan.to_dict()["reasons"]
+    assert plan_render(make_scene(spp=4, outputs=["D"]), None, [POSE]).ports == []
+
+
+def test_a_port_without_which_all_looks_the_same_is_said_to_be_needless():
+    scene = make_scene(spp=4, camera={"port": {"kind": "dome", "radius_m": 0.05}}, outputs=["D"])
+    renderer = make_renderer(scene)
+    sentence, = plan_render(scene, renderer, [POSE]).ports
+    assert sentence.startswith("port of M0 not needed: within 0.05 px a pinhole without port shows the same (")
+    assert sentence.endswith(", with the keys focal_mm: 3.4")
+    up = scene.vehicle.cameras[0].model_copy(update={"rotation_euler_deg": (90.0, 0.0, 0.0)})
+    scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": [up]})})
+    assert plan_render(scene, renderer, [POSE]).ports == []  # it sees nothing
 
 
 # ---------------------------------------------------------------------------------------------------------- samples

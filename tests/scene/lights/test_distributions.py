@@ -5,13 +5,15 @@ import pytest
 import warp as wp
 from scipy.integrate import quad
 
+from varos_warp.dataset.write.texts import sources
 from varos_warp.errors import InputError
 from varos_warp.kernels.world.light import Light, falloff
+from varos_warp.render.field.open_water import CONES_DEG
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.vehicle import LampPort
 from varos_warp.scene.lights.distribution import NODES, Distribution, behind_port, distribution, of_table
 from varos_warp.scene.lights.profiles import read_profile
-from varos_warp.scene.lights.records import light_record
+from varos_warp.scene.lights.records import light_axes, light_record
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.ports import snell, transmitted
 
@@ -158,18 +160,62 @@ def test_kernels_see_the_distribution(shape):
     np.testing.assert_allclose(got.numpy(), shape.at(angle), atol=1e-6 + 4e-7 * steepest * NODES)
 
 
+def scene_of_lights(*lights):
+    return scene_from_dict({"vehicle": {"lights": list(lights)}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+
+
+def test_the_flood_light_of_the_package_has_a_field_and_half_its_peak_at_30_degrees():
+    scene = scene_of_lights({"kind": "profile", "file": "led_flood"})
+    shape = distribution(scene.vehicle.lights[0], scene)
+    np.testing.assert_allclose(shape.at(np.radians([0, 30, 86])), [1.0, 0.5, 0.0], atol=0.01)
+    assert np.degrees(2 * shape.half_angle) < CONES_DEG[1]
+    assert sources(scene)["led_flood"]
+
+
 def test_lights_of_one_distribution_share_it():
-    lights = [{"kind": "spot", "position": [x, 0, 0], "port": {"kind": "flat"}} for x in (-1, 1)]
-    scene = scene_from_dict({"vehicle": {"lights": lights}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+    scene = scene_of_lights(*({"kind": "spot", "position": [x, 0, 0], "port": {"kind": "flat"}} for x in (-1, 1)))
     one, other = (distribution(light, scene) for light in scene.vehicle.lights)
     assert one == other
     assert len({one, other}) == 1
 
 
 def test_a_spot_without_a_port_is_written_as_before_there_were_ports():
-    """dataset.json of a scene without one has the bytes that it had."""
-    scene = scene_from_dict({"vehicle": {"lights": [{"kind": "spot"}, {"kind": "spot", "port": {}}]},
-                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
-    plain, behind = (light.model_dump(mode="json") for light in scene.vehicle.lights)
+    """dataset.json of a scene without one, and without disks, has the bytes that it had."""
+    scene = scene_of_lights({"kind": "spot"}, {"kind": "spot", "port": {}}, {"kind": "profile", "file": "x.csv"})
+    plain, behind, profile = (light.model_dump(mode="json") for light in scene.vehicle.lights)
     assert list(plain) == ["kind", "position", "direction", "cone_deg", "blend", "intensity"]
     assert behind["port"] == {"kind": "flat", "n_glass": 1.49, "n_water": 1.34}
+    assert list(profile) == ["kind", "file", "position", "direction", "intensity", "port"]
+
+
+SHEET = {"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60.0, "thickness_deg": 0.1}
+
+
+@pytest.mark.parametrize(("light", "key", "words"), [
+    ({"kind": "spot", "radius_m": -0.1}, "radius_m", "greater than 0"),
+    ({"kind": "spot", "radius_m": 0.0}, "radius_m", "greater than 0"),
+    ({"kind": "point", "radius_m": 0.1}, "radius_m", "unknown key"),
+    (SHEET | {"radius_m": 0.1}, "radius_m", "unknown key"),
+    (SHEET | {"port": {"kind": "flat"}}, "port", "unknown key"),
+    (SHEET | {"fan_deg": 0.0}, "fan_deg", "at least 0.1"),
+    (SHEET | {"fan_deg": 180.0}, "fan_deg", "at most 170"),
+    (SHEET | {"thickness_deg": 0.0}, "thickness_deg", "at least 0.01"),
+    ({"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60.0}, "thickness_deg", "missing"),
+    (SHEET | {"normal": [0.0, 0.0, 0.0]}, "normal", "not lie along"),
+    (SHEET | {"direction": [0.0, 0.0, -2.0]}, "normal", "not lie along"),
+    (SHEET | {"direction": [0.0, 0.0, 0.0]}, "direction", "1e-6 long"),
+])
+def test_disks_and_sheets_that_cannot_be_are_refused_with_the_key(light, key, words):
+    with pytest.raises(InputError) as error:
+        scene_of_lights(light)
+    assert f"vehicle.lights.0.{key}" in str(error.value)
+    assert words in str(error.value)
+
+
+def test_the_axes_of_a_sheet_are_its_fan_its_normal_and_its_direction():
+    """The normal is made perpendicular; a light of another kind has the axes that it had."""
+    sheet, spot = scene_of_lights(SHEET | {"direction": [0, 2, 0], "normal": [0.5, 7.0, 0.5]},
+                                  {"kind": "spot", "direction": [0, 0, -1]}).vehicle.lights
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(light_axes(sheet), [[-half, half, 0], [0, 0, 1], [half, half, 0]], atol=1e-12)
+    np.testing.assert_allclose(light_axes(spot)[:, 2], [0, 0, -1], atol=1e-12)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.vehicle import Camera
@@ -99,7 +100,46 @@ def test_the_field_of_view_is_that_in_the_water():
         port=PORTS["flat"], distortion={"model": "kannala_brandt"}, focal_mm=1.3)).field_of_view(1280, 720)[0])
 
 
+def test_a_pane_of_a_size_is_seen_through_within_it():
+    """Clear to 30 mm of the outer face 28 mm before the lens: by the angle in air whose ray leaves there."""
+    model = camera_model(Camera(port=PORTS["flat"] | {"clear_radius_m": 0.03}, focal_mm=1.0, n_water=1.34))
+
+    def reach(angle):
+        return 0.02 * np.tan(angle) + 0.008 * np.tan(np.arcsin(np.sin(angle) / 1.49))
+
+    limit = brentq(lambda angle: reach(angle) - 0.03, 0.1, 1.5)
+    f = model.K[0, 0]
+    image = np.array([640.0 + f * np.tan(limit) * np.array([0.999, 1.001, -0.999, -1.001]), [360.0] * 4]).T
+    inside = np.array([True, False, True, False])
+    rays = model.rays(image)
+    assert np.array_equal(rays.weight > 0.0, inside)
+    assert np.array_equal(np.isfinite(rays.direction).all(-1), inside)
+    wide = camera_model(Camera(port=PORTS["flat"], focal_mm=1.0, n_water=1.34))
+    ray = wide.rays(image)
+    seen = model.project(ray.origin + 2.0 * ray.direction)
+    np.testing.assert_allclose(seen[inside], image[inside], atol=1e-9, rtol=0)
+    assert np.isnan(seen[~inside]).all()
+
+
+def test_half_a_sphere_ends_at_90_degrees_of_its_centre():
+    """Of a dome around the lens rays are straight, so that its rim is a direction; of a fisheye of 195 degrees."""
+    keys = {"focal_mm": 1.3, "distortion": {"model": "kannala_brandt"}}
+    model = camera_model(Camera(port=PORTS["dome"] | {"half_angle_deg": 90.0}, **keys))
+    angle = np.radians([-93.0, -90.1, -89.9, 0.0, 89.9, 90.1])
+    image = np.stack([640.0 + model.K[0, 0] * angle, np.full(6, 360.0)], -1)
+    inside = np.abs(angle) < np.pi / 2
+    assert np.array_equal(model.rays(image).weight > 0.0, inside)
+    points = np.stack([np.sin(angle), 0.0 * angle, np.cos(angle)], -1)
+    assert np.array_equal(np.isfinite(model.project(points)).all(-1), inside)
+    whole = camera_model(Camera(port=PORTS["dome"], **keys))
+    np.testing.assert_array_equal(model.project(points)[inside], whole.project(points)[inside])
+
+
 BAD = {
+    "port.clear_radius_m: the rim": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [1, 0, 1],
+                                              "clear_radius_m": 0.01}},
+    "port.half_angle_deg: the rim": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.03, 0, 0],
+                                              "half_angle_deg": 30}},
     "n_water has no effect without a port": {"n_water": 1.34},
     "folds within the image": {"distortion": {"model": "brown_conrady", "k": [-2.0, 0.0, 0.0, 0.0, 0.0]}},
     "folds within": {"focal_mm": 1.6, "distortion": {"model": "kannala_brandt", "k": [-0.2, 0.0, 0.0, 0.0]}},
@@ -108,6 +148,9 @@ BAD = {
     "does not lie within the dome": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.0, 0.0, 0.05]}},
     "of radius 0.034 m": {"focal_mm": 68.0, "f_stop": 1.0, "port": {"kind": "dome", "radius_m": 0.034}},
     "port.normal must point forwards": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [0.0, 1.0, 0.0]}},
+    "cos4 is not the law of a fisheye": {"vignetting": {}, "distortion": {"model": "kannala_brandt"}},
+    "vignetting.coefficients: between": {"vignetting": {"kind": "polynomial", "coefficients": [-1.01]}},
+    "vignetting.coefficients": {"vignetting": {"kind": "polynomial", "coefficients": [1e308, 1e308, -1e308, -1e308]}},
     "the glass cuts the lens": {"f_stop": 1.0, "port": {"kind": "flat", "distance_m": 1e-3, "normal": [1.0, 0.0, 0.5]}},
 }
 
@@ -130,6 +173,10 @@ def test_what_does_not_fit_together_is_one_clear_message(problem):
     ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": 0.9}, "n_water"),
     ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": {"salinity": 35}}, "n_water.temperature_C"),
     ({"distortion": {"model": "brown_conrady", "k": [0.1]}}, "distortion.k"),
+    ({"vignetting": {"kind": "polynomial"}}, "vignetting"),
+    ({"port": {"kind": "flat", "distance_m": 0.02, "clear_radius_m": 0.0}}, "port.clear_radius_m"),
+    ({"port": {"kind": "dome", "radius_m": 0.05, "half_angle_deg": 181}}, "port.half_angle_deg"),
+    ({"vignetting": {"kind": "cos3"}}, "vignetting.kind"),
 ])
 def test_bad_values_are_named_by_their_key(keys, key):
     with pytest.raises(InputError) as error:
@@ -138,11 +185,14 @@ def test_bad_values_are_named_by_their_key(keys, key):
 
 
 def test_a_pinhole_is_written_down_as_before_there_were_ports():
-    assert not {"port", "n_water", "distortion"} & set(Camera().model_dump(mode="json"))
-    assert "port" in Camera(port=PORTS["flat"]).model_dump(mode="json")
+    assert not {"port", "n_water", "distortion", "vignetting"} & set(Camera().model_dump(mode="json"))
+    for port in ("flat", "dome"):
+        written = Camera(port=PORTS[port]).model_dump(mode="json")["port"]
+        assert not {"clear_radius_m", "half_angle_deg"} & set(written)
 
 
 def test_the_blocks_survive_being_written_down():
     scene = scene_with({"port": PORTS["decentred"], "distortion": LENSES["barrel"],
-                        "n_water": {"temperature_C": 4.0, "salinity": 35.0}})
+                        "n_water": {"temperature_C": 4.0, "salinity": 35.0},
+                        "vignetting": {"kind": "polynomial", "coefficients": [-0.3, 0.05]}})
     assert scene_from_dict(scene_to_dict(scene)) == scene

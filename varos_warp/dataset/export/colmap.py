@@ -1,6 +1,8 @@
 """COLMAP: the text model sparse/0 with the exact cameras and poses, points from D, and the images.
 
 (https://colmap.github.io/format.html) A point lies on the surface that one pixel saw, and that pixel is its track.
+A port follows the parameters of its camera as COLMAP Underwater writes it (src/colmap/sensor/models_refrac.h and
+Reconstruction::WriteCamerasText there).
 """
 
 from collections.abc import Iterator
@@ -10,6 +12,8 @@ import numpy as np
 from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion
 from varos_warp.dataset.export.seed import Seed, seeds
 from varos_warp.scene.frames import inverse
+from varos_warp.scene.optics.camera import GREEN
+from varos_warp.scene.optics.ports import FlatPort
 
 IMAGES = "AD"
 
@@ -17,14 +21,16 @@ IMAGES = "AD"
 def write(job: Job) -> None:
     """Write cameras.txt, images.txt and points3D.txt, and the images under ``images/cam<id>``."""
     models = [_model(job, camera) for camera in job.cameras]
+    ports = [_port(job, camera) for camera in job.cameras]
     names = " ".join(dict.fromkeys(PARAMETERS[model] for model, _ in models))
     cameras = [f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] ({names})"]
+    cameras += ["# OPTIONAL[REFRAC_MODEL REFRAC_PARAMS[]] (COLMAP Underwater; lengths in m)"] * any(ports)
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
     points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     image_id = point_id = 1
-    for number, (camera, (model, parameters)) in enumerate(zip(job.cameras, models, strict=True), start=1):
+    for number, (camera, (model, parameters), port) in enumerate(zip(job.cameras, models, ports, strict=True), start=1):
         facts = job.data.camera(camera)
-        cameras.append(f"{number} {model} {facts['width']} {facts['height']} {numbers(parameters)}")
+        cameras.append(f"{number} {model} {facts['width']} {facts['height']} {numbers(parameters)}{port}")
         for (name, pose), seed in zip(_images(job, camera), _seeds(job, camera), strict=True):
             track = list(enumerate(zip(seed.xyz, seed.rgb.tolist(), seed.uv.tolist(), strict=True)))
             images += [f"{image_id} {pose} {number} {name}",
@@ -42,11 +48,22 @@ PARAMETERS = {"PINHOLE": "fx fy cx cy", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 
 
 def _model(job: Job, camera: str) -> tuple[str, list[float]]:
     """COLMAP's name of a camera's model, and its parameters."""
-    lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "kannala_brandt")
+    lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "kannala_brandt", "port")
     K = job.data.intrinsics(camera)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     if lens == "brown_conrady":
         return "FULL_OPENCV", [*K, *k, 0.0, 0.0, 0.0]
     return ("OPENCV_FISHEYE" if k else "PINHOLE"), [*K, *k]
+
+
+def _port(job: Job, camera: str) -> str:
+    """A camera's port and the index of the water for green, or nothing."""
+    model = job.data.camera_model(camera)
+    if model.port is None:
+        return ""
+    port, indices = model.port, (1.0, model.port.n_glass, model.n_water[GREEN])
+    if isinstance(port, FlatPort):
+        return f" FLATPORT {numbers([*port.normal, port.distance_m, port.thickness_m, *indices])}"
+    return f" DOMEPORT {numbers([*port.centre, port.radius_m - port.thickness_m, port.thickness_m, *indices])}"
 
 
 def _images(job: Job, camera: str) -> Iterator[tuple[str, str]]:

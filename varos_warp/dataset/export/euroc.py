@@ -7,13 +7,11 @@ sensor to body coordinates.
 import warnings
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
 from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, kalibr_lens, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
-from varos_warp.dataset.reader.dataset import rows_at
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import inverse
 
@@ -80,14 +78,12 @@ def _imu(job: Job) -> None:
 def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
     time_ns, T_w_s = job.data.poses("imu0")
-    states = job.data.states()
-    rows = rows_at(states["time_ns"], time_ns)
-    if not np.array_equal(states["time_ns"][rows], time_ns):
-        raise InputError("the IMU's samples are not on the ticks of the vehicle", file=job.data.layout.states,
-                         remedy="Check it with `varos-warp validate`, then `run` again.")
-    R_w_v = Rotation.from_quat(states["quaternion"][rows], scalar_first=True)
-    return time_ns, T_w_s, states["velocity"][rows] + R_w_v.apply(
-        np.cross(states["angular_velocity"][rows], T_v_s[:3, 3]))
+    try:
+        there = job.data.trajectory().at(time_ns)
+    except ValueError as error:
+        raise InputError(f"has no row for some sample of the IMU: {error}", file=job.data.layout.states,
+                         remedy="Check it with `varos-warp validate`, then `run` again.") from None
+    return time_ns, T_w_s, there.velocity + there.rotation().apply(np.cross(there.angular_velocity, T_v_s[:3, 3]))
 
 
 def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np.ndarray, bias=None) -> None:

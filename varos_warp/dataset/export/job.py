@@ -122,13 +122,14 @@ def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[f
     """Model of a camera's distortion, ``none`` or one of ``models``, and its coefficients in OpenCV's order.
 
     Of ``brown_conrady`` they end before k3 where the format has no place for it: say ``brown_conrady without k3``.
+    ``port`` among the models says that the format has ports, too.
 
     Raises:
         InputError: If the format cannot state the camera.
     """
     model, place = job.data.camera_model(camera), f"cameras.{job.data.cameras.index(camera)}"
     remedy = "docs/exports.md says which formats can; --camera leaves this one out."
-    if model.port is not None:
+    if model.port is not None and "port" not in models:
         raise InputError(f"{form} cannot state a port", file=job.data.root, key=f"{place}.port", remedy=remedy)
     name, k = model.lens.model, list(model.lens.k)
     if name == "brown_conrady" and f"{name} without k3" in models and k[4] == 0.0:

@@ -18,6 +18,7 @@ from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.files import is_file
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
+from varos_warp.sim.motion import Trajectory
 
 if TYPE_CHECKING:
     from varos_warp.dataset.reader.torch import TorchDataset
@@ -333,18 +334,33 @@ class Dataset:
 
     def _vehicle_at_frames(self) -> np.ndarray:
         if "vehicle" in self.recorded:
-            (time_ns, T_w_v), at = self.poses("vehicle"), self.views()[0]
-            index = rows_at(time_ns, at)
-            if np.array_equal(time_ns[index], at):
-                return T_w_v[index]
-            raise InputError("has no pose at the time of some frame",
-                             file=self.layout.poses("vehicle", "transformation_matrix"),
-                             remedy=_CHECK)
+            return self.vehicle_at(self.views()[0])
         mounted = [camera for camera in self.cameras if "T_v_c" in self.camera(camera)]
         if not mounted:
             raise InputError("there is no vehicle in the dataset", file=self.layout.states,
                              remedy="`varos-warp simulate` into the same folder adds it.")
         return self.views(mounted[0])[1] @ np.linalg.inv(self.camera(mounted[0])["T_v_c"])
+
+    def vehicle_at(self, time_ns: np.ndarray) -> np.ndarray:
+        """Poses [M, 4, 4] of the vehicle at any times int64 [M]: those on record, and between them by `trajectory`.
+
+        Raises:
+            InputError: If a time is before the first pose or after the last.
+        """
+        known, T_w_v = self.poses("vehicle")
+        rows = rows_at(known, time_ns)
+        T, off = T_w_v[rows], np.flatnonzero(known[rows] != time_ns)
+        if off.size:
+            try:
+                T[off] = self.trajectory().at(np.asarray(time_ns)[off]).poses()
+            except ValueError as error:
+                raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
+                                 remedy=_CHECK) from None
+        return T
+
+    def trajectory(self) -> Trajectory:
+        """The vehicle's motion, which gives its state at any time between the first and the last on record."""
+        return Trajectory(**self.states())
 
     def states(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray]:
         """The vehicle at every tick, or at those in start_ns <= time < stop_ns.

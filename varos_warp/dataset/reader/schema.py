@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from varos_warp.limits import check_limit
 from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
-from varos_warp.scene.description.optics import Distortion, Index, Port
+from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
@@ -35,8 +35,10 @@ def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
 def _consistent(cameras: list) -> list:
     for camera in cameras:
         port = camera.port
-        if port is not None and not (camera.n_water and port.model_fields_set == set(type(port).model_fields)):
-            raise ValueError("a port is stated whole, and the water's index beside it")
+        if port is not None:
+            whole = {name for name, field in type(port).model_fields.items() if field.default is not None}
+            if not (camera.n_water and whole <= port.model_fields_set):
+                raise ValueError("a port is stated whole, and the water's index beside it")
     if len({camera.id.lower() for camera in cameras}) < len(cameras):
         raise ValueError("ids of cameras differ")
     return cameras
@@ -59,10 +61,12 @@ def _metadata() -> type[BaseModel]:
     """The whole file."""
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
-                     "n_water": tuple[Index, Index, Index], "distortion": str | Distortion},
+                     "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
+                     "vignetting": Vignetting},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
-    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float})
+    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
+                    "thickness_deg": float, "radius_m": float})
     sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]

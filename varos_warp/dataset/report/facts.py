@@ -112,13 +112,21 @@ def _optics(about: dict) -> str:
     """Lens and port in words."""
     lens, port = about.get("distortion"), about.get("port")
     return (f", {lens['model']} {numbers(lens['k'])}" if isinstance(lens, dict) else "") + (
-        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
+        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "") + (
+        f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "")
+
+
+def _beam(light: dict) -> str:
+    """The shape of a light in words."""
+    words = {"cone_deg": "cone {:g}°", "fan_deg": "fan {:g}°", "thickness_deg": "{:g}° thick",
+             "radius_m": "radius {:g} m"}
+    return ", ".join(word.format(light[key]) for key, word in words.items() if light.get(key))
 
 
 def equipment(data: Dataset) -> Raw:
     """Lights and sensors."""
     rows = [(f"light {i}", f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
-             numbers(light.get("position") or (), "m"), f"cone {light['cone_deg']:g}°" if light.get("cone_deg") else "")
+             numbers(light.get("position") or (), "m"), _beam(light))
             for i, light in enumerate(data.meta["lights"])]
     for name, sensor in data.meta["sensors"].items():
         rows.append((name, f"{sensor['rate_hz']:g} Hz", numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),

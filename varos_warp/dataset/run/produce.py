@@ -169,7 +169,7 @@ class _Run:
         """The course of the vehicle, and the frames of it that are asked for."""
         with self.clock("simulate"):
             self.simulation = simulated(self.scene, self.console.quiet)
-        self.count = len(self.simulation.frame_ticks)
+        self.count = len(self.simulation.frames)
         self.selected = select(frames, self.count)
         self.summary = Summary(str(self.layout.root), len(self.selected))
         for message in self.simulation.messages:
@@ -274,11 +274,11 @@ class _Run:
 
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose of the vehicle at a frame."""
-        return self.simulation.trajectory.T_w_v(self.simulation.frame_ticks[frame])
+        return self.simulation.frames.T_w_v(frame)
 
     def time_ns(self, frames: list[int]) -> np.ndarray:
         """Time of frames."""
-        return self.simulation.trajectory.time_ns[np.asarray(self.simulation.frame_ticks)[frames]]
+        return self.simulation.frames.time_ns[frames]
 
     # -------------------------------------------------------------------------------------------------- preparing
 
@@ -353,8 +353,8 @@ class _Run:
         plan = plan_render(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)])
         error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
         self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
-        if plan.shortfall:
-            self.say(plan.shortfall)
+        for sentence in [*filter(None, [plan.shortfall]), *plan.ports]:
+            self.say(sentence)
         return plan.to_dict()
 
     # ------------------------------------------------------------------------------------------------------ texts

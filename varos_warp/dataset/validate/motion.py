@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of
-from varos_warp.dataset.reader.dataset import Dataset, rows_at
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
@@ -102,17 +102,16 @@ def check_mounting(data: Dataset, result: Validation) -> None:
     """Poses of cameras and sensors are the vehicle's times the mounting, or stand still in the world."""
     if not data.recorded:
         return
-    vehicle_time, T_w_v = data.poses("vehicle")
     mounts = {camera: data.camera(camera) for camera in data.cameras}
     mounts |= {name: {"T_v_c": data.meta["sensors"][name]["T_v_s"]} for name in data.meta["sensors"]}
     for name, about in mounts.items():
-        result.guard(_check_mount, data, result, name, about, vehicle_time, T_w_v)
+        result.guard(_check_mount, data, result, name, about)
 
 
-def _check_mount(data: Dataset, result: Validation, name: str, about: dict, vehicle_time, T_w_v) -> None:
+def _check_mount(data: Dataset, result: Validation, name: str, about: dict) -> None:
     time_ns, T = data.poses(name)
     expected = (np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else
-                T_w_v[rows_at(vehicle_time, time_ns)] @ np.array(about["T_v_c"]))
+                data.vehicle_at(time_ns) @ np.array(about["T_v_c"]))
     off = np.abs(T - expected).max((1, 2))
     limit = 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
     told = result.add_rows(data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
@@ -125,13 +124,12 @@ def check_lights(data: Dataset, result: Validation) -> None:
     if not data.meta["lights"] or not data.recorded or not data.frames:
         return
     table = files.read_numbers(data.layout.lights)
-    vehicle_time, T_w_v = data.poses("vehicle")
     count = len(data.meta["lights"])
     if len(table[0]) != len(data.frames) * count:
         result.add(f"{data.layout.lights.name}: {len(table[0])} rows, not {len(data.frames) * count}")
         return
     T_v_light = np.array([light["T_v_light"] for light in data.meta["lights"]])[table[2].astype(int)]
-    T = T_w_v[rows_at(vehicle_time, table[0])] @ T_v_light
+    T = data.vehicle_at(table[0]) @ T_v_light
     there = np.column_stack(table[3:9]).astype(float)
     off = np.abs(there - np.hstack([T[:, :3, 3], T[:, :3, 2]])).max(1)
     result.measure("lights: against the vehicle's poses", off.max(), 1e-9 + 8 * EPS * np.abs(T).max(), "m")
@@ -219,11 +217,9 @@ def _in_step(data: Dataset, result: Validation, name: str, time_ns: np.ndarray, 
 
 def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
     """Eq. (2) of the paper with the vehicle's states, exact at every sample."""
-    states, T_v_s = data.states(), np.array(data.meta["sensors"]["imu0"]["T_v_s"])
-    rows = rows_at(states["time_ns"], imu["time_ns"])
-    R = Rotation.from_quat(states["quaternion"][rows], scalar_first=True)
-    w, alpha, lever = states["angular_velocity"][rows], states["angular_acceleration"][rows], T_v_s[:3, 3]
-    felt = R.inv().apply(states["acceleration"][rows] - data.meta["gravity"])
+    there, T_v_s = data.trajectory().at(imu["time_ns"]), np.array(data.meta["sensors"]["imu0"]["T_v_s"])
+    w, alpha, lever = there.angular_velocity, there.angular_acceleration, T_v_s[:3, 3]
+    felt = there.rotation().inv().apply(there.acceleration - data.meta["gravity"])
     felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
     off = np.abs(np.hstack([felt - imu["acceleration"], w @ T_v_s[:3, :3] - imu["angular_velocity"]]))
     told = result.add_rows(data.layout.sensor("imu0"), f"is not what {data.layout.states.name} makes it",

@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, runs
-from varos_warp.dataset.reader.dataset import SCHEMA_VERSION, rows_at
+from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.world import GROUND_TEXTURES
-from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, look_at_matrix, pose_matrix, transform
+from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
+from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
@@ -57,17 +58,11 @@ def _xyz(name: str, unit: str) -> list[str]:
 def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle, IMU and depth gauge: data and the pose of each at each of its samples."""
     trajectory, vehicle = simulation.trajectory, scene.vehicle
-    T_w_v = np.tile(np.eye(4), (len(trajectory.time_ns), 1, 1))
-    T_w_v[:, :3, :3] = Rotation.from_quat(trajectory.quaternion, scalar_first=True).as_matrix()
-    T_w_v[:, :3, 3] = trajectory.position
 
     def write_mounted(name: str, sensor, time_ns: np.ndarray) -> None:
-        rows = rows_at(trajectory.time_ns, time_ns)
-        if not np.array_equal(trajectory.time_ns[rows], time_ns):
-            raise ValueError("a sensor's sample does not fall on a tick of the simulation")
-        write_poses(layout, name, time_ns, T_w_v[rows] @ pose_matrix(sensor))
+        write_poses(layout, name, time_ns, trajectory.at(time_ns).poses() @ pose_matrix(sensor))
 
-    write_poses(layout, "vehicle", trajectory.time_ns, T_w_v)
+    write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
     quaternion = ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"]
     files.write_csv(
         layout.states,
@@ -131,10 +126,8 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
 
 
 def light_pose(light) -> np.ndarray:
-    """T_v_l [4, 4]: z is the axis of the cone, from the light outwards."""
-    if light.kind == "point":
-        return transform(position=light.position)
-    return transform(look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C, light.position)
+    """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal."""
+    return transform(light_axes(light), light.position)
 
 
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:
@@ -170,14 +163,14 @@ def describe_camera(layout: Layout, camera) -> dict:
 
 
 def describe_optics(camera) -> dict:
-    """Lens and port, as `described_camera` reads them."""
+    """Lens, port and vignetting, as `described_camera` reads them."""
     lens, port = camera.distortion, camera.port
     fisheye = lens is not None and lens.model == "kannala_brandt"
     about = {"camera_model": "fisheye" if fisheye else "pinhole",
              "distortion": "none" if lens is None else lens.model_dump(mode="json")}
     if port is not None:
         about |= {"port": port.model_dump(mode="json"), "n_water": list(camera_model(camera).n_water)}
-    return about
+    return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
 
 
 def describe_water(scene) -> dict:

@@ -16,7 +16,7 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
+from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, lights_of_sample, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -70,7 +70,7 @@ def make_mirrored(spec: PathSpec) -> wp.Function:
                     L += sample_field(scene, field, o, d, hit.t, v[0], v[1])
         if hit.face >= 0 and bounds.bounces > 1:
             end = end_vertex(scene, hit, d, SUBPATH_ANGLE)
-            L_end = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[2])).L
+            L_end = reflected_once(scene, hit, end, u[2]).L
             if wp.static(spec.field):
                 L_end += reflected_field(scene, field, end.surface, end.p, end.n)
             L += wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
@@ -113,6 +113,8 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
+            if wp.static(spec.disks):
+                scene.lights = lights_of_sample(scene, key, pixel, sample)
             u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
             if wp.static(spec.optics.bends):
@@ -143,7 +145,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                 end = end_vertex(scene, hit, ray.d, camera.pixel_angle)
                 T = transmittance(scene.medium, hit.t)
                 if wp.static(spec.direct):
-                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3])).L)
+                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2]).L)
                 if wp.static(field_layer):
                     L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
                 if wp.static(spec.multiple and spec.mirrors):

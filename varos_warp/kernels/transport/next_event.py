@@ -48,7 +48,7 @@ class LightConnection:
 @wp.func
 def irradiance(medium: Medium, sample: LightSample):
     """Unobstructed irradiance [W/m^2] of a plane that faces the sampled light, through the water."""
-    share = 1.0 / (sample.distance * sample.distance * sample.pdf)
+    share = 1.0 / (sample.distance * sample.distance)
     return share * wp.cw_mul(sample.intensity, transmittance(medium, sample.distance))
 
 
@@ -148,13 +148,13 @@ def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
 
 
 @wp.func
-def sample_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float, v: wp.vec2):
+def sample_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float):
     """Reflected light of one light, chosen in proportion to what it would add if nothing blocked it."""
     chosen = make_reservoir(u)
     reflected = LightConnection()
     reflected.p = hit.start
     for i in range(light_count(scene.lights)):
-        sample = light_sample(get_light(scene.lights, i), hit.p, v)
+        sample = light_sample(get_light(scene.lights, i), hit.p)
         L = wp.cw_mul(vertex_eval(scene, vertex, sample.d), irradiance(scene.medium, sample))
         chosen = offer(chosen, i, brightest(L))
         if chosen.index == i:

@@ -27,7 +27,7 @@ from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
+from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, lights_of_sample, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -226,7 +226,7 @@ def make_follow_segment(spec: PathSpec) -> wp.Function:
         if hit.face >= 0:
             end = end_vertex(scene, hit, path.vertex.d, wp.where(on_camera, pixel_angle, SUBPATH_ANGLE))
             if path.bounces < bounds.bounces and (wp.static(spec.field) or not on_camera):
-                reflected = reflected_once(scene, hit, end, u[2], wp.vec2(u[3], v[3]))
+                reflected = reflected_once(scene, hit, end, u[2])
                 end.shadowed = reflected.blocked
         if on_camera:
             u = draw(key, pixel, sample, group + 3)
@@ -274,6 +274,8 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         while i < film.parts.shape[0]:
             u = draw(key, pixel, sample, GROUPS * events(path))
             if events(path) == 0:
+                if wp.static(spec.disks):
+                    scene.lights = lights_of_sample(scene, key, pixel, sample)
                 place = image_place(scene, camera, part.row, part.col, u)
                 if wp.static(spec.optics.bends):
                     ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)

@@ -16,7 +16,7 @@ from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import get_light, light_count, light_sample
+from varos_warp.kernels.world.light import get_light, light_count, light_sample, on_disks
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
@@ -82,16 +82,19 @@ def roulette(path: PlainPath, u: float):
 
 
 @cache
-def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
-    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances."""
+def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances and disks."""
     _, visible = make_rays(instances)
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3, u: wp.vec2):
         """Light of all lights that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
         L = wp.vec3(0.0)
-        for i in range(light_count(scene.lights)):
-            sample = light_sample(get_light(scene.lights, i), p, u)
+        lights = scene.lights
+        if wp.static(disks):
+            lights = on_disks(scene.lights, u)
+        for i in range(light_count(lights)):
+            sample = light_sample(get_light(lights, i), p)
             apart = d - sample.d
             arriving = phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart)) * irradiance(scene.medium, sample)
             if brightest(arriving) > 0.0:
@@ -103,8 +106,11 @@ def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
     def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, u: wp.vec2):
         """Light of all lights that the surface at ``hit`` reflects back along a ray of direction ``d``."""
         L = wp.vec3(0.0)
-        for i in range(light_count(scene.lights)):
-            sample = light_sample(get_light(scene.lights, i), hit.p, u)
+        lights = scene.lights
+        if wp.static(disks):
+            lights = on_disks(scene.lights, u)
+        for i in range(light_count(lights)):
+            sample = light_sample(get_light(lights, i), hit.p)
             if wp.dot(sample.d, hit.n) > 0.0:
                 f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
                 arriving = wp.cw_mul(f, irradiance(scene.medium, sample))
@@ -117,10 +123,10 @@ def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
 
 
 @cache
-def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Function]:
-    """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
+def make_events(instances: bool, textures: bool, disks: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scatter`` and ``reflect``, for scenes with or without instances, textures and disks."""
     hit_surface = make_hit_surface(textures)
-    scattered_light, reflected_light = make_gather(instances)
+    scattered_light, reflected_light = make_gather(instances, disks)
 
     @wp.func
     def scatter(scene: SceneData, path: PlainPath, t: float, u: wp.vec4, v: wp.vec4):
@@ -156,7 +162,7 @@ def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Functi
 
 @cache
 def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool,
-                          optics: OpticsSpec) -> wp.Kernel:
+                          optics: OpticsSpec, disks: bool) -> wp.Kernel:
     """The kernel that renders a film's parts from ``first`` on.
 
     Args:
@@ -166,10 +172,11 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         instances: whether there are instances.
         textures: whether some material is more than one constant reflectance.
         optics: the camera's lens and port.
+        disks: whether some light is a disk.
     """
     first_hit, _ = make_rays(instances)
     sample_ray = make_sample_ray(optics)
-    scatter, reflect = make_events(instances, textures)
+    scatter, reflect = make_events(instances, textures, disks)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(

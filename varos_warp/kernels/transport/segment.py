@@ -17,6 +17,7 @@ from varos_warp.kernels.transport.sobol import sobol4
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.light import on_disks
 from varos_warp.kernels.world.optics import STRAIGHT, OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
@@ -24,6 +25,9 @@ wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS = wp.constant(14)
 """Number of groups of four numbers that are low-discrepancy points; later vertices hardly benefit."""
+
+ON_DISKS = wp.constant(wp.uint32(0x85EBCA6B))
+"""Difference between the key of a sample's random numbers and that of its points on disks."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class PathSpec:
     """It is also known along this camera's rays."""
     optics: OpticsSpec = STRAIGHT
     """The camera's lens and port."""
+    disks: bool = False
+    """Some light is a disk."""
 
     def camera(self) -> "PathSpec | None":
         """What the camera's own segments need; None if no layer does."""
@@ -89,6 +95,13 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
     return uniforms(half, pixel, sample >> 1, group)
 
 
+@wp.func
+def lights_of_sample(scene: SceneData, key: wp.uint32, pixel: int, sample: int):
+    """The lights of one sample: each of its vertices sees the same point of a disk."""
+    u = draw(key + ON_DISKS, pixel, sample, 0)
+    return on_disks(scene.lights, wp.vec2(u[0], u[1]))
+
+
 class Segment(NamedTuple):
     """Device functions of a segment."""
 
@@ -128,9 +141,9 @@ def make_segment(spec: PathSpec) -> Segment:
         return L
 
     @wp.func
-    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float, v: wp.vec2):
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float):
         """Direct light that the surface at the end of a segment reflects into it, at that end."""
-        reflected = sample_reflected(scene, hit, end, u, v)
+        reflected = sample_reflected(scene, hit, end, u)
         if brightest(reflected.L) > 0.0:
             if not visible(scene, reflected.p, reflected.q):
                 reflected.L = wp.vec3(0.0)

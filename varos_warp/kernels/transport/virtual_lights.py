@@ -14,16 +14,18 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.transport.next_event import irradiance
-from varos_warp.kernels.transport.sobol import sobol4
+from varos_warp.kernels.transport.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import (
     choose_by_flux,
     get_light,
+    light_axis,
     light_emit,
     light_flux,
     light_sample,
     light_solid_angle,
+    on_disks,
     total_flux,
 )
 from varos_warp.kernels.world.medium import transmittance
@@ -60,13 +62,14 @@ def may_have_lobe(scene: SceneData, hit: Hit):
 def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
     """Density [1/m^2] of the virtual point lights of light ``i`` at a lit point with geometric normal ``n``."""
     light = get_light(scene.lights, i)
-    sample = light_sample(light, p, wp.vec2(0.5))
+    sample = light_sample(light, p)
     facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
-    return light_flux(light) / total_flux(scene.lights) * facing / light_solid_angle(light)
+    solid_angle = light_solid_angle(light, -wp.dot(sample.d, light_axis(light)))
+    return light_flux(light) / total_flux(scene.lights) * facing / solid_angle
 
 
 @cache
-def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
+def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
@@ -82,6 +85,8 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
         k = first + wp.tid()
         in_half = points.shape[0] / 2
         u = sobol4(half_key(key, k / in_half), -1, k % in_half, 0)
+        if wp.static(disks):
+            scene.lights = on_disks(scene.lights, sobol2(half_key(key, k / in_half), -1, k % in_half, 2))
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])
@@ -94,7 +99,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool) -> wp.Kernel:
             point.p = hit.start
             point.n = hit.n
             if not may_have_lobe(scene, hit):
-                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p, wp.vec2(0.5)))
+                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
         points[k] = point

@@ -69,7 +69,7 @@ def make_bent_ray(spec: OpticsSpec) -> wp.Function:
     transmittance of the port / n^2. If each channel has its own rays, that is three times as much for this one and 0
     for the others. 0 for all: there is no ray.
     """
-    undistorted, behind_port = make_undistorted(spec.lens), make_behind_port(spec.port)
+    undistorted, behind_port = make_undistorted(spec.lens), make_behind_port(spec.port, spec.rim)
 
     @wp.func
     def in_camera_axes(camera: Camera, x: float, y: float, lens: wp.vec2):

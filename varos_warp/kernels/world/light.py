@@ -1,18 +1,18 @@
-"""Lights: points that shine in a cone or by a profile. Other kernels use them only through the functions of this file.
+"""Lights: points that shine in a cone, by a profile or in a sheet, and disks. Kernels use them only through this file.
 
-`light_count` and `get_light` give the lights of a scene. `light_sample` draws a point on a light and evaluates what it
-sends to a given point (`light_towards` only evaluates). `light_beam` and `light_core` give the lit part of a ray,
-`light_importance` and `light_strength` the importance of a light near a point and overall. `light_emit` draws a ray
-that leaves it, uniform within `light_solid_angle`; all such rays carry `light_flux`. `light_centre` is for sampling
-pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
-precomputed for lights with an axis. Single scattering and virtual point lights take every light for a point.
+`light_count` and `get_light` give the lights of a scene. Every point of a disk shines as a point light there would:
+kernels draw one for each sample (`on_disks`), and all else takes every light for a point. `light_sample` evaluates what
+a light sends to a given point, `light_towards` to one in its beam. `light_beam` and `light_core` give the lit part of a
+ray, `light_importance` and `light_strength` its importance near a point and overall. `light_emit` draws a ray
+that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with
+`light_axis` and `light_intensity`, for the field of open water, which is precomputed for lights with an axis.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import equiangular_angle, from_polar, make_reservoir, offer
+from varos_warp.kernels.sampling import equiangular_angle, from_polar, make_reservoir, offer, sample_disk
 from varos_warp.kernels.world.camera import Ray
 
 wp.set_module_options({"enable_backward": False})
@@ -33,18 +33,52 @@ class Light:
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
+    radius: float
+    """Of a disk across the axis [m]; 0 for a point."""
+    sheet: int
+    """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
+    from the light."""
+    right: wp.vec3
+    up: wp.vec3
+    """Perpendicular to the axis and to each other: of a disk unit vectors, of a sheet as long as the cotangents of its
+    half angles."""
+
+
+@wp.struct
+class Lights:
+    """The lights of a scene."""
+
+    records: wp.array(dtype=Light)
+    place: wp.vec2
+    """Point of the unit disk where each disk shines now."""
 
 
 @wp.func
-def light_count(lights: wp.array(dtype=Light)):
+def on_disks(lights: Lights, u: wp.vec2):
+    """The lights with each disk at one of its points, uniformly distributed."""
+    after = lights
+    after.place = sample_disk(u[0], u[1])
+    return after
+
+
+@wp.func
+def light_count(lights: Lights):
     """Number of lights of a scene."""
-    return lights.shape[0]
+    return lights.records.shape[0]
 
 
 @wp.func
-def get_light(lights: wp.array(dtype=Light), i: int):
+def at_place(light: Light, place: wp.vec2):
+    """A disk as the point light at a place on it; without a branch, which would copy the light, as others pay too."""
+    after = light
+    after.position += light.radius * (place[0] * light.right + place[1] * light.up)
+    return after
+
+
+@wp.func
+def get_light(lights: Lights, i: int):
     """One of the lights of a scene."""
-    return lights[i]
+    return at_place(lights.records[i], lights.place)
 
 
 @wp.func
@@ -140,8 +174,35 @@ def clip_to_cone(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
 
 
 @wp.func
+def clip_to_side(m: wp.vec3, v: wp.vec3, d: wp.vec3, interval: wp.vec2):
+    """The part of an interval of points v + y d on the side of a plane through the origin to which ``m`` points."""
+    a = wp.dot(m, v)
+    b = wp.dot(m, d)
+    y = -a / wp.where(wp.abs(b) < 1.0e-30, 1.0e-30, b)
+    if b > 0.0:
+        return wp.vec2(wp.max(interval[0], y), interval[1])
+    return wp.vec2(interval[0], wp.min(interval[1], wp.where(b < 0.0 or a < 0.0, y, interval[1])))
+
+
+@wp.func(inline=False)  # few scenes have a sheet, and code that all would carry is not free
+def clip_to_sheet(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
+    """Interval of points v + y d, from the light's position, inside a sheet of light."""
+    interval = clip_to_side(light.axis - light.right, v, d, wp.vec2(ya, yb))
+    interval = clip_to_side(light.axis + light.right, v, d, interval)
+    interval = clip_to_side(light.axis - light.up, v, d, interval)
+    return clip_to_side(light.axis + light.up, v, d, interval)
+
+
+@wp.func
+def in_sheet(light: Light, x: wp.vec3):
+    """Whether a sheet of light holds the point ``x``, from the light."""
+    across = wp.max(wp.abs(wp.dot(x, light.right)), wp.abs(wp.dot(x, light.up)))
+    return across <= wp.dot(x, light.axis)
+
+
+@wp.func
 def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of the ray from ``o`` along ``d`` to ``t_max`` inside the light's cone."""
+    """The part of the ray from ``o`` along ``d`` to ``t_max`` inside the light's cone or sheet."""
     part = LitInterval()
     to_light = light.position - o
     part.foot = wp.dot(to_light, d)
@@ -152,6 +213,10 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     # near 180 deg the quadratic has no digits left; there, as for wider cones, the falloff alone decides
     if light.cos_half > 1.0e-4:
         clipped = clip_to_cone(light, v, d, part.ya, part.yb)
+        part.ya = clipped[0]
+        part.yb = clipped[1]
+    if light.sheet == 1:
+        clipped = clip_to_sheet(light, v, d, part.ya, part.yb)
         part.ya = clipped[0]
         part.yb = clipped[1]
     if part.yb > part.ya:
@@ -172,42 +237,42 @@ def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.struct
 class LightSample:
-    """A point on a light, as seen from another point."""
+    """A light as seen from a point."""
 
     p: wp.vec3
-    """The point on the light."""
+    """Where the light is."""
     d: wp.vec3
     """Unit direction and distance [m] to it, at least NEAR."""
     distance: float
     intensity: wp.vec3
     """Radiant intensity towards the point [W/sr]."""
-    pdf: float
-    """Density of the point on the light; 1 for a point light or spot."""
 
 
 @wp.func
-def light_sample(light: Light, p: wp.vec3, u: wp.vec2):
-    """A point on the light as seen from ``p``; point lights and spots ignore ``u``."""
+def light_sample(light: Light, p: wp.vec3):
+    """The light as seen from ``p``."""
     sample = LightSample()
     sample.p = light.position
     offset = light.position - p
     sample.distance = wp.max(wp.length(offset), NEAR)
     sample.d = wp.normalize(offset)
     sample.intensity = falloff(light, -wp.dot(sample.d, light.axis)) * light.intensity
-    sample.pdf = 1.0
+    if light.sheet == 1:
+        if not in_sheet(light, -offset):
+            sample.intensity = wp.vec3(0.0)
     return sample
 
 
 @wp.func
 def light_towards(light: Light, p: wp.vec3, distance: float):
-    """Radiant intensity [W/sr] towards a point at an accurately known ``distance``."""
+    """Radiant intensity [W/sr] towards a point of `light_beam` at an accurately known ``distance``."""
     return falloff(light, wp.dot(p - light.position, light.axis) / distance) * light.intensity
 
 
 @wp.func
 def light_direction(light: Light, p: wp.vec3):
     """Unit direction from ``p`` to the centre of the light."""
-    return light_sample(light, p, wp.vec2(0.5)).d
+    return light_sample(light, p).d
 
 
 @wp.func
@@ -224,23 +289,30 @@ def light_importance(light: Light, p: wp.vec3):
 
 
 @wp.func
-def light_solid_angle(light: Light):
-    """Solid angle of a light's cone [sr]."""
+def light_solid_angle(light: Light, cos_angle: float):
+    """Inverse density of `light_emit` [sr] at an angle to the axis: the solid angle of a light's cone."""
+    if light.sheet == 1:
+        # uniform on a plane across the axis
+        return 4.0 / (wp.length(light.right) * wp.length(light.up)) * cos_angle * cos_angle * cos_angle
     return wp.tau * (1.0 - light.cos_half)
 
 
 @wp.func
 def light_flux(light: Light):
-    """Brightest channel of the radiant flux [W], with the soft edge counted in full."""
-    return light_strength(light) * light_solid_angle(light)
+    """Brightest channel of the radiant flux [W], with the edges counted in full."""
+    return light_strength(light) * light_solid_angle(light, 1.0)
 
 
 @wp.func
 def light_emit(light: Light, u: float, v: float):
-    """A ray that leaves the light, uniform over its cone, with density 1 / light_solid_angle."""
-    x = u * (1.0 - light.cos_half)
+    """A ray that leaves the light with density 1 / light_solid_angle."""
     ray = Ray()
     ray.o = light.position
+    if light.sheet == 1:
+        right = (2.0 * u - 1.0) / wp.dot(light.right, light.right) * light.right
+        ray.d = wp.normalize(light.axis + right + (2.0 * v - 1.0) / wp.dot(light.up, light.up) * light.up)
+        return ray
+    x = u * (1.0 - light.cos_half)
     ray.d = from_polar(light.axis, 1.0 - x, wp.sqrt(x * (2.0 - x)), wp.tau * v)
     return ray
 
@@ -249,16 +321,16 @@ def light_emit(light: Light, u: float, v: float):
 
 
 @wp.func
-def nearest_light(lights: wp.array(dtype=Light), p: wp.vec3):
+def nearest_light(lights: Lights, p: wp.vec3):
     """Distance to the nearest light [m]."""
     nearest = FAR
     for i in range(light_count(lights)):
-        nearest = wp.min(nearest, light_sample(get_light(lights, i), p, wp.vec2(0.5)).distance)
+        nearest = wp.min(nearest, light_sample(get_light(lights, i), p).distance)
     return nearest
 
 
 @wp.func
-def total_flux(lights: wp.array(dtype=Light)):
+def total_flux(lights: Lights):
     """Sum of `light_flux` [W]."""
     total = float(0.0)
     for i in range(light_count(lights)):
@@ -267,7 +339,7 @@ def total_flux(lights: wp.array(dtype=Light)):
 
 
 @wp.func
-def choose_by_flux(lights: wp.array(dtype=Light), u: float):
+def choose_by_flux(lights: Lights, u: float):
     """Index of a light, drawn in proportion to its flux; 0 if all are dark."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):
@@ -276,7 +348,7 @@ def choose_by_flux(lights: wp.array(dtype=Light), u: float):
 
 
 @wp.func
-def choose_by_importance(lights: wp.array(dtype=Light), p: wp.vec3, u: float):
+def choose_by_importance(lights: Lights, p: wp.vec3, u: float):
     """Index of a light, drawn in proportion to `light_importance` at ``p``."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):

@@ -26,6 +26,8 @@ class OpticsSpec:
     """none, flat or dome."""
     dispersion: bool = False
     """The water's index differs between the channels, and each has rays of its own."""
+    rim: bool = False
+    """Some rays miss the port's glass by its size."""
 
     @property
     def bends(self) -> bool:
@@ -53,6 +55,8 @@ class Optics:
     """Of the glass [m]."""
     n_glass: float
     n_water: wp.vec3
+    rim: float
+    """Flat: clear radius of the outer face [m]. Dome: cosine of its half angle."""
 
 
 @wp.struct
@@ -175,8 +179,8 @@ def sphere_exit(o: wp.vec3, d: wp.vec3, radius: float):
 
 
 @cache
-def make_behind_port(port: str) -> wp.Function:
-    """The function ``behind_port``: the ray in the water, for one channel, of a ray in air."""
+def make_behind_port(port: str, rim: bool) -> wp.Function:
+    """The function ``behind_port``: the ray in the water, for one channel, of a ray in air; none past the ``rim``."""
     if port == "none":
         @wp.func
         def no_port(optics: Optics, ray: Bent, channel: int):
@@ -193,6 +197,9 @@ def make_behind_port(port: str) -> wp.Function:
         inner = ray.o + (optics.distance - wp.dot(ray.o, n)) / wp.dot(ray.d, n) * ray.d
         in_glass = refracted(ray, inner, n, 1.0, optics.n_glass)
         outer = inner + optics.thickness / wp.dot(in_glass.d, n) * in_glass.d
+        if wp.static(rim):
+            if wp.length(outer - wp.dot(outer, n) * n) > optics.rim:
+                in_glass.T = wp.vec2(0.0)
         return refracted(in_glass, outer, n, optics.n_glass, optics.n_water[channel])
 
     @wp.func
@@ -201,6 +208,9 @@ def make_behind_port(port: str) -> wp.Function:
         inner = sphere_exit(ray.o - optics.axis, ray.d, optics.distance)
         in_glass = refracted(ray, inner, inner / optics.distance, 1.0, optics.n_glass)
         outer = sphere_exit(inner, in_glass.d, radius)
+        if wp.static(rim):
+            if outer[2] < optics.rim * radius:
+                in_glass.T = wp.vec2(0.0)
         in_water = refracted(in_glass, outer, outer / radius, optics.n_glass, optics.n_water[channel])
         in_water.o = outer + optics.axis
         return in_water

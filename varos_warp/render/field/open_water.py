@@ -22,7 +22,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
-from varos_warp.scene.lights.records import Lights, light_position
+from varos_warp.scene.lights.records import Lights, light_position, radius_of
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
@@ -50,12 +50,14 @@ CONES_DEG = (20.0, 179.0)
 0.2 % of the light within two free paths, of 10 degrees 1 %, of 5 degrees 3 %: narrow beams are seen as thin lines."""
 
 
-def unavailable(scene: Scene, view: Camera) -> str | None:
-    """Why a camera of a scene has no field; None if it has one."""
+def unavailable(scene: Scene) -> str | None:
+    """Why the cameras of a scene have no field; None if they have one. Reads the files of lights and water."""
     water, lights = optical_properties(scene), scene.vehicle.lights
     for light in lights:
         if light.kind not in LIGHT_KINDS:
             return f"a light is of kind {light.kind!r}, and the field is known for {' and '.join(LIGHT_KINDS)} only"
+        if radius_of(light):
+            return "a lamp is a disk (radius_m), and the field is known for points only"
     if not lights:
         return "there are no lights"
     if not water.sigma_s.any():
@@ -92,12 +94,13 @@ class OpenWater:
     Args:
         scene: With lights and water for which nothing is `unavailable`.
         launcher: Of the device.
+        lights: Those of the scene there, where they are known.
     """
 
-    def __init__(self, scene: Scene, launcher: Launcher):
+    def __init__(self, scene: Scene, launcher: Launcher, lights: Lights | None = None):
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.water = optical_properties(scene)
-        self.lights = Lights(scene, self.device)
+        self.lights = lights or Lights(scene, self.device)
         self._cameras: dict[str, wp.array] = {}
 
     def field(self, view: Camera) -> Field:
@@ -171,4 +174,4 @@ def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
     view = view.model_copy(update={"resolution": CAMERA_PIXELS})
-    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m"})
+    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting"})

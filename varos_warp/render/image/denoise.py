@@ -11,6 +11,8 @@ with them leave less than 20 without.
 """
 
 import functools
+import sys
+from importlib.util import find_spec
 
 import numpy as np
 from scipy.ndimage import correlate1d, gaussian_filter, uniform_filter
@@ -128,6 +130,27 @@ Of corrections both leave the same error within 1 %, the second in half the time
 does, and nothing elsewhere. Without the negative part the image would be too bright by 0.2 % in blue (4 samples)."""
 
 
+def open_image_denoise():
+    """The module ``pyoidn``, imported without torch.
+
+    Where torch is installed, ``pyoidn`` imports it, which takes seconds, but needs it only for tensors.
+
+    Raises:
+        ImportError, OSError: If it cannot be loaded.
+    """
+    if not {"pyoidn", "torch"} & {*sys.modules}:
+        sys.modules["torch"] = None
+        try:
+            import pyoidn
+        finally:
+            del sys.modules["torch"]
+        for name in ("utils", "filter", "denoise"):  # others may give it tensors
+            sys.modules[f"pyoidn.{name}"].TORCH_AVAILABLE = find_spec("torch") is not None
+    import pyoidn
+
+    return pyoidn
+
+
 @functools.cache
 def available_method(method: str) -> str:
     """``method``, or ``nlm`` where Open Image Denoise cannot be loaded; says so once."""
@@ -136,7 +159,7 @@ def available_method(method: str) -> str:
     if method != "oidn":
         return method
     try:
-        import pyoidn  # noqa: F401
+        open_image_denoise()
     except (ImportError, OSError) as error:
         warn(f"Open Image Denoise is not available ({error}); non-local means takes its place")
         return "nlm"
@@ -148,13 +171,11 @@ def _oidn(radiance: np.ndarray, quality: str = QUALITY, albedo=None, normal=None
 
     It adds 1e-4 of its own to very dark images, so the image is brought to a mean near 1 first.
     """
-    import pyoidn
-
     mean = float(radiance.mean(dtype=np.float64))
     scale = np.float32(2.0 ** -np.round(np.log2(mean)))  # a power of two: exact
     guided = albedo is not None and normal is not None
     guides = {"albedo": albedo, "normal": normal, "clean_aux": True} if guided else {}
-    return pyoidn.denoise(radiance * scale, hdr=True, quality=quality, **guides) / scale
+    return open_image_denoise().denoise(radiance * scale, hdr=True, quality=quality, **guides) / scale
 
 
 def _nlm(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:

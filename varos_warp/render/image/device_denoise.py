@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.film import denoise as kernels
 from varos_warp.kernels.film.denoise import add_mixed, add_scaled, clip_negative, positive_part, scale_to_unit, subtract
-from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY
+from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, open_image_denoise
 
 
 class DeviceDenoiser:
@@ -77,8 +77,7 @@ class _Network:
     """A filter with images of its own, kept from frame to frame: setting one up takes longer than running it."""
 
     def __init__(self, oidn, device, shape: tuple[int, int], quality: str, guides):
-        import pyoidn
-
+        pyoidn = open_image_denoise()
         height, width = shape
         self._oidn = oidn
         self._wait = device.is_cpu
@@ -106,8 +105,7 @@ class _Network:
 
 def _open_device(device):
     """Open Image Denoise's device: the same GPU and stream as Warp's."""
-    import pyoidn
-
+    pyoidn = open_image_denoise()
     oidn = pyoidn.Device(pyoidn.OIDN_DEVICE_TYPE_CPU) if device.is_cpu else _open_cuda(device)
     _check(oidn, f"opening {device.alias}")
     oidn.commit()
@@ -117,7 +115,7 @@ def _open_device(device):
 
 def _open_cuda(device):
     """A device on Warp's stream. The package opens one only for streams of torch, so its class is filled in here."""
-    import pyoidn
+    pyoidn = open_image_denoise()
     from pyoidn.capi import oidn_Capi, oidn_ffi
 
     if not pyoidn.Device.is_cuda_available(device.ordinal):

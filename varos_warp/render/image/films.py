@@ -13,7 +13,17 @@ import warp as wp
 
 from varos_warp.kernels.conventions import BLOCK_DIM, RESIDENT_BLOCKS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
-from varos_warp.kernels.film.film import SUMS, TILE, Film, PixelPart, add_parts, count_parts, list_parts, note_samples
+from varos_warp.kernels.film.film import (
+    SUMS,
+    TILE,
+    Film,
+    PixelPart,
+    add_parts,
+    count_parts,
+    list_parts,
+    note_samples,
+    weigh_parts,
+)
 from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.device import kind_of
 
@@ -70,7 +80,8 @@ class Films:
         """Sums, or anything else with a float64 for each channel."""
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def take(self, film: Film, kernel: wp.Kernel, before, after, samples: int | np.ndarray, queued: bool = False):
+    def take(self, film: Film, kernel: wp.Kernel, before, after, samples: int | np.ndarray, queued: bool = False,
+             share: wp.array | None = None):
         """Take more samples.
 
         Args:
@@ -80,6 +91,7 @@ class Films:
             after: and after it, before the film.
             samples: How many, of all pixels or [side, tile row, tile column].
             queued: Whether its threads go on to the `next_part`.
+            share: Of the light that reaches each pixel, float64 [height, width]; None: all.
         """
         self.launcher.upload(samples, film.wanted)
         samples = np.broadcast_to(samples, film.count.shape)
@@ -100,6 +112,8 @@ class Films:
             film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
             tile_rows = int(np.clip(parts // 32, 64, 1024))
             self.launcher.rows(kernel, (threads,), before, [*after, film], tile_rows=tile_rows)
+            if share is not None:
+                self.launcher.rows(weigh_parts, (len(film.sums), parts), [share], [film], tile_rows=1)
             self.launcher.rows(add_parts, (len(film.sums), *ends.shape), [ends], [begin, film], tile_rows=1)
         film.parts = film.part_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, [], [film])

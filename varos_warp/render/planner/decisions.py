@@ -60,6 +60,11 @@ class Plan:
         return next((f"{d.what} {d.choice}: {d.reason}" for d in self.decisions if d.what == "tolerance"), None)
 
     @property
+    def ports(self) -> list[str]:
+        """What each port is worth, one sentence for each."""
+        return [f"{d.what} {d.choice}: {d.reason}" for d in self.decisions if d.what.startswith("port of")]
+
+    @property
     def error(self) -> np.ndarray | None:
         """Predicted relative RMSE [3] of an image: noise, and the error of the field; None: not predicted."""
         samples = [d.error for d in self.decisions if d.what == "spp"]

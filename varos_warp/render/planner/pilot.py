@@ -23,6 +23,8 @@ SEED, SECOND_SEED = 1 << 31, 3 << 30
 RARE = 1e-3
 """Share of the pixels that are left out where views are compared, those with most noise: one bright sample in one of
 two images would else decide, by chance, and it says little of what the other views need."""
+DISTANCES = np.linspace(0.01, 0.99, 25)
+"""Quantiles that stand for the distances that a camera sees."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,25 @@ def pixels_tried(camera: Camera, frames: int) -> int:
     return max(PIXELS, round(min(1.0, frames / LONG) * np.prod(camera.resolution)))
 
 
+def pilot_frames(count: int) -> list[int]:
+    """A few of so many frames, evenly spread and with the first and the last."""
+    return np.unique(np.linspace(0, count - 1, POSES).round().astype(int)).tolist()
+
+
 def pilot_views(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]:
-    """A few poses, evenly spread and with the first and the last, through every camera."""
-    for frame in np.unique(np.linspace(0, len(poses) - 1, POSES).round().astype(int)).tolist():
+    """A few poses through every camera."""
+    for frame in pilot_frames(len(poses)):
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
             how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame}
             images = tuple(renderer.render(poses[frame], small, "A", seed=seed, **how).A
                            for seed in (None, SECOND_SEED))
             yield View(frame, camera, poses[frame], images)
+
+
+def distances_seen(renderer, poses: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
+    """Quantiles of the distances along the rays [m] that a camera sees at these poses; empty if it sees nothing."""
+    seen = [renderer.render(poses[frame], pilot_camera(camera), "D").D.range for frame in pilot_frames(len(poses))]
+    distance = np.concatenate(seen, axis=None)
+    distance = distance[np.isfinite(distance)]
+    return np.quantile(distance.astype(np.float64), DISTANCES) if distance.size else distance

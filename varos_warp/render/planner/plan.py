@@ -15,7 +15,7 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
-from varos_warp.render.image.denoise import available_method, denoise_image
+from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
@@ -24,6 +24,7 @@ from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPE
 from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
+from varos_warp.scene.optics.pinhole import port_worth
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
@@ -94,12 +95,20 @@ class Planner:
         else:  # nothing else pays for water
             self.decide("A", "none", "it is not among the outputs")
             spp = render.spp or FEWEST_SPP
+        self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
                     self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None) -> None:
         """Keep a decision."""
         self.decisions.append(Decision(what, str(choice), reason, None if error is None else tuple(map(float, error))))
+
+    def weigh_ports(self) -> None:
+        """Say what each port is worth; nothing that is rendered depends on it."""
+        for camera in self.scene.vehicle.cameras:
+            if camera.port is not None and len(distances := pilot.distances_seen(self.renderer, self.poses, camera)):
+                worth = port_worth(camera, distances)
+                self.decide(f"port of {camera.id}", "not needed" if worth.pinhole else "needed", worth.in_words)
 
     # ------------------------------------------------------------------------------------------------------ the pilot
 
@@ -144,9 +153,9 @@ class Planner:
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
         return self.renderer.render(T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
 
-    def test_image(self, spp: int, number: int):
-        """An image A of the worst view."""
-        return self.image(self.worst.T_w_v, self.test_camera, spp, number)
+    def denoised(self, T_w_v, camera, spp: int, number: int) -> np.ndarray:
+        """Radiance [H, W, 3] of such an image after the denoiser, where there is one."""
+        return self.image(T_w_v, camera, spp, number, denoise=self.denoiser, denoised_only=True).denoised
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
@@ -158,8 +167,7 @@ class Planner:
             if asked != words and self.render.max_scatterings is not None:
                 why = "the field holds all orders of scattering, and a bound is given"
             elif asked != words:
-                reasons = {unavailable(self.scene, camera) for camera in self.scene.vehicle.cameras} - {None}
-                why = "; ".join(sorted(reasons))
+                why = unavailable(self.scene)
             return self.decide("integrator", words, why, np.zeros(3))
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
@@ -259,9 +267,8 @@ class Planner:
 
         def image(view, spp, number, denoised):
             name, frame = view
-            how = {"denoise": self.denoiser, "denoised_only": True} if denoised else {}
-            made = self.image(self.poses[frame], cameras[name], spp, number, **how)
-            return made.denoised if denoised else made.radiance
+            tried = self.poses[frame], cameras[name], spp, number
+            return self.denoised(*tried) if denoised else self.image(*tried).radiance
 
         views = [(name, frame) for name in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
@@ -288,9 +295,8 @@ class Planner:
     def measured_law(self, first: int) -> ErrorLaw:
         """Errors of test images with a few times ``first`` samples, by independent estimates."""
         levels = [first * level for level in LEVELS]
-        made = [[self.test_image(spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
-        images = [[image.radiance if self.denoiser == "none" else denoise_image(image, self.denoiser)
-                   for image in level] for level in made]
+        view = self.worst.T_w_v, self.test_camera
+        images = [[self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
         estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
         worst = [np.max([errors.error([image], estimates) for image in level], axis=0) for level in images]
         return ErrorLaw(levels, np.array(worst), self.steepest)
@@ -299,7 +305,7 @@ class Planner:
         """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
         taken, made = IMAGES * len(LEVELS), []
         while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
-            made.append(self.test_image(spp, taken + len(made)).radiance)
+            made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
             if len(made) >= FEWEST_ESTIMATES:
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)

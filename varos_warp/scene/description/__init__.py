@@ -16,6 +16,9 @@ from varos_warp.scene.description.vehicle import Current, Trajectory, Vehicle
 from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
 from varos_warp.scene.files import absolute
 
+LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
+"""Profiles of lamps that come with the package, by their names."""
+
 
 class Scene(Block):
     """A whole scene file."""
@@ -65,5 +68,5 @@ class Scene(Block):
         return self
 
     def resolve(self, file: str) -> Path:
-        """Path of a file that the scene names."""
-        return absolute(self._base_dir, file)
+        """Path of a file that the scene names, or of a lamp that comes with the package."""
+        return LAMPS[file] if file in LAMPS else absolute(self._base_dir, file)

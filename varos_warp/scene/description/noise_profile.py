@@ -5,12 +5,13 @@ A profile is a YAML file with the blocks ``imu``, ``depth_gauge`` and ``camera``
 
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.block import Block, NonNegative, Positive
+from varos_warp.scene.description.optics import Vignetting
 from varos_warp.scene.description.vehicle import ImuNoise
 from varos_warp.scene.load import load_block
 
@@ -31,22 +32,6 @@ class DepthGaugeNoise(Block):
     """Standard deviation of the part drawn once per sequence [m]"""
     resolution: NonNegative = 0.0
     """Step of the readings [m]; 0: none"""
-
-
-class Vignetting(Block):
-    """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
-
-    The polynomial is 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image.
-    """
-
-    kind: Literal["cos4", "polynomial"] = "cos4"
-    coefficients: tuple[float, ...] = ()
-
-    @model_validator(mode="after")
-    def _coefficients_belong_to_the_polynomial(self):
-        if (self.kind == "polynomial") != bool(self.coefficients):
-            raise ValueError("coefficients [a1, a2, ...] belong to kind: polynomial, which needs at least one")
-        return self
 
 
 class CameraNoise(Block):

@@ -3,9 +3,9 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block, Vec3
+from varos_warp.scene.description.block import Block, Vec3, unwritten_if_absent
 from varos_warp.scene.optics.camera import camera_model
 
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
@@ -27,6 +27,10 @@ class FlatPort(Block):
     n_glass: Index = 1.49
     normal: Vec3 = (0.0, 0.0, 1.0)
     """Of the pane towards the water, camera axes; of any length."""
+    clear_radius_m: Size | None = None
+    """Of what is clear of its outer face, around the place nearest to the lens; absent: all."""
+
+    _written = unwritten_if_absent("clear_radius_m")
 
 
 class DomePort(Block):
@@ -39,6 +43,10 @@ class DomePort(Block):
     n_glass: Index = 1.49
     centre: Vec3 = (0.0, 0.0, 0.0)
     """In camera axes [m]: 0 is the lens (its entrance pupil)."""
+    half_angle_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    """Of the shell, at its centre, to the camera's axis: 90 is a hemisphere; absent: a whole sphere."""
+
+    _written = unwritten_if_absent("half_angle_deg")
 
 
 Port = Annotated[FlatPort | DomePort, Field(discriminator="kind")]
@@ -79,9 +87,25 @@ def twin(camera: Any) -> Any:
     return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water")))
 
 
+class Vignetting(Block):
+    """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
+
+    The polynomial is 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image.
+    """
+
+    kind: Literal["cos4", "polynomial"] = "cos4"
+    coefficients: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_belong_to_the_polynomial(self):
+        if (self.kind == "polynomial") != bool(self.coefficients):
+            raise ValueError("coefficients [a1, a2, ...] belong to kind: polynomial, which needs at least one")
+        return self
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
-    for problem in (_of_water, _of_lens, _of_port):
+    for problem in (_of_water, _of_lens, _of_port, _of_rim, _of_vignetting):
         if found := problem(camera):
             raise ValueError(found)
     return camera
@@ -131,3 +155,29 @@ def _of_port(camera: Any) -> str | None:
                 "give a larger distance_m or f_stop")
     return None
 
+
+def _of_rim(camera: Any) -> str | None:
+    """What the middle of the image sees tells how large a pixel is."""
+    model = camera_model(camera)
+    if model.port is None or all(model.rays(model.K[:2, 2], channel).weight > 0.0 for channel in range(3)):
+        return None
+    key = "clear_radius_m" if camera.port.kind == "flat" else "half_angle_deg"
+    return f"port.{key}: the rim of the port hides the middle of the image; give a larger one"
+
+
+BRIGHTEST = 10.0
+"""Most that a polynomial makes of the light."""
+
+
+def _of_vignetting(camera: Any) -> str | None:
+    fall = camera_model(camera).vignetting
+    if fall is None:
+        return None
+    if fall.kind == "cos4" and camera.distortion is not None and camera.distortion.model == "kannala_brandt":
+        return "vignetting.kind: cos4 is not the law of a fisheye (distortion kannala_brandt); give a polynomial"
+    with np.errstate(over="ignore", invalid="ignore"):
+        share = fall.polynomial(np.linspace(0.0, 1.0, 257))
+    if not ((share >= 0.0) & (share <= BRIGHTEST)).all():
+        return ("vignetting.coefficients: between the centre and the corners, 1 + a1 r^2 + a2 r^4 ... does not stay "
+                f"between 0 and {BRIGHTEST:g}; r is in half diagonals of the image")
+    return None

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -19,7 +19,7 @@ from varos_warp.scene.description.block import (
     outside,
     unwritten_if_absent,
 )
-from varos_warp.scene.description.optics import Distortion, Index, Port, WaterIndex, check_optics
+from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting, WaterIndex, check_optics
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -34,6 +34,10 @@ def _check_direction(value):
     if np.linalg.norm(value) < 1e-6:
         raise ValueError("the direction of a light must be at least 1e-6 long")
     return value
+
+
+Radius = Annotated[float, Field(gt=0.0, le=100.0)]
+"""Of a lamp [m]: a disk across its axis, each point of which shines as the whole lamp does."""
 
 
 class LampPort(Block):
@@ -57,9 +61,11 @@ class SpotLight(Block):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     port: LampPort | None = None
     """With one, cone and intensity are those in air."""
+    radius_m: Radius | None = None
+    """Absent: a point."""
 
     _has_direction = field_validator("direction")(_check_direction)
-    _written = unwritten_if_absent("port")
+    _written = unwritten_if_absent("port", "radius_m")
 
 
 class ProfileLight(Block):
@@ -67,15 +73,18 @@ class ProfileLight(Block):
 
     kind: Literal["profile"]
     file: str
-    """The same all around the axis; the scale does not matter."""
+    """The same all around the axis; the scale does not matter. Or the name of a lamp that comes with the package."""
     position: Position = (0.0, 0.0, 0.0)
     direction: Vec3 = (0.0, 1.0, 0.0)
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """At the profile's peak."""
     port: LampPort | None = None
     """With one, profile and intensity are those in air."""
+    radius_m: Radius | None = None
+    """Absent: a point."""
 
     _has_direction = field_validator("direction")(_check_direction)
+    _written = unwritten_if_absent("radius_m")
 
 
 class PointLight(Block):
@@ -86,7 +95,37 @@ class PointLight(Block):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
 
 
-Light = Annotated[SpotLight | PointLight | ProfileLight, Field(discriminator="kind"), kind_by_default("spot")]
+class SheetLight(Block):
+    """A sheet of light, as of a line laser: ``intensity`` [W/sr] between two pairs of planes through the light, else 0.
+
+    The angles between the planes are ``fan_deg``, in the sheet, and ``thickness_deg``, across it.
+    """
+
+    kind: Literal["sheet"]
+    position: Position = (0.0, 0.0, 0.0)
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    """To the middle of the fan."""
+    normal: Position
+    """Of the sheet, of any length; what of it lies along the direction is left out."""
+    fan_deg: Annotated[float, Field(ge=0.1, le=170.0)]
+    thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)]
+    """Single precision cannot represent much thinner sheets."""
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+
+    _has_direction = field_validator("direction")(_check_direction)
+
+    @field_validator("normal")
+    @classmethod
+    def _across(cls, value, info: ValidationInfo):
+        direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
+        size = np.linalg.norm(value) * np.linalg.norm(direction)
+        if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
+            raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
+        return value
+
+
+Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),
+                  kind_by_default("spot")]
 
 
 def _check_look_at(block):
@@ -131,10 +170,12 @@ class Camera(Block):
     n_water: WaterIndex | None = None
     """Refractive index behind the port: a number, one each for R, G and B, or a block; absent: 1.34."""
     distortion: Distortion | None = None
+    vignetting: Vignetting | None = None
+    """Of A; B, C, D and S have none."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
-    _written = unwritten_if_absent("port", "n_water", "distortion")
+    _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting")
 
 
 class Mounted(Block):

@@ -54,12 +54,12 @@ class Distribution:
 
 
 def distribution(light: Light, scene: Scene) -> Distribution:
-    """How the intensity of a light of a scene is distributed, behind its port if it has one.
+    """How the intensity of a light of a scene is distributed, behind its port if it has one; everywhere for a sheet.
 
     Raises:
         InputError: The file of a profile is missing, or is none.
     """
-    if light.kind == "point":
+    if light.kind in ("point", "sheet"):
         return Distribution()
     if light.kind == "profile":
         i = scene.vehicle.lights.index(light)

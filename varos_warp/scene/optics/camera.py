@@ -30,6 +30,20 @@ def channel_number(name: str) -> int:
 PINHOLE = Lens()
 
 
+@dataclass(frozen=True)
+class Vignetting:
+    """Fall of the light towards the corners: cos^4 of the angle to the axis at the lens, or a polynomial."""
+
+    kind: str = "cos4"
+    """cos4 or polynomial."""
+    coefficients: tuple[float, ...] = ()
+    """Of 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image."""
+
+    def polynomial(self, r2: np.ndarray) -> np.ndarray:
+        """Value [...], which may be below 0, at the squares of r."""
+        return np.ones_like(r2) + sum(a * r2 ** (i + 1) for i, a in enumerate(self.coefficients))
+
+
 class Rays(NamedTuple):
     """Rays in the water; NaN and weight 0 where none is seen."""
 
@@ -38,7 +52,7 @@ class Rays(NamedTuple):
     direction: np.ndarray
     """Unit vectors [..., 3]."""
     weight: np.ndarray
-    """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port, else 1."""
+    """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port; and vignetting."""
 
     def moved(self, T: np.ndarray) -> "Rays":
         """In the axes to which T [4, 4] maps."""
@@ -55,6 +69,7 @@ class CameraModel:
     port: Port | None = None
     n_water: tuple[float, float, float] = (SEA, SEA, SEA)
     """Behind the port, R, G, B."""
+    vignetting: Vignetting | None = None
 
     @property
     def is_pinhole(self) -> bool:
@@ -85,9 +100,26 @@ class CameraModel:
         x, y = ((points[..., i] - self.K[i, 2]) / self.K[i, i] for i in range(2))
         return self.lens.directions(np.stack([x, y], -1))
 
+    def vignette(self, points: np.ndarray) -> np.ndarray:
+        """Share [...] of the light at image points [..., 2] that vignetting leaves."""
+        x, y = (points[..., i] - self.K[i, 2] for i in range(2))
+        if self.vignetting is None:
+            return np.ones(x.shape)
+        if self.vignetting.kind == "polynomial":
+            r2 = (x**2 + y**2) / (self.K[1, 2] ** 2 + self.K[0, 2] ** 2)
+            return np.maximum(self.vignetting.polynomial(r2), 0.0)
+        if self.lens.model == "none":
+            return 1.0 / (1.0 + (x / self.K[0, 0]) ** 2 + (y / self.K[1, 1]) ** 2) ** 2
+        return np.maximum(self.directions(points)[..., 2], 0.0) ** 4
+
     def rays(self, points: np.ndarray, channel: int = GREEN) -> Rays:
         """Rays of image points [..., 2] [pixels] for one of R, G, B."""
-        d = self.directions(np.asarray(points, float))
+        points = np.asarray(points, float)
+        rays = self._rays(points, channel)
+        return rays if self.vignetting is None else rays._replace(weight=rays.weight * self.vignette(points))
+
+    def _rays(self, points: np.ndarray, channel: int) -> Rays:
+        d = self.directions(points)
         if self.port is None:
             seen = np.isfinite(d).all(-1)
             return Rays(np.where(seen[..., None], 0.0, np.nan) * d, d, seen.astype(float))
@@ -98,7 +130,11 @@ class CameraModel:
     def project(self, points: np.ndarray, channel: int = GREEN) -> np.ndarray:
         """Image points [..., 2] [pixels] of points [..., 3] [m]; NaN where the camera cannot see them."""
         points = np.asarray(points, float)
-        d = points if self.port is None else self.port.arrive(points, self.n_water[channel])
+        d, n = points, self.n_water[channel]
+        if self.port is not None:
+            d = self.port.arrive(points, n)
+            if self.port.has_rim:
+                d = np.where(self.port.leave(np.zeros(3), d, n).transmittance[..., None] > 0.0, d, np.nan)
         return self.lens.image_plane(d) * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
 
 
@@ -113,15 +149,17 @@ def camera_model(camera: Any) -> CameraModel:
     """The model of a scene's camera block."""
     lens = PINHOLE if camera.distortion is None else Lens(camera.distortion.model, camera.distortion.k)
     port = None if camera.port is None else port_model(**camera.port.model_dump())
-    return CameraModel(intrinsics(camera), lens, port, water_indices(camera.n_water))
+    vignetting = None if camera.vignetting is None else Vignetting(**camera.vignetting.model_dump())
+    return CameraModel(intrinsics(camera), lens, port, water_indices(camera.n_water), vignetting)
 
 
 def described_camera(about: dict[str, Any]) -> CameraModel:
     """The model of a camera of dataset.json."""
-    lens, port = about.get("distortion", "none"), about.get("port")
+    lens, port, fall = about.get("distortion", "none"), about.get("port"), about.get("vignetting")
     return CameraModel(np.array(about["K_center_half"], float),
                        PINHOLE if isinstance(lens, str) else Lens(lens["model"], tuple(lens["k"])),
-                       port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)))
+                       port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)),
+                       Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None)
 
 
 def port_model(kind: str, **values: Any) -> Port:

@@ -76,6 +76,13 @@ class FlatPort:
     """From the lens to the glass, along the normal."""
     thickness_m: float
     n_glass: float
+    clear_radius_m: float | None = None
+    """Of the outer face, around the foot of the perpendicular from the lens; None: there is no rim."""
+
+    @property
+    def has_rim(self) -> bool:
+        """Whether some rays miss the glass by its size."""
+        return self.clear_radius_m is not None
 
     def leave(self, o: np.ndarray, d: np.ndarray, n_water: float) -> WaterRays:
         """Rays in the water of rays from ``o`` along unit vectors ``d``, both [..., 3], in air."""
@@ -86,6 +93,8 @@ class FlatPort:
             in_glass, T = refract(d, n, 1.0, self.n_glass)
             outer = inner + self.thickness_m / _dot(in_glass, n) * in_glass
             in_water, T_outer = refract(in_glass, n, self.n_glass, n_water)
+        if self.has_rim:
+            there &= np.linalg.norm(outer - _dot(outer, n) * n, axis=-1, keepdims=True) <= self.clear_radius_m
         return _rays(outer, in_water, T * T_outer, there)
 
     def arrive(self, points: np.ndarray, n_water: float) -> np.ndarray:
@@ -121,6 +130,18 @@ class DomePort:
     """Of the outer surface."""
     thickness_m: float
     n_glass: float
+    half_angle_deg: float | None = None
+    """Of the shell, at its centre, to the camera's axis; None: there is no rim."""
+
+    @property
+    def has_rim(self) -> bool:
+        """Whether some rays miss the glass by its size."""
+        return self.half_angle_deg is not None
+
+    @property
+    def rim_cosine(self) -> float:
+        """Cosine of the half angle."""
+        return float(np.cos(np.radians(self.half_angle_deg)))
 
     @property
     def _inner(self) -> float:
@@ -133,7 +154,10 @@ class DomePort:
         in_glass, T = refract(d, n, 1.0, self.n_glass)
         outer, n = _to_sphere(inner, in_glass, self.radius_m)
         in_water, T_outer = refract(in_glass, n, self.n_glass, n_water)
-        return _rays(outer + centre, in_water, T * T_outer, np.isfinite(T[..., :1]))
+        there = np.isfinite(T[..., :1])
+        if self.has_rim:
+            there &= n[..., 2:] >= self.rim_cosine
+        return _rays(outer + centre, in_water, T * T_outer, there)
 
     def arrive(self, points: np.ndarray, n_water: float) -> np.ndarray:
         """Directions [..., 3] in air, unit vectors, whose rays from the lens reach points [..., 3]; NaN if none.

@@ -9,7 +9,7 @@ so that where nothing is clipped, mean DN = black + electrons / e and variance =
 
 import numpy as np
 
-from varos_warp.scene.description.noise_profile import CameraNoise, Vignetting
+from varos_warp.scene.description.noise_profile import CameraNoise
 
 _CAMERA = 0x63616D
 
@@ -17,24 +17,6 @@ _CAMERA = 0x63616D
 def frame_generator(seed: int, frame: int, camera: str) -> np.random.Generator:
     """Random numbers of one frame of one camera, whichever frames are made before it."""
     return np.random.default_rng([seed, _CAMERA, frame, *camera.encode()])
-
-
-def vignette(model: Vignetting | None, K: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Share [H, W] of the light that reaches each pixel.
-
-    Args:
-        model: None: all of it.
-        K: Intrinsics [3, 3], the centre of the top left pixel at (0.5, 0.5).
-        shape: Rows and columns.
-    """
-    row, col = np.indices(shape) + 0.5
-    x, y = col - K[0, 2], row - K[1, 2]
-    if model is None:
-        return np.ones(shape)
-    if model.kind == "cos4":
-        return 1.0 / (1.0 + (x / K[0, 0]) ** 2 + (y / K[1, 1]) ** 2) ** 2
-    r2 = (x**2 + y**2) / ((shape[0] / 2) ** 2 + (shape[1] / 2) ** 2)
-    return np.maximum(1.0 + sum(a * r2 ** (i + 1) for i, a in enumerate(model.coefficients)), 0.0)
 
 
 def _levels(model: CameraNoise) -> int:

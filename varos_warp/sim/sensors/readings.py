@@ -6,7 +6,8 @@ import numpy as np
 
 from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
-from varos_warp.sim.clock import ticks_per_sample
+from varos_warp.sim.clock import frames_until, times_ns
+from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.sensors.noise import imu_noise
 
 
@@ -36,28 +37,28 @@ class DepthGauge:
     depth: np.ndarray
 
 
-def measure_imu(trajectory, imu: description.Imu, gravity: float = 9.81, seed: int = 0) -> Imu:
+def sampled(trajectory: Trajectory, rate_hz: float) -> Trajectory:
+    """A trajectory at the samples of a rate, up to its end."""
+    times = times_ns(frames_until(1e-9 * trajectory.time_ns[-1], rate_hz), rate_hz)
+    return trajectory.at(times[times <= trajectory.time_ns[-1]])
+
+
+def measure_imu(trajectory: Trajectory, imu: description.Imu, gravity: float = 9.81, seed: int = 0) -> Imu:
     """Eq. (2) of the paper: a = R_sv (R_vr (dd p - g) + ([w]x[w]x + [dw]x) l), omega = R_sv w.
 
     Args:
-        trajectory: A `trajectory.Trajectory`.
+        trajectory: Of the vehicle.
         imu: Where the sensor sits (l, the lever arm in vehicle axes), how it is turned (R_vs) and its rate.
         gravity: [m/s^2]; g = (0, 0, -gravity).
         seed: Of the noise, if the block asks for any.
-
-    Raises:
-        InputError: The rate does not divide 200 Hz.
     """
-    step = ticks_per_sample(imu.rate_hz, "vehicle.imu.rate_hz")
-    pick = slice(None, None, step)
-    omega, alpha = trajectory.angular_velocity[pick], trajectory.angular_acceleration[pick]
-    lever = np.asarray(imu.position, float)
-    felt = trajectory.acceleration[pick] + [0.0, 0.0, gravity]
-    acceleration = trajectory.rotation()[pick].inv().apply(felt)
+    there = sampled(trajectory, imu.rate_hz)
+    omega, alpha, lever = there.angular_velocity, there.angular_acceleration, np.asarray(imu.position, float)
+    acceleration = there.rotation().inv().apply(there.acceleration + [0.0, 0.0, gravity])
     acceleration += np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
     R_v_s = frames.attitude(imu)
     acceleration, omega = acceleration @ R_v_s, omega @ R_v_s  # rows: (R_sv x)' = x' R_vs
-    times, none = trajectory.time_ns[pick], np.zeros_like(omega)
+    times, none = there.time_ns, np.zeros_like(omega)
     if imu.noise is None:
         return Imu(times, acceleration, omega, none, none, acceleration, omega)
     force, rate = imu_noise(imu.noise, len(omega), imu.rate_hz, seed)
@@ -65,12 +66,8 @@ def measure_imu(trajectory, imu: description.Imu, gravity: float = 9.81, seed: i
                acceleration, omega)
 
 
-def measure_depth(trajectory, gauge: description.Mounted, surface_depth_m: float) -> DepthGauge:
-    """Depth of the gauge itself, which may sit off the vehicle's origin.
-
-    Raises:
-        InputError: The rate does not divide 200 Hz.
-    """
-    pick = slice(None, None, ticks_per_sample(gauge.rate_hz, "vehicle.depth_gauge.rate_hz"))
-    lever = trajectory.rotation()[pick].apply(np.asarray(gauge.position, float))
-    return DepthGauge(trajectory.time_ns[pick], surface_depth_m - (trajectory.position[pick, 2] + lever[:, 2]))
+def measure_depth(trajectory: Trajectory, gauge: description.Mounted, surface_depth_m: float) -> DepthGauge:
+    """Depth of the gauge itself, which may sit off the vehicle's origin."""
+    there = sampled(trajectory, gauge.rate_hz)
+    lever = there.rotation().apply(np.asarray(gauge.position, float))
+    return DepthGauge(there.time_ns, surface_depth_m - (there.position[:, 2] + lever[:, 2]))
