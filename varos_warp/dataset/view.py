@@ -201,7 +201,7 @@ class _Recorder:
         self.stream.send_columns(entity, self.times(time_ns), self.rr.Scalars.columns(scalars=values))
 
     def images(self, number: int, camera: str) -> None:
-        """The images of a frame: A, B and C as the files are, D in its own steps, S with the objects' keys."""
+        """The images of a frame: A, B and C as the files are, D in its own steps, S with the objects' keys, F in colours."""
         rr, data = self.rr, self.data
         self.stream.set_time("time", duration=np.timedelta64(data.frame(number, camera).time_ns, "ns"))
         self.stream.set_time("frame", sequence=number)
@@ -211,6 +211,8 @@ class _Recorder:
                 image = self.depth(pixels, number, camera)
             elif output == "S":
                 image = rr.SegmentationImage(pixels)
+            elif output == "F":
+                image = rr.Image(flow_colors(OUTPUTS["F"].decode(pixels)))
             else:
                 contents = data.layout.png(camera, output, number).read_bytes()
                 image = rr.EncodedImage(contents=contents, media_type="image/png")

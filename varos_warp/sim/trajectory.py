@@ -20,6 +20,7 @@ from varos_warp.sim.clock import (
     check_length,
     check_rate,
     frame_count,
+    frame_time_ns,
     frames_until,
     times_ns,
 )
@@ -40,7 +41,7 @@ class Simulation:
     """A trajectory, the ticks of its frames and what the sensors read."""
 
     trajectory: Trajectory
-    """Motion of the vehicle, up to one IMU sample after the last frame."""
+    """Motion of the vehicle, up to one IMU sample after the last frame; for output F, to the time of a frame more."""
     frames: Trajectory
     """The same at the frames' times, the first at 0."""
     imu: Imu | None
@@ -119,10 +120,15 @@ COLUMNS: list[tuple] = [
 
 
 def _rows(scene: Scene, frames: int) -> int:
-    """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
+    """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples).
+
+    F of the last frame is the motion to a frame more.
+    """
     last, imu = (frames - 1) / scene.render.frame_rate_hz, scene.vehicle.imu
     rate = imu.rate_hz if imu else TICK_RATE_HZ
     after_ns = int(times_ns(frames_until(last, rate) + 1, rate)[-1])
+    if "F" in scene.render.outputs:
+        after_ns = max(after_ns, frame_time_ns(frames, scene.render.frame_rate_hz))
     return -(-after_ns // TICK_NS) + 1
 
 
