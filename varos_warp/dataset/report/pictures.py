@@ -96,7 +96,7 @@ def _segment_colors(pixels: np.ndarray) -> np.ndarray:
 def flow_colors(flow: np.ndarray) -> np.ndarray:
     """uint8 [H, W, 3] of a flow [H, W, 2]: the wheel of Baker et al. (2011), white at rest, black where it is NaN.
 
-    Hue is the direction: red to the right, yellow down, blue to the left, magenta up. The 99 % quantile of the lengths
+    Hue is the direction: red to the right, yellow down, blue to the left, violet up. The 99 % quantile of the lengths
     has full colour.
     """
     known = np.isfinite(flow).all(-1)
