@@ -105,7 +105,8 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
     run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
-    vehicle, trajectory = scene.vehicle, run.trajectory
+    vehicle, read = scene.vehicle, run.trajectory.time_ns[:_rows_read(scene, len(run.frames))]
+    trajectory = run.trajectory.at(read)  # no more for F, or noise would be drawn otherwise
     tell(1.0)
     return replace(
         run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
@@ -120,15 +121,16 @@ COLUMNS: list[tuple] = [
 
 
 def _rows(scene: Scene, frames: int) -> int:
-    """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples).
+    """Rows up to what sensors read, and with F to a frame after the last, to which its flow is."""
+    after_ns = frame_time_ns(frames, scene.render.frame_rate_hz) if "F" in scene.render.outputs else 0
+    return max(_rows_read(scene, frames), -(-after_ns // TICK_NS) + 1)
 
-    F of the last frame is the motion to a frame more.
-    """
+
+def _rows_read(scene: Scene, frames: int) -> int:
+    """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
     last, imu = (frames - 1) / scene.render.frame_rate_hz, scene.vehicle.imu
     rate = imu.rate_hz if imu else TICK_RATE_HZ
     after_ns = int(times_ns(frames_until(last, rate) + 1, rate)[-1])
-    if "F" in scene.render.outputs:
-        after_ns = max(after_ns, frame_time_ns(frames, scene.render.frame_rate_hz))
     return -(-after_ns // TICK_NS) + 1
 
 
