@@ -1,8 +1,9 @@
 """D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
 
+from typing import Any
+
 import numpy as np
 
-from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_centres
 
@@ -23,7 +24,7 @@ def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np
     return rays.origin, rays.direction
 
 
-def planar_depth(data: Dataset, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
+def planar_depth(data: Any, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
     """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none.
 
     ``pixels`` of D, if they are at hand, save reading them.
@@ -60,7 +61,7 @@ def along_rays(model: CameraModel, row: np.ndarray, col: np.ndarray, z: np.ndarr
     return origin + d * ((z - origin[..., 2]) / d[..., 2])[..., None]
 
 
-def colour_offsets(data: Dataset, frame: int, camera: str, channel: str) -> np.ndarray:
+def colour_offsets(data: Any, frame: int, camera: str, channel: str) -> np.ndarray:
     """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels."""
     model, z = data.camera_model(camera), planar_depth(data, frame, camera)
     z = np.where(np.isfinite(z), z, np.nan)
