@@ -59,5 +59,5 @@ def test_the_plan_of_a_serves_the_twin_alone():
     scene = scene_of(PLAIN | BENT["dome and barrel"], outputs="P", spp=7, integrator="path")
     plan = plan_render(scene, FrameRenderer(scene, "cpu"), [np.eye(4)])
     assert plan.spp == 7
-    assert [decision.what for decision in plan.decisions] == ["integrator", "spp"]
+    assert [decision.what for decision in plan.decisions] == ["integrator", "spp", "port of M0"]
     assert "7 samples per pixel" in plan.models["P"]
