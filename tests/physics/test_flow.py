@@ -11,6 +11,7 @@ from test_ports_in_images import CAMERAS, scene_of
 
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import R_V_C, transform
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
@@ -58,6 +59,24 @@ def test_a_roll_turns_the_image_whatever_the_distance(truth):
     truth("flow of a roll [px]", source="rotation about the centre", expected=expected, got=F.flow, tolerance=1e-4,
           reason="float32 rounding")
     assert not F.occluded.any()
+
+
+def test_to_the_other_camera_of_a_pair_it_is_the_disparity(truth):
+    """By f b / Z of the left camera; the right one does not see the wall just left of a plate."""
+    left, right = ({"resolution": [256, 16], "sensor_mm": [4.416, 0.276], "focal_mm": 3.4, "id": name,
+                    "position": [x, 0, 0]} for name, x in (("L0", -0.1), ("R0", 0.1)))
+    scene = Scene(water="none", vehicle={"cameras": [left, right]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
+    renderer = FrameRenderer(scene, "cpu", parts=[wall(), wall(1.5, (0.05, 30), "plate")])
+    frame = renderer.render(np.eye(4), "L0", "DF", T_w_v_next=np.eye(4), camera_next="R0")
+    f = 256 / 4.416 * 3.4
+    truth("disparity [px]", source="f b / Z", expected=f * 0.2 / frame.D.depth, got=-frame.F.flow[..., 0],
+          tolerance=1e-4, reason="float32 of the flow")
+    np.testing.assert_allclose(frame.F.flow[..., 1], 0, atol=1e-9)
+    # the ray to the right camera crosses the plate's plane, half way to the wall
+    x = 0.1 + ((np.arange(256) + 0.5 - 128) / f * 3.0 - 0.2) / 2
+    hidden = (frame.D.depth > 2) & (x > 0.05)
+    assert hidden.sum(axis=1).min() > 10
+    assert np.array_equal(frame.F.occluded, hidden)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)

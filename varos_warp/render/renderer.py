@@ -84,7 +84,8 @@ class FrameRenderer:
         return self.launcher.compile_seconds
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-               T_w_v_next: ArrayLike | None = None, seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
+               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+               frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
@@ -92,6 +93,7 @@ class FrameRenderer:
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
             outputs: Any of A, B, C, D, S, P and F.
             T_w_v_next: Pose [4, 4] of the vehicle at the next frame, to which F is the flow.
+            camera_next: That of the next frame, if it is another: with the same pose, F is the disparity of a pair.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
@@ -100,11 +102,12 @@ class FrameRenderer:
             InputError: If something unknown is asked for, or F without ``T_w_v_next``.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, seed=seed, frame=frame, **options))
+        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next, seed=seed,
+                                 frame=frame, **options))
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              T_w_v_next: ArrayLike | None = None, seed: int | None = None, frame: int = 0, **options: Any
-              ) -> Steps[Frame]:
+              T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+              frame: int = 0, **options: Any) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
         if "F" in outputs and T_w_v_next is None:
@@ -125,8 +128,8 @@ class FrameRenderer:
         if geometry := set("CDSF") & set(outputs):
             images |= yield from self._render_first_hits(view, T_w_v, geometry | ({"D"} if "F" in geometry else set()))
         if "F" in geometry:
-            T_next = np.asarray(T_w_v_next, np.float64)
-            images["F"] = yield from self._render_flow(view, T_w_v, T_next, images["D"].range)
+            following = (self._camera(camera_next) if camera_next else view, np.asarray(T_w_v_next, np.float64))
+            images["F"] = yield from self._render_flow((view, T_w_v), following, images["D"].range)
         return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
@@ -191,11 +194,11 @@ class FrameRenderer:
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
-    def _render_flow(self, view: Camera, T_w_v: np.ndarray, T_w_v_next: np.ndarray, distance: np.ndarray
-                     ) -> Steps[FlowImage]:
-        """F from the range of D: in float64 on the host, and what hides on the device."""
-        T_w_next = camera_pose(view, T_w_v_next)
-        moved = flow_of(camera_model(view), pixel_centres(*view.resolution), _centre_rays(view), distance,
+    def _render_flow(self, here: tuple[Camera, np.ndarray], following: tuple[Camera, np.ndarray],
+                     distance: np.ndarray) -> Steps[FlowImage]:
+        """F from the range of D, with the vehicle's poses: in float64 on the host, and what hides on the device."""
+        T_w_next, (view, T_w_v) = camera_pose(*following), here
+        moved = flow_of(camera_model(following[0]), pixel_centres(*view.resolution), _centre_rays(view), distance,
                         inverse(T_w_next) @ camera_pose(view, T_w_v))
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
         if self.world.has_surfaces:

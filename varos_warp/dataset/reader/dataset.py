@@ -1,6 +1,7 @@
 """`Dataset`: a dataset on disk, opened for reading."""
 
 import bisect
+import contextlib
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -286,14 +287,12 @@ class Dataset:
         about = self.camera(camera)
         if "T_w_c" in about:
             return np.array(about["T_w_c"], float)
-        if frame + 1 in self.frames:
+        with contextlib.suppress(IndexError):
             return self.T_w_c(frame + 1, camera)
         if "vehicle" not in self.recorded:
             return None
-        time_ns = frame_time_ns(frame + 1, self.meta["frames"]["rate_hz"])
-        if time_ns > self.poses("vehicle")[0][-1]:
-            return None
-        return self.vehicle_at(np.array([time_ns]))[0] @ np.array(about["T_v_c"], float)
+        motion, time_ns = self.trajectory(), frame_time_ns(frame + 1, self.meta["frames"]["rate_hz"])
+        return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float) if time_ns <= motion.time_ns[-1] else None
 
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""

@@ -22,9 +22,9 @@ def flow_of(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.nda
     """The flow of a world that stands still.
 
     Args:
-        model: The camera.
+        model: The camera at its next place.
         points: Image points [..., 2] [pixels], the centres of pixels.
-        rays: Of them [...], camera axes.
+        rays: Of them [...], in the axes of the camera.
         distance: Of what they see, along the rays [...] [m], as `DepthImage.range`; inf for none.
         T_next_c: From the axes of the camera to those of its next place, [4, 4].
     """
