@@ -292,7 +292,9 @@ class Dataset:
         if "vehicle" not in self.recorded:
             return None
         motion, time_ns = self.trajectory(), frame_time_ns(frame + 1, self.meta["frames"]["rate_hz"])
-        return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float) if time_ns <= motion.time_ns[-1] else None
+        if time_ns > motion.time_ns[-1]:
+            return None
+        return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float)
 
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
