@@ -21,7 +21,8 @@ def disk(radius_m, position=(0, 0, 0), **how):
 
 def sheet(position=(0, 0, 0), axis=(0, 0, 1), normal=(0, 1, 0), fan_deg=60.0, thickness_deg=0.2):
     return {"kind": "sheet", "position": to_vehicle(position), "direction": to_vehicle(axis),
-            "normal": to_vehicle(normal), "fan_deg": fan_deg, "thickness_deg": thickness_deg, "intensity": [1.0] * 3}
+            "normal": to_vehicle(normal), "fan_deg": fan_deg, "thickness_deg": thickness_deg,
+            "intensity": [1.0] * 3}
 
 
 def plate(name, corners, reflectance=0.0):
@@ -96,20 +97,20 @@ CORNER = [floor(2.0, 0.8), plate("wall", [[0.7, -5, -5], [0.7, 5, -5], [0.7, 5, 
 """A floor and a wall, which light each other."""
 
 
-@pytest.mark.parametrize("lamp", [disk(0.6, (0, 0, 0.5)), sheet((0, 0.3, 0), (0.3, -0.15, 1), thickness_deg=20.0)],
-                         ids=["disk", "sheet"])
-def test_paths_and_the_reference_agree_on_light_from_wall_to_wall(lamp):
-    """Virtual point lights and paths, weighted against each other, sum to the light that there is."""
-    scene = one_ray_scene([lamp], None, direction=(0.2, 0, 1))
+@pytest.mark.parametrize("lit", [(1.0, 0.0), (0.0, 1.0)], ids=["disk", "sheet"])
+def test_paths_and_the_reference_agree_on_light_from_wall_to_wall(lit):
+    """Virtual point lights and paths, weighted against each other, sum to the light that there is; one is dark."""
+    lamps = [disk(0.6, (0, 0, 0.5)), sheet((0, 0.3, 0), (0.3, -0.15, 1), thickness_deg=20.0)]
+    lamps = [lamp | {"intensity": [one] * 3} for lamp, one in zip(lamps, lit, strict=True)]
+    scene = one_ray_scene(lamps, None, direction=(0.2, 0, 1))
     one = radiance(scene, CORNER, "multiple", spp=256)
     other = radiance(scene, CORNER, "multiple", spp=2048, integrator="reference")
     assert_agrees(one, other[0], truth_stderr=other[1])
 
 
-@pytest.mark.parametrize("lamp", [disk(0.6, (-0.7, 0, -0.3)), sheet((-0.7, 0.2, -0.3), thickness_deg=30.0)],
-                         ids=["disk", "sheet"])
-def test_paths_and_the_reference_agree_in_turbid_water(lamp):
-    scene, ground = one_ray_scene([lamp], FAINT), [floor(2.0, 0.5)]
+def test_paths_and_the_reference_agree_in_turbid_water():
+    lamps = [disk(0.6, (-0.7, 0, -0.3)), sheet((-0.7, 0.2, -0.3), thickness_deg=80.0)]
+    scene, ground = one_ray_scene(lamps, FAINT), [floor(2.0, 0.5)]
     one, other = radiance(scene, ground, spp=128), radiance(scene, ground, spp=2048, integrator="reference")
     assert_agrees(one, other[0], truth_stderr=other[1], precision=0.02)
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from varos_warp.errors import InputError
+from varos_warp.render.planner.cost import sequence_cost
+from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.load import scene_from_dict
@@ -50,9 +52,24 @@ def test_a_camera_without_port_and_distortion_is_rendered_once():
 
 @pytest.mark.parametrize("outputs", ["P", "ABCDP"])
 def test_a_scene_in_which_no_camera_has_a_twin_is_refused(outputs):
-    with pytest.raises(InputError, match="P is A without port and distortion, and no camera has either") as error:
+    with pytest.raises(InputError, match="P is A without port, distortion and vignetting") as error:
         scene_of(PLAIN, outputs=outputs)
     assert error.value.key == "render.outputs"
+
+
+@pytest.mark.parametrize(("outputs", "rendered"), [("AP", {"M1"}), ("P", {"M0", "M1"})])
+def test_what_it_costs_is_measured_of_cameras_whose_twin_is_not_their_a(outputs, rendered):
+    class Renderer:
+        device, device_name, compile_seconds = "cpu", "none", 0.0
+
+        def render(self, _T_w_v, camera, letters, **_how):
+            made.append((camera.id, letters))
+
+    made = []
+    scene = scene_of(PLAIN, PLAIN | BENT["dome and barrel"] | {"id": "M1"}, outputs=outputs)
+    cost = sequence_cost(scene, Renderer(), [np.eye(4)], Plan(4, None))
+    assert set(cost["seconds_by_output"]) == set(outputs)
+    assert {camera for camera, letters in made if letters == "P"} == rendered
 
 
 def test_the_plan_of_a_serves_the_twin_alone():

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.dataset.reader.points import colour_offsets
+
 
 class Frame:
     """What one camera sees at one time; `Dataset.__getitem__` makes it.
@@ -113,8 +115,6 @@ class Frame:
 
         Exact for the distances of D; 0 where all channels have one index, NaN where D has none.
         """
-        from varos_warp.dataset.reader.points import colour_offsets
-
         return colour_offsets(self.data, self.number, self.camera, channel)
 
     # ------------------------------------------------------------------------------------------ where and when

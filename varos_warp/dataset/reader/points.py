@@ -1,4 +1,4 @@
-"""D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
+"""D as geometry: depth along the camera's axis, and the points of the world pixels see. ``data`` is a `Dataset`."""
 
 from typing import Any
 

@@ -114,7 +114,7 @@ def make_undistorted(lens: str) -> wp.Function:
 
         return straight
 
-    radius = brown_conrady_radius if lens == "brown_conrady" else kannala_brandt_radius
+    radius = {"brown_conrady": brown_conrady_radius, "kannala_brandt": kannala_brandt_radius}[lens]
 
     @wp.func
     def undone(optics: Optics, r: float):

@@ -55,7 +55,7 @@ def unavailable(scene: Scene) -> str | None:
     water, lights = optical_properties(scene), scene.vehicle.lights
     for light in lights:
         if light.kind not in LIGHT_KINDS:
-            return f"a light is of kind {light.kind!r}, and the field is known for {' and '.join(LIGHT_KINDS)} only"
+            return f"a light is of kind {light.kind!r}, and the field is known for {', '.join(LIGHT_KINDS)} only"
         if radius_of(light):
             return "a lamp is a disk (radius_m), and the field is known for points only"
     if not lights:

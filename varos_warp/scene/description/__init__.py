@@ -63,8 +63,8 @@ class Scene(Block):
     def _twin_differs(self):
         cameras = self.vehicle.cameras
         if "P" in self.render.outputs and all(twin(camera) == camera for camera in cameras):
-            raise ValueError("render.outputs: P is A without port and distortion, and no camera has either; leave out "
-                             "P, or give a camera its port or distortion")
+            raise ValueError("render.outputs: P is A without port, distortion and vignetting, and no camera has any; "
+                             "leave out P, or give a camera one of them")
         return self
 
     def resolve(self, file: str) -> Path:

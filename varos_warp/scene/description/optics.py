@@ -82,11 +82,6 @@ class KannalaBrandt(Block):
 Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
 
 
-def twin(camera: Any) -> Any:
-    """The same camera as a pinhole or thin lens in the water: without what bends its rays."""
-    return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water")))
-
-
 class Vignetting(Block):
     """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
 
@@ -101,6 +96,11 @@ class Vignetting(Block):
         if (self.kind == "polynomial") != bool(self.coefficients):
             raise ValueError("coefficients [a1, a2, ...] belong to kind: polynomial, which needs at least one")
         return self
+
+
+def twin(camera: Any) -> Any:
+    """The same camera as a pinhole or thin lens in the water: without what bends or dims its rays."""
+    return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water", "vignetting")))
 
 
 def check_optics(camera: Any) -> Any:

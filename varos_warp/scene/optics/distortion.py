@@ -34,6 +34,10 @@ class Lens:
     k: tuple[float, ...] = ()
     """Coefficients in OpenCV's order."""
 
+    def __post_init__(self) -> None:
+        if self.model not in ("none", BROWN_CONRADY, KANNALA_BRANDT):
+            raise ValueError(f"there is no lens {self.model!r} here")
+
     @property
     def _radial(self) -> np.ndarray:
         """Coefficients of r^3, r^5, r^7 ..."""
