@@ -6,10 +6,12 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.render.image.flow import flow_of
+from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.description.optics import twin
-from varos_warp.scene.frames import camera_pose, pose_matrix
+from varos_warp.scene.frames import camera_pose, inverse, pose_matrix
 from varos_warp.scene.load import scene_from_dict
-from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.sim.motion import Trajectory
 
 FLOOR_Z = -3.0
@@ -95,7 +97,7 @@ class FlatFloorRenderer:
         return self.render(*args, **how)
         yield
 
-    def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
+    def render(self, T_w_v, camera, outputs, *, spp, frame, T_w_v_next=None, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
         if isinstance(camera, str):
@@ -131,7 +133,13 @@ class FlatFloorRenderer:
         D = SimpleNamespace(depth=z.astype(np.float32), range=(t * np.linalg.norm(ray, axis=-1)).astype(np.float32))
         S = SimpleNamespace(instance=hit.astype(np.int32), material=hit.astype(np.int32))
         P = self.render(T_w_v, twin(view), "A", spp=spp, frame=frame).A if "P" in outputs else None
-        made = {"A": A, "B": B, "C": C, "D": D, "S": S, "P": P}
+        F = None
+        if "F" in outputs:  # a floor hides nothing
+            points = pixel_centres(*view.resolution)
+            T_next_c = inverse(camera_pose(view, T_w_v_next)) @ T_w_c
+            moved = flow_of(model, points, model.rays(points), D.range, T_next_c)
+            F = FlowImage(moved.flow.astype(np.float32), np.zeros(z.shape, bool), moved.motion.astype(np.float32))
+        made = {"A": A, "B": B, "C": C, "D": D, "S": S, "P": P, "F": F}
         return SimpleNamespace(**{k: v for k, v in made.items() if k in outputs})
 
 

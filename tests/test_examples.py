@@ -38,9 +38,10 @@ def test_every_shipped_scene_renders(path):
     scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", "trajectory.duration_s=0.5"])
     simulation = simulate(scene)
     renderer = FrameRenderer(scene, "cpu")
-    T_w_v = simulation.frames.T_w_v(0)
+    T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
-        frame = renderer.render(T_w_v, camera.id, "ABCDS", spp=2, spp_b=2, denoise="none", denoise_b="none")
+        frame = renderer.render(T_w_v, camera.id, "ABCDSF", T_w_v_next=T_w_v_next, spp=2, spp_b=2, denoise="none",
+                                denoise_b="none")
         for image in (frame.A, frame.B):
             assert np.isfinite(image.radiance).all()
             assert image.radiance.shape == (9, 16, 3)
@@ -50,6 +51,7 @@ def test_every_shipped_scene_renders(path):
         assert (frame.D.depth[seen] > 0.0).all()
         np.testing.assert_allclose(np.linalg.norm(frame.C.normal[seen], axis=-1), 1.0, atol=1e-3)
         assert (frame.S.instance[seen] > 0).all()
+        assert np.isfinite(frame.F.motion[seen]).all()
 
 
 # ---------------------------------------------------------------------------------------------- every block is shown

@@ -53,6 +53,23 @@ def test_exactly_one_imu_row_comes_after_the_last_frame(frame_rate, imu_rate):
     assert after == 1 or imu_rate > TICK_RATE_HZ  # of which a tick has several
 
 
+@pytest.mark.parametrize("frame_rate", [2, 10, 29.97])
+@pytest.mark.parametrize("make", [driven, lambda **blocks: posed(POSES, **blocks)])
+def test_with_flow_the_motion_goes_on_to_the_frame_after_the_last_and_nothing_else_changes(make, frame_rate):
+    vehicle = {"imu": {"noise": {"accelerometer_noise_density": 0.01}}, "depth_gauge": {}}
+    without, having = (make(render={"frame_rate_hz": frame_rate, "outputs": list(outputs)}, vehicle=vehicle)
+                       for outputs in ("ABCD", "ABCDF"))
+    following = round(len(having.frames) * 1e9 / frame_rate)
+    assert 0 <= having.trajectory.time_ns[-1] - following < TICK_NS
+    assert having.trajectory.at([following]).time_ns == following
+    rows = len(without.trajectory)
+    for mine, theirs in ((without.trajectory, having.trajectory), (without.frames, having.frames),
+                         (without.imu, having.imu), (without.depth_gauge, having.depth_gauge)):
+        for name in mine.__dataclass_fields__:
+            assert np.array_equal(getattr(mine, name), getattr(theirs, name)[:rows]), name
+    assert len(without.imu.time_ns) == len(having.imu.time_ns)
+
+
 @pytest.mark.parametrize(("block", "key"), [
     ({"render": {"frame_rate_hz": 2e4}}, "render.frame_rate_hz"),
     ({"vehicle": {"imu": {"rate_hz": 2e4}}}, "vehicle.imu.rate_hz"),

@@ -3,7 +3,7 @@
 Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, figure 5)::
 
     dataset.json  README.txt  contact_sheet.png  segments.json
-    vehicle0/cam0/{A,B,C,D,S,P}/seq01_veh0_camM0_A-00000000.png        also A_exr, B_exr, A_linear, D_exr ...
+    vehicle0/cam0/{A,B,C,D,S,P,F}/seq01_veh0_camM0_A-00000000.png      also A_exr, B_exr, A_linear, D_exr ...
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
                   camM0_rays.exr (behind a port, or distorted)
     vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
@@ -75,7 +75,7 @@ class Layout:
         return self.camera_dir(camera) / output / f"{self.image_name(camera, output, frame)}.png"
 
     def exr(self, camera: str, output: str, frame: int) -> Path:
-        """Half floats of A, B or P before exposure; of D, float32 channels Z and range."""
+        """Half floats of A, B or P before exposure; of D and F, float32 channels."""
         return self.camera_dir(camera) / f"{output}_exr" / f"{self.image_name(camera, output, frame)}.exr"
 
     def clean(self, camera: str, frame: int) -> Path:
@@ -91,7 +91,7 @@ class Layout:
         if OUTPUTS[output].is_color:
             more = [self.linear(camera, frame, output)] if output in "AP" and linear_exr else []
             return [self.exr(camera, output, frame), *more]
-        more = [self.exr(camera, output, frame)] if output == "D" and depth_exr else []
+        more = [self.exr(camera, output, frame)] if output == "F" or (output == "D" and depth_exr) else []
         return [self.png(camera, output, frame), *more]
 
     def sensor(self, name: str) -> Path:

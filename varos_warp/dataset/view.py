@@ -17,6 +17,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import planar_depth
+from varos_warp.dataset.report.pictures import flow_colors
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
@@ -201,7 +202,7 @@ class _Recorder:
         self.stream.send_columns(entity, self.times(time_ns), self.rr.Scalars.columns(scalars=values))
 
     def images(self, number: int, camera: str) -> None:
-        """The images of a frame: A, B and C as the files are, D in its own steps, S with the objects' keys."""
+        """The images of a frame: A, B and C as they are, D in its own steps, S with the objects' keys, F in colours."""
         rr, data = self.rr, self.data
         self.stream.set_time("time", duration=np.timedelta64(data.frame(number, camera).time_ns, "ns"))
         self.stream.set_time("frame", sequence=number)
@@ -211,6 +212,8 @@ class _Recorder:
                 image = self.depth(pixels, number, camera)
             elif output == "S":
                 image = rr.SegmentationImage(pixels)
+            elif output == "F":
+                image = rr.Image(flow_colors(OUTPUTS["F"].decode(pixels)))
             else:
                 contents = data.layout.png(camera, output, number).read_bytes()
                 image = rr.EncodedImage(contents=contents, media_type="image/png")

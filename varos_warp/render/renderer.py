@@ -1,4 +1,4 @@
-"""One frame from one pose of the vehicle: radiance of A, B and P, normals of C, depth of D, objects of S."""
+"""One frame from one pose of the vehicle: radiance of A, B and P, normals of C, depth of D, objects of S, flow of F."""
 
 import copy
 import functools
@@ -10,9 +10,10 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.transport.first_hits import make_first_hits_kernel
+from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_hidden_kernel
 from varos_warp.render.image.films import Films
-from varos_warp.render.image.frame import DepthImage, Frame, NormalImage, RadianceImage, SegmentImage
+from varos_warp.render.image.flow import flow_of
+from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
@@ -22,18 +23,24 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec, resolve_device
-from varos_warp.scene.frames import camera_pose
+from varos_warp.scene.frames import camera_pose, inverse
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 
-__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
+__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
            "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
 
 
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
     """32-bit key of the random numbers of one image; pixel and sample are added in the kernel."""
     return int(np.random.SeedSequence([seed, frame, *camera.encode(), *output.encode()]).generate_state(1)[0])
+
+
+@functools.lru_cache(maxsize=4)
+def _centre_rays(view: Camera) -> Rays:
+    """Rays of the pixels' centres in camera axes, kept from frame to frame: a second at 1280 x 720 with distortion."""
+    return camera_model(view).rays(pixel_centres(*view.resolution))
 
 
 class FrameRenderer:
@@ -77,27 +84,35 @@ class FrameRenderer:
         return self.launcher.compile_seconds
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-               seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
+               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+               frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
             T_w_v: Pose of the vehicle in the world.
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
-            outputs: Any of A, B, C, D, S and P.
+            outputs: Any of A, B, C, D, S, P and F.
+            T_w_v_next: Pose [4, 4] of the vehicle at the next frame, to which F is the flow.
+            camera_next: That of the next frame, if it is another: with the same pose, F is the disparity of a pair.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
 
         Raises:
-            InputError: If something unknown is asked for.
+            InputError: If something unknown is asked for, or F without ``T_w_v_next``.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, seed=seed, frame=frame, **options))
+        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next, seed=seed,
+                                 frame=frame, **options))
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
+              T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+              frame: int = 0, **options: Any) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
+        if "F" in outputs and T_w_v_next is None:
+            raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="T_w_v_next",
+                             remedy="Give it, or leave F out of the outputs.")
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
@@ -110,9 +125,12 @@ class FrameRenderer:
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
                 images[letter] = yield from make(Shot(seen, T_w_v, how, key, functools.partial(guides, seen)))
-        if set("CDS") & set(outputs):
-            images |= yield from self._render_first_hits(view, T_w_v, outputs)
-        return Frame(**images)
+        if geometry := set("CDSF") & set(outputs):
+            images |= yield from self._render_first_hits(view, T_w_v, geometry | ({"D"} if "F" in geometry else set()))
+        if "F" in geometry:
+            following = (self._camera(camera_next) if camera_next else view, np.asarray(T_w_v_next, np.float64))
+            images["F"] = yield from self._render_flow((view, T_w_v), following, images["D"].range)
+        return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
              channel: str = "green") -> Rays:
@@ -175,3 +193,20 @@ class FrameRenderer:
             on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
+
+    def _render_flow(self, here: tuple[Camera, np.ndarray], following: tuple[Camera, np.ndarray],
+                     distance: np.ndarray) -> Steps[FlowImage]:
+        """F from the range of D, with the vehicle's poses: in float64 on the host, and what hides on the device."""
+        T_w_next, (view, T_w_v) = camera_pose(*following), here
+        moved = flow_of(camera_model(following[0]), pixel_centres(*view.resolution), _centre_rays(view), distance,
+                        inverse(T_w_next) @ camera_pose(view, T_w_v))
+        hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
+        if self.world.has_surfaces:
+            eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
+            turned = moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T
+            self.launcher.upload(turned.reshape(eyes.shape + (3,)) + (T_w_next[:3, 3] - self.world.origin), eyes)
+            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view))
+            camera = self.world.camera(view, T_w_v, pinhole=True)
+            self.launcher.rows(kernel, distance.shape, [self.world.data, camera, eyes], [hidden])
+        on_host, = yield from self.launcher.fetch(hidden)
+        return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))

@@ -46,6 +46,11 @@ def times_ns(count: int, rate_hz: float) -> np.ndarray:
     return np.rint(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
 
 
+def frame_time_ns(frame: int, rate_hz: float) -> int:
+    """Time of one of them, by its number from 0."""
+    return int(np.rint(frame * (1e9 / rate_hz)))
+
+
 def frame_count(duration_s: float, rate_hz: float) -> int:
     """Samples of a rate in [0, ``duration_s``); at least one."""
     return max(1, math.ceil(round(duration_s * rate_hz, 6)))

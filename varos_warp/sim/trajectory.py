@@ -20,6 +20,7 @@ from varos_warp.sim.clock import (
     check_length,
     check_rate,
     frame_count,
+    frame_time_ns,
     frames_until,
     times_ns,
 )
@@ -40,7 +41,8 @@ class Simulation:
     """A trajectory, where it is at the frames, and what the sensors read."""
 
     trajectory: Trajectory
-    """Motion of the vehicle, up to the first IMU sample after the last frame, and the tick after that."""
+    """Motion of the vehicle, up to the first IMU sample after the last frame and the tick after that; for output F, to the
+    time of a frame more."""
     frames: Trajectory
     """The same at the frames' times, the first at 0."""
     imu: Imu | None
@@ -104,7 +106,8 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
     run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
-    vehicle, trajectory = scene.vehicle, run.trajectory
+    vehicle, read = scene.vehicle, run.trajectory.time_ns[:_rows_read(scene, len(run.frames))]
+    trajectory = run.trajectory.at(read)  # no more for F, or noise would be drawn otherwise
     tell(1.0)
     return replace(
         run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
@@ -119,6 +122,12 @@ COLUMNS: list[tuple] = [
 
 
 def _rows(scene: Scene, frames: int) -> int:
+    """Rows up to what sensors read, and with F to a frame after the last, to which its flow is."""
+    after_ns = frame_time_ns(frames, scene.render.frame_rate_hz) if "F" in scene.render.outputs else 0
+    return max(_rows_read(scene, frames), -(-after_ns // TICK_NS) + 1)
+
+
+def _rows_read(scene: Scene, frames: int) -> int:
     """Rows up to the sample that the IMU takes after the last frame (readers interpolate between samples)."""
     last, imu = (frames - 1) / scene.render.frame_rate_hz, scene.vehicle.imu
     rate = imu.rate_hz if imu else TICK_RATE_HZ

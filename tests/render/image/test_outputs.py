@@ -16,7 +16,7 @@ def unit_vectors(count, seed=0):
 
 def test_the_table_has_the_pixel_formats_of_the_papers_table_4():
     assert {k: (o.channels, np.dtype(o.dtype).itemsize * 8) for k, o in OUTPUTS.items()} == {
-        "A": (3, 8), "B": (3, 8), "C": (3, 8), "D": (1, 16), "S": (1, 16), "P": (3, 8)}
+        "A": (3, 8), "B": (3, 8), "C": (3, 8), "D": (1, 16), "S": (1, 16), "P": (3, 8), "F": (3, 16)}
 
 
 def test_srgb_curve_goes_through_its_published_points():

@@ -1,6 +1,7 @@
 """`Dataset`: a dataset on disk, opened for reading."""
 
 import bisect
+import contextlib
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -15,9 +16,11 @@ from varos_warp.dataset.reader import schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
+from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.files import is_file
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
+from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.motion import Trajectory
 
 if TYPE_CHECKING:
@@ -212,6 +215,8 @@ class Dataset:
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
+        Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known.
+
         Args:
             output: Its letter.
             frame: Number of the frame in the sequence.
@@ -222,7 +227,7 @@ class Dataset:
         return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
-        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W].
+        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
 
         Args:
             output: Its letter.
@@ -260,6 +265,37 @@ class Dataset:
             raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
         return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
 
+    def flow(self, frame: int, camera: str | None = None) -> FlowImage:
+        """F with all its digits, what hides and the scene flow, from its EXR."""
+        path = self.layout.exr(self._camera(camera), "F", frame)
+        channels = files.read_exr(path)
+        names = ["flow.u", "flow.v", "motion.x", "motion.y", "motion.z", "occluded"]
+        if missing := [name for name in names if name not in channels]:
+            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
+        u, v, x, y, z, occluded = (channels[name] for name in names)
+        return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
+
+    def next_T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray | None:
+        """Pose [4, 4] of a camera at the next frame of the sequence, to which F is the flow; None if not on record.
+
+        The vehicle's motion has that of the last frame, too. Without it, the next frame must be in the dataset.
+
+        Args:
+            frame: Number of the frame before.
+            camera: Its id; absent: the first.
+        """
+        about = self.camera(camera)
+        if "T_w_c" in about:
+            return np.array(about["T_w_c"], float)
+        with contextlib.suppress(IndexError):
+            return self.T_w_c(frame + 1, camera)
+        if "vehicle" not in self.recorded:
+            return None
+        motion, time_ns = self.trajectory(), frame_time_ns(frame + 1, self.meta["frames"]["rate_hz"])
+        if time_ns > motion.time_ns[-1]:
+            return None
+        return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float)
+
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""
         content = files.read_json(self.layout.segments)
@@ -273,7 +309,7 @@ class Dataset:
         return self.image("D", frame, camera)
 
     def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
-        """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for C."""
+        """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for C, S and F."""
         if output == "D":
             return tuple(self.meta["depth"]["range_m"])
         return self.gain(output, frame, camera) if OUTPUTS[output].is_color else None

@@ -69,6 +69,28 @@ class Frame:
         """A without port, distortion and vignetting (the twin), uint8 [H, W, 3], sRGB after exposure."""
         return self.data.pixels("P", self.number, self.camera)
 
+    @property
+    def F(self) -> np.ndarray:
+        """Optical flow to the next frame of the sequence float32 [H, W, 2] [pixels], right and down; NaN: not known.
+
+        It is known of what is hidden there, too (`F_occluded`), and of what leaves the image.
+        """
+        return self._flow.flow
+
+    @property
+    def F_occluded(self) -> np.ndarray:
+        """What something hides in the next frame, bool [H, W]."""
+        return self._flow.occluded
+
+    @property
+    def F_motion(self) -> np.ndarray:
+        """Scene flow [m] float32 [H, W, 3]: places in the next camera's axes less those in this one's; NaN: nothing."""
+        return self._flow.motion
+
+    @cached_property
+    def _flow(self) -> Any:
+        return self.data.flow(self.number, self.camera)
+
     @cached_property
     def A_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of A, float32 [H, W, 3], before exposure: from the half floats of its EXR."""

@@ -73,7 +73,7 @@ def _metadata() -> type[BaseModel]:
     return _block(
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
-        outputs=list[Literal["A", "B", "C", "D", "S", "P"]],
+        outputs=list[Literal["A", "B", "C", "D", "S", "P", "F"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,

@@ -28,7 +28,8 @@ def _read(frame: Frame, output: str) -> torch.Tensor:
     return _planes(getattr(frame, output), 1 / 255 if output in "ABP" else 1.0)
 
 
-IMAGES = ("A", "B", "C", "D", "S", "P", "A_radiance", "B_radiance", "P_radiance")
+IMAGES = ("A", "B", "C", "D", "S", "P", "F", "A_radiance", "B_radiance", "P_radiance", "F_occluded",
+          "F_motion")
 """What may be asked for."""
 
 
@@ -37,8 +38,10 @@ class TorchDataset(torch.utils.data.Dataset):
 
     An item has, of what is asked for, ``A``, ``B`` and ``P`` float32 [3, H, W] in 0..1 (sRGB, after exposure), their
     ``A_radiance`` ... float32 [3, H, W] (linear, before exposure), ``C`` float32 [3, H, W] (unit world normals, zero
-    where nothing was hit), ``D`` float32 [1, H, W] [m] and ``S`` int64 [H, W]; and always ``T_w_c`` and ``T_w_v``
-    float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`, not OpenCV's), ``time_ns`` and ``frame`` int64 [].
+    where nothing was hit), ``D`` float32 [1, H, W] [m], ``S`` int64 [H, W], ``F`` float32 [2, H, W] [pixels] (NaN where
+    it is not known), ``F_occluded`` float32 [1, H, W] of 0 and 1, ``F_motion`` float32 [3, H, W] [m]; and always
+    ``T_w_c`` and ``T_w_v`` float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`, not OpenCV's), ``time_ns`` and
+    ``frame`` int64 [].
 
     Args:
         data: A `Dataset`; `Dataset.torch` gives itself.

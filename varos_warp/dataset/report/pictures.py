@@ -1,4 +1,4 @@
-"""Pictures for the eye: colours of D and S, the contact sheet, and the small images that a page carries along."""
+"""Pictures for the eye: colours of D, S and F, the contact sheet, and the small images that a page carries along."""
 
 import base64
 import io
@@ -39,6 +39,8 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
             near_far: tuple[float, float] | None = None):
     """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object.
 
+    F by the colours of the Middlebury benchmark, where the longest flow is the most saturated.
+
     It is ``width`` pixels wide; ``near_far`` are the distances [m] of the brightest and the darkest colour of D, by
     default those of the image.
     """
@@ -46,11 +48,13 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
 
     pixels = data.pixels(output, frame, camera)
     height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
-    if output in "DS":  # neither distances nor numbers of objects have a mean across an edge
+    if output in "DSF":  # neither distances nor numbers of objects have a mean across an edge, nor have motions
         pixels = pixels[np.ix_(*(((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
-                                 for many, few in zip(pixels.shape, (height, width), strict=True)))]
+                                 for many, few in zip(pixels.shape[:2], (height, width), strict=True)))]
         if output == "S":
             return Image.fromarray(_segment_colors(pixels))
+        if output == "F":
+            return Image.fromarray(flow_colors(OUTPUTS["F"].decode(pixels)))
         return Image.fromarray(_depth_colors(pixels, near_far, data.meta["depth"]["range_m"]))
     return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
 
@@ -87,6 +91,24 @@ def _segment_colors(pixels: np.ndarray) -> np.ndarray:
     number = pixels.astype(float)
     hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), np.where(pixels > 0, 0.95, 0.0)], -1)
     return (hsv_to_rgb(hsv) * 255).astype(np.uint8)
+
+
+def flow_colors(flow: np.ndarray) -> np.ndarray:
+    """uint8 [H, W, 3] of a flow [H, W, 2]: the wheel of Baker et al. (2011), white at rest, black where it is NaN.
+
+    Hue is the direction: red to the right, yellow down, blue to the left, violet up. The 99 % quantile of the lengths
+    has full colour.
+    """
+    known = np.isfinite(flow).all(-1)
+    u, v = np.moveaxis(np.where(known[..., None], flow, 0.0), -1, 0)
+    length = np.hypot(u, v)
+    longest = max(float(np.quantile(length[known], 0.99)), 1e-6) if known.any() else 1.0
+    turn = (np.arctan2(-v, -u) / np.pi + 1.0) / 2.0
+    wheel = np.cumsum([0, 15, 6, 4, 11, 13, 6]) / 55  # red, yellow, green, cyan, blue, magenta, red
+    hue = np.stack([np.interp(turn, wheel, ends) for ends in (
+        (1, 1, 0, 0, 0, 1, 1), (0, 1, 1, 1, 0, 0, 0), (0, 0, 0, 1, 1, 1, 0))], -1)
+    colors = 1.0 - np.minimum(length / longest, 1.0)[..., None] * (1.0 - hue)
+    return np.where(known[..., None], np.rint(255 * colors), 0).astype(np.uint8)
 
 
 # ------------------------------------------------------------------------------------------------------ contact sheet

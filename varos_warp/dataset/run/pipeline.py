@@ -88,7 +88,7 @@ class Pipeline:
     plan: dict
     """Of the sequence, as `Plan.to_dict` has it."""
     T_w_v: Callable[[int], np.ndarray]
-    """Pose [4, 4] of the vehicle at a frame."""
+    """Pose [4, 4] of the vehicle at a frame, and for F at the one after the last."""
     made: Rendered = field(default_factory=Rendered)
     """What is known already, to be added to; whole also when this is interrupted."""
     clock: Clock = field(default_factory=Clock)
@@ -154,6 +154,7 @@ class Pipeline:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
+            T_w_v_next=self.T_w_v(job.frame + 1) if "F" in job.letters else None,
             **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()

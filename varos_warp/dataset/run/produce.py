@@ -32,6 +32,7 @@ from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.sim.clock import frame_time_ns
 
 
 @dataclass
@@ -273,8 +274,10 @@ class _Run:
         self.console.tell(f"note: {message}")
 
     def T_w_v(self, frame: int) -> np.ndarray:
-        """Pose of the vehicle at a frame."""
-        return self.simulation.frames.T_w_v(frame)
+        """Pose of the vehicle at a frame; for F, at the one after the last, too."""
+        if frame < self.count:
+            return self.simulation.frames.T_w_v(frame)
+        return self.simulation.trajectory.at([frame_time_ns(frame, self.scene.render.frame_rate_hz)]).T_w_v(0)
 
     def time_ns(self, frames: list[int]) -> np.ndarray:
         """Time of frames."""

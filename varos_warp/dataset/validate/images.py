@@ -1,4 +1,4 @@
-"""Every image by itself: its size and type, PNG against EXR against exposure, C against D, S against its table."""
+"""Every image by itself: its size and type, PNG against EXR against exposure, C against D, S against its table, F."""
 
 import hashlib
 from functools import cached_property, partial
@@ -11,7 +11,7 @@ from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.reader.points import pixel_rays, planar_depth
-from varos_warp.dataset.validate import places, surfaces
+from varos_warp.dataset.validate import flows, places, surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.write import texts as writers
@@ -67,7 +67,7 @@ class _FrameImages:
         for color in colors:
             self.found.guard(color.check, self)
         for output, check in (("A", self._linear), ("P", partial(self._linear, "P")), ("D", self._steps),
-                              ("D", self._depths), ("S", self._segments), ("C", self._normals)):
+                              ("D", self._depths), ("S", self._segments), ("C", self._normals), ("F", self._flow)):
             if output in data.outputs:
                 self.found.guard(check)
 
@@ -200,6 +200,21 @@ class _FrameImages:
         if (cosine := np.concatenate(cosine)).size:
             self.angles.append(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))))
         self.sums["slopes"] = sum(sums)
+
+    def _flow(self) -> None:
+        """F is its EXR in steps, and both follow from D, the poses and the camera."""
+        pixels, path = self.pixels("F"), self.data.layout.exr(self.camera, "F", self.frame)
+        made = self.data.flow(self.frame, self.camera)
+        self.found.files_read += 1
+        if made.flow.shape[:2] != self.shape:
+            return self.tell(path.name, "has another size than its PNG")
+        if not np.array_equal(OUTPUTS["F"].encode(made.flow), pixels):
+            self.tell(self.png("F").name, "is not its EXR (F_exr) in steps of 1/64 pixel")
+        if (made.occluded & ~made.valid).any():
+            self.tell(path.name, "is occluded where its flow is not known")
+        if self.depth is not None:
+            for problem in flows.against_depth(self.data, self.camera, self.frame, made, self.depth):
+                self.tell(path.name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
         """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""

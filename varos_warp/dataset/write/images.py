@@ -15,7 +15,7 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
-from varos_warp.render.image.outputs import OUTPUTS, linear_channels, to_half
+from varos_warp.render.image.outputs import OUTPUTS, flow_channels, linear_channels, to_half
 
 _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
 """By its bits; 0 for what is not a number, which no image has."""
@@ -103,15 +103,17 @@ class Store:
             return denoise_image(image, method)
 
     def _write_geometry(self, job: ImageJob, letter: str, image) -> None:
-        """C, D or S."""
+        """C, D, S or F."""
         frame, camera, _ = job
         if letter == "D":
             if self.render.depth_exr:
                 channels = {"Z": image.depth, "range": image.range}
                 files.write_exr(self.layout.exr(camera, letter, frame),
                                 {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
+        if letter == "F":
+            files.write_exr(self.layout.exr(camera, letter, frame), flow_channels(image))
         distance = "depth" if self.render.depth_kind == "z" else "range"
-        values = getattr(image, {"C": "normal", "D": distance, "S": "instance"}[letter])
+        values = getattr(image, {"C": "normal", "D": distance, "S": "instance", "F": "flow"}[letter])
         scale = self.render.depth_range_m if letter == "D" else None
         files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(values, scale))
 

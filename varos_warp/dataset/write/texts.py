@@ -235,7 +235,8 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     """
     vehicle, render = scene.vehicle, scene.render
     conventions = yaml.safe_load((resources.files("varos_warp") / "data/conventions.yaml").read_text(encoding="utf-8"))
-    absent = {"P"} - set(outputs) | ({"rays"} if all(twin(camera) == camera for camera in vehicle.cameras) else set())
+    bent = any(twin(camera) != camera for camera in vehicle.cameras)
+    absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
     conventions = {key: words for key, words in conventions.items() if key not in absent}
     start, end = render.depth_range_m
     mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}

@@ -1,4 +1,4 @@
-"""Images C, D and S, and guides for a denoiser: the first hit of the ray through each pixel's centre."""
+"""Images C, D and S, what hides in F, guides for a denoiser: the first hit of the ray through each pixel's centre."""
 
 from functools import cache
 
@@ -73,6 +73,34 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
         instance[row, col] = hit.part + 1
 
     return trace_first_hits
+
+
+@cache
+def make_hidden_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
+    """What hides from another place, for scenes with or without instances, through a lens and a port."""
+    centre_hit = make_centre_hit(instances, optics)
+    _, visible = make_rays(instances)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_hidden(
+        scene: SceneData,
+        camera: Camera,
+        eyes: wp.array2d(dtype=wp.vec3),  # where the point is looked for from [m], NaN: nowhere; shape [height, width]
+        first_row: int,
+        # out
+        hidden: wp.array2d(dtype=wp.uint8),
+    ):
+        """1 where something is between the pixel's first hit and its eye, [height, width]; 0 where nothing is hit."""
+        tile_row, col = wp.tid()
+        row = first_row + tile_row
+        hidden[row, col] = wp.uint8(0)
+        eye = eyes[row, col]
+        _ray, hit = centre_hit(scene, camera, row, col)
+        if hit.face >= 0 and wp.isfinite(eye):
+            if not visible(scene, hit.start, eye):
+                hidden[row, col] = wp.uint8(1)
+
+    return find_hidden
 
 
 @cache

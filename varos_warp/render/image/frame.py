@@ -90,6 +90,25 @@ class SegmentImage:
 
 
 @dataclass(frozen=True)
+class FlowImage:
+    """Where what the pixel centres see is seen in the next frame of the same camera; the world stands still."""
+
+    flow: np.ndarray
+    """Its image point there less the pixel's centre, to the right and down, float32 [H, W, 2] [pixels]; NaN where
+    nothing is hit, or where the camera cannot see it (behind it, or past its port). It may leave the image."""
+    occluded: np.ndarray
+    """Whether something hides it there, bool [H, W]; False where the flow is not known."""
+    motion: np.ndarray
+    """Scene flow: its place in the axes of the next frame's camera less that in this one's, float32 [H, W, 3] [m]; NaN
+    where nothing is hit."""
+
+    @property
+    def valid(self) -> np.ndarray:
+        """Where the flow is known, bool [H, W]: also of what is hidden or outside of the image in the next frame."""
+        return np.isfinite(self.flow[..., 0])
+
+
+@dataclass(frozen=True)
 class Frame:
     """What was asked for of one pose; the rest is None."""
 
@@ -99,3 +118,4 @@ class Frame:
     D: DepthImage | None = None
     S: SegmentImage | None = None
     P: RadianceImage | None = None
+    F: FlowImage | None = None

@@ -1,8 +1,9 @@
-"""THE table of image types A, B, C, D, S and P: what each holds, how it becomes the pixels of a file, and back.
+"""THE table of image types A, B, C, D, S, P and F: what each holds, how it becomes the pixels of a file, and back.
 
 A, B and P: linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 bit RGB PNG (paper 3.2.1).
 C: world normals, [-1, 1] -> [0, 255]. D: distance, `depth_range_m` -> [0, 65535] (paper eq. (1) and 4.1).
-S: number of the object, 0 where there is none. CONTRIBUTING.md lists what else a new type needs.
+S: number of the object, 0 where there is none. F: optical flow as in KITTI. CONTRIBUTING.md lists what else a new type
+needs.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,8 @@ HALF_NORMAL = 2.0**-14
 """Smallest half float with all its digits; below 2^-25 there is only 0."""
 SEGMENT_LEVELS = 65535
 """Most objects that S can number."""
+FLOW_STEPS, FLOW_ZERO = 64.0, 32768
+"""Of F: steps a pixel, and the value of no motion (KITTI's)."""
 DEPTH_LEVELS = 65535
 """Highest value of D: at or beyond the end of the depth range, or nothing hit."""
 
@@ -99,6 +102,23 @@ def decode_segments(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
     return pixels.astype(np.int32)
 
 
+def encode_flow(flow: np.ndarray, _scale: None = None) -> np.ndarray:
+    """uint16 [H, W, 3] of optical flow [H, W, 2] [pixels]: 64 u + 2^15, 64 v + 2^15, and 1 (KITTI's development kit).
+
+    All three are 0 where the flow is not known (NaN) or beyond what 16 bits hold, about 512 pixels.
+    """
+    steps = np.rint(np.asarray(flow, float) * FLOW_STEPS) + FLOW_ZERO
+    known = ((steps >= 0) & (steps <= 65535)).all(-1, keepdims=True)  # not where it is NaN
+    return np.concatenate([np.where(known, steps, 0.0), known], -1).astype(np.uint16)
+
+
+def decode_flow(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
+    """Optical flow float32 [H, W, 2] [pixels], good to 1/128; NaN where it is not known."""
+    flow = (pixels[..., :2].astype(np.float32) - FLOW_ZERO) / np.float32(FLOW_STEPS)
+    flow[pixels[..., 2] == 0] = np.nan
+    return flow
+
+
 @dataclass(frozen=True)
 class Output:
     """One row of the table."""
@@ -112,7 +132,7 @@ class Output:
     is_color: bool
     """Linear radiance, which has an EXR and an exposure."""
     encode: Callable[..., np.ndarray]
-    """(image, scale) -> pixels; the scale is the gain of A, B and P, the depth range of D, None for C and S."""
+    """(image, scale) -> pixels; the scale is the gain of A, B and P, the depth range of D, None for C, S and F."""
     decode: Callable[..., np.ndarray]
     """(pixels, scale) -> image."""
     like: str = ""
@@ -130,7 +150,9 @@ OUTPUTS = {row.letter: row for row in (
     Output("C", "World space normal image", 3, np.uint8, False, encode_normal, decode_normal),
     Output("D", "Depth map with distance to each pixel", 1, np.uint16, False, encode_depth, decode_depth),
     Output("S", "Number of the object in each pixel", 1, np.uint16, False, encode_segments, decode_segments),
-    Output("P", "A without port, lens distortion and vignetting", 3, np.uint8, True, encode_color, decode_color, like="A"),
+    Output("P", "A without port, lens distortion and vignetting", 3, np.uint8, True, encode_color, decode_color,
+           like="A"),
+    Output("F", "Optical flow to the next frame", 3, np.uint16, False, encode_flow, decode_flow),
 )}
 
 
@@ -143,6 +165,13 @@ def linear_channels(image) -> dict[str, np.ndarray]:
         _refuse_nan(values)
         channels |= {f"{prefix}{c}": np.ascontiguousarray(values[..., i], np.float32) for i, c in enumerate("RGB")}
     return channels
+
+
+def flow_channels(image) -> dict[str, np.ndarray]:
+    """Channels of the float32 EXR of a `FlowImage`: ``flow.u``, ``flow.v``, ``motion.x`` ..., ``occluded`` (0 or 1)."""
+    planes = {"flow.u": image.flow[..., 0], "flow.v": image.flow[..., 1], "occluded": image.occluded}
+    planes |= {f"motion.{axis}": image.motion[..., i] for i, axis in enumerate("xyz")}
+    return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
 
 def _refuse_nan(image: np.ndarray) -> None:

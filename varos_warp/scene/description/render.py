@@ -23,7 +23,7 @@ class Render(Block):
     """What is rendered and how well."""
 
     frame_rate_hz: Positive = 10.0
-    outputs: list[Literal["A", "B", "C", "D", "S", "P"]] = ["A", "B", "C", "D"]
+    outputs: list[Literal["A", "B", "C", "D", "S", "P", "F"]] = ["A", "B", "C", "D"]
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = None
