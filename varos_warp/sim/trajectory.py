@@ -41,8 +41,8 @@ class Simulation:
     """A trajectory, where it is at the frames, and what the sensors read."""
 
     trajectory: Trajectory
-    """Motion of the vehicle, up to the first IMU sample after the last frame and the tick after that; for output F, to the
-    time of a frame more."""
+    """Motion of the vehicle, up to the first IMU sample after the last frame and the tick after that; for output F, up
+    to one frame more."""
     frames: Trajectory
     """The same at the frames' times, the first at 0."""
     imu: Imu | None
