@@ -49,6 +49,8 @@ class Lights:
     """The lights of a scene."""
 
     records: wp.array(dtype=Light)
+    on_disks: int
+    """1 if disks shine at ``place``; in scenes without disks 0, and nothing else of a disk is read."""
     place: wp.vec2
     """Point of the unit disk where each disk shines now."""
 
@@ -57,6 +59,7 @@ class Lights:
 def on_disks(lights: Lights, u: wp.vec2):
     """The lights with each disk at one of its points, uniformly distributed."""
     after = lights
+    after.on_disks = 1
     after.place = sample_disk(u[0], u[1])
     return after
 
@@ -68,17 +71,12 @@ def light_count(lights: Lights):
 
 
 @wp.func
-def at_place(light: Light, place: wp.vec2):
-    """A disk as the point light at a place on it; without a branch, which would copy the light, as others pay too."""
-    after = light
-    after.position += light.radius * (place[0] * light.right + place[1] * light.up)
-    return after
-
-
-@wp.func
 def get_light(lights: Lights, i: int):
-    """One of the lights of a scene."""
-    return at_place(lights.records[i], lights.place)
+    """One of the lights of a scene; a disk as the point light at a place on it."""
+    light = lights.records[i]
+    if lights.on_disks == 1:
+        light.position += light.radius * (lights.place[0] * light.right + lights.place[1] * light.up)
+    return light
 
 
 @wp.func
@@ -187,12 +185,12 @@ def clip_to_side(m: wp.vec3, v: wp.vec3, d: wp.vec3, interval: wp.vec2):
 
 
 @wp.func(inline=False)  # few scenes have a sheet, and code that all would carry is not free
-def clip_to_sheet(light: Light, v: wp.vec3, d: wp.vec3, ya: float, yb: float):
-    """Interval of points v + y d, from the light's position, inside a sheet of light."""
-    interval = clip_to_side(light.axis - light.right, v, d, wp.vec2(ya, yb))
-    interval = clip_to_side(light.axis + light.right, v, d, interval)
-    interval = clip_to_side(light.axis - light.up, v, d, interval)
-    return clip_to_side(light.axis + light.up, v, d, interval)
+def clip_to_sheet(axis: wp.vec3, right: wp.vec3, up: wp.vec3, v: wp.vec3, d: wp.vec3, interval: wp.vec2):
+    """The part of an interval of points v + y d, from a light's position, inside its sheet."""
+    interval = clip_to_side(axis - right, v, d, interval)
+    interval = clip_to_side(axis + right, v, d, interval)
+    interval = clip_to_side(axis - up, v, d, interval)
+    return clip_to_side(axis + up, v, d, interval)
 
 
 @wp.func
@@ -218,7 +216,7 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
         part.ya = clipped[0]
         part.yb = clipped[1]
     if light.sheet == 1:
-        clipped = clip_to_sheet(light, v, d, part.ya, part.yb)
+        clipped = clip_to_sheet(light.axis, light.right, light.up, v, d, wp.vec2(part.ya, part.yb))
         part.ya = clipped[0]
         part.yb = clipped[1]
     if part.yb > part.ya:
