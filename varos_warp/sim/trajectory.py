@@ -26,13 +26,24 @@ from varos_warp.sim.clock import (
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import pose_times, through_poses
-from varos_warp.sim.sensors.readings import DepthGauge, Imu, measure_depth, measure_imu
+from varos_warp.sim.sensors.dvl import Dvl
+from varos_warp.sim.sensors.readings import (
+    DepthGauge,
+    Imu,
+    Magnetometer,
+    measure_depth,
+    measure_dvl,
+    measure_field,
+    measure_imu,
+)
 from varos_warp.sim.vehicle.body import sphere
 from varos_warp.sim.vehicle.control import Regulator
 from varos_warp.sim.vehicle.current import Current
 from varos_warp.sim.vehicle.dynamics import Dynamics, State
 
 REPORT_TICKS = 200
+SENSORS = ("imu", "depth_gauge", "magnetometer", "dvl")
+"""Keys of the vehicle."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +63,8 @@ class Simulation:
     """What the controller was asked to follow [N, 3] [m]; the position itself for exact poses."""
     waypoint: np.ndarray
     """Index of the waypoint (or pose) that the reference heads for, int [N]."""
+    magnetometer: Magnetometer | None = None
+    dvl: Dvl | None = None
 
 
 class PathSamples(NamedTuple):
@@ -86,11 +99,12 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
 # --------------------------------------------------------------------------------------------------------- simulation
 
 
-def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -> Simulation:
+def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[float], None] | None = None) -> Simulation:
     """Move the scene's vehicle and read its sensors. The same scene gives the same bytes.
 
     Args:
         scene: Waypoints to follow with the vehicle's dynamics, or exact poses.
+        parts: The scene's geometry, from ``build_parts``, which only a DVL needs; absent: built where there is one.
         progress: Called now and then with the share of the work done, 0 to 1.
 
     Raises:
@@ -99,17 +113,24 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
     """
     check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
     check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
-    for sensor in ("imu", "depth_gauge"):
+    for sensor in SENSORS:
         if block := getattr(scene.vehicle, sensor):
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
     run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
-    vehicle, trajectory = scene.vehicle, run.trajectory
     tell(1.0)
-    return replace(
-        run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
-        depth_gauge=measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge
-        else None)
+    read = {"imu": lambda imu: measure_imu(run.trajectory, imu, scene.gravity, scene.seed),
+            "depth_gauge": lambda gauge: measure_depth(run.trajectory, gauge, scene.surface_depth_m),
+            "magnetometer": lambda magnetometer: measure_field(run.trajectory, magnetometer),
+            "dvl": lambda dvl: measure_dvl(run.trajectory, dvl, _geometry(scene) if parts is None else parts)}
+    fitted = {name: getattr(scene.vehicle, name) for name in SENSORS}
+    return replace(run, **{name: read[name](block) for name, block in fitted.items() if block is not None})
+
+
+def _geometry(scene: Scene) -> list:
+    from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where there is a DVL
+
+    return build_parts(scene)
 
 
 COLUMNS: list[tuple] = [
