@@ -42,8 +42,6 @@ from varos_warp.sim.vehicle.current import Current
 from varos_warp.sim.vehicle.dynamics import Dynamics, State
 
 REPORT_TICKS = 200
-SENSORS = ("imu", "depth_gauge", "magnetometer", "dvl")
-"""Keys of the vehicle."""
 
 
 @dataclass(frozen=True)
@@ -113,18 +111,20 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
     """
     check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
     check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
-    for sensor in SENSORS:
+    for sensor in ("imu", "depth_gauge", "magnetometer", "dvl"):
         if block := getattr(scene.vehicle, sensor):
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
     run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
+    vehicle, trajectory = scene.vehicle, run.trajectory
     tell(1.0)
-    read = {"imu": lambda imu: measure_imu(run.trajectory, imu, scene.gravity, scene.seed),
-            "depth_gauge": lambda gauge: measure_depth(run.trajectory, gauge, scene.surface_depth_m),
-            "magnetometer": lambda magnetometer: measure_field(run.trajectory, magnetometer),
-            "dvl": lambda dvl: measure_dvl(run.trajectory, dvl, _geometry(scene) if parts is None else parts)}
-    fitted = {name: getattr(scene.vehicle, name) for name in SENSORS}
-    return replace(run, **{name: read[name](block) for name, block in fitted.items() if block is not None})
+    return replace(
+        run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
+        depth_gauge=measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge
+        else None,
+        magnetometer=measure_field(trajectory, vehicle.magnetometer) if vehicle.magnetometer else None,
+        dvl=measure_dvl(trajectory, vehicle.dvl, _geometry(scene) if parts is None else parts) if vehicle.dvl
+        else None)
 
 
 def _geometry(scene: Scene) -> list:

@@ -227,7 +227,7 @@ FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]
 class Magnetometer(Mounted):
     """A magnetometer in a field that is the same everywhere."""
 
-    field_T: tuple[FieldStrength, FieldStrength, FieldStrength] = (0.0, 1.36e-5, -5.03e-5)
+    field_T: tuple[FieldStrength, FieldStrength, FieldStrength] = (0.0, 1.36e-5, -5.03e-5)  # noqa: N815
     """In world axes [T]; absent: about that of the Trondheim fjord, if world y points to magnetic north."""
 
 
