@@ -7,11 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.dataset.geometry import rebuilt
 from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
+from varos_warp.errors import InputError
 from varos_warp.sim.sensors.dvl import Dvl, bottom_track
 from varos_warp.sim.sensors.noise import depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
@@ -385,10 +387,7 @@ def check_magnetometer(data: Dataset, result: Validation) -> None:
 
 
 def check_dvl(data: Dataset, result: Validation) -> None:
-    """What follows from ranges and the vehicle's states: lock, velocities and altitude; then the noise.
-
-    The ranges themselves are not measured again: what the beams meet is not in the dataset.
-    """
+    """What follows from ranges and the vehicle's states; ranges against the scene's meshes; then the noise."""
     if "dvl0" not in data.recorded:
         return
     truth, (time_ns, T), path = Dvl(**data.dvl(truth=True)), data.poses("dvl0"), data.layout.sensor("dvl0")
@@ -403,8 +402,26 @@ def check_dvl(data: Dataset, result: Validation) -> None:
     told = result.add_rows(path, f"is not what its ranges and {data.layout.states.name} make it",
                            ~(off.max(1) <= 1e-9), off, range(13, 25) if data.has_noise("dvl0") else range(1, 13))
     result.measure("dvl0: readings against ranges and states", off.max(), 1e-9, "m, m/s", told)
+    _check_ranges(data, result, truth, T, beams)
     if data.has_noise("dvl0"):
         _check_dvl_noise(data, result, truth, beams)
+
+
+def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, beams: np.ndarray) -> None:
+    """Ranges are those to the scene's meshes, where all of their files are at hand; beams at an edge may differ."""
+    from varos_warp.scene.geometry.ranging import ranges
+
+    try:
+        _, parts = rebuilt(data)
+    except InputError:
+        return
+    least, most = data.meta["sensors"]["dvl0"]["range_m"]
+    directions = (beams @ T[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
+    there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most).reshape(truth.range.shape)
+    expected = np.where((there >= least) & np.isfinite(there), there, np.nan)
+    same = np.isclose(truth.range, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
+    result.measure("dvl0: beams with another range than to the scene's meshes", np.mean(~same),
+                   0.01 + 1.0 / same.size, "")
 
 
 def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.ndarray) -> None:
