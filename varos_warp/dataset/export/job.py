@@ -17,6 +17,8 @@ from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 NO_NOISE = "without noise"
 PROFILE_BLOCKS = {**SENSOR_BLOCKS, "A": "camera"}
 """Block of a noise profile by what has the noise."""
+EXPORTED = ("imu0", "depth0")
+"""Sensors whose readings formats have."""
 
 
 class Clocked(Dataset):
@@ -116,7 +118,8 @@ class Job:
     @property
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
-        return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
+        sensors = [name for name in EXPORTED if name in self.data.recorded]
+        return {name: self.noise(name) for name in (*sensors, self.images)}
 
 
 def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:

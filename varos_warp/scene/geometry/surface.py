@@ -82,7 +82,7 @@ class Surface:
             n = np.cross(b - a, c - a)
             with np.errstate(divide="ignore", invalid="ignore"):  # a face edge on
                 t[chosen] = ((a - points[chosen]) * n).sum(axis=1) / (directions[chosen] * n).sum(axis=1)
-        return t
+        return np.where(np.isnan(t), np.inf, t)
 
     def signed_distance(self, points: np.ndarray, threshold: float, known: np.ndarray) -> np.ndarray:
         """Distance float32 [N] [m] from local float32 points [N, 3], negative where the winding number is above.
