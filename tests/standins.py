@@ -13,6 +13,7 @@ from varos_warp.scene.frames import camera_pose, inverse, pose_matrix
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.sim.motion import Trajectory
+from varos_warp.sim.sensors.readings import measure_dvl, measure_field
 
 FLOOR_Z = -3.0
 
@@ -41,7 +42,7 @@ def make_scene(render=None, **changes):
     return scene_from_dict(data)
 
 
-def simulate(scene, *, progress=None):
+def simulate(scene, parts=None, *, progress=None):
     """A vehicle that sways and turns, with closed forms for every derivative (world axes, small yaw only)."""
     seconds, rate = 1.0, 200
     ticks = np.arange(int(seconds * rate) + 1)
@@ -71,10 +72,13 @@ def simulate(scene, *, progress=None):
         imu.acceleration = imu.acceleration + imu.acceleration_bias + white
     trajectory = Trajectory(time_ns, position, velocity, acceleration,
                             rotation.as_quat(canonical=True, scalar_first=True), omega, alpha)
+    vehicle = scene.vehicle
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
         trajectory=trajectory, frames=trajectory.at(time_ns[:-1:20]), imu=imu,
-        depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[])
+        depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[],
+        magnetometer=vehicle.magnetometer and measure_field(trajectory, vehicle.magnetometer),
+        dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))
 
 
 def path_samples(simulation):

@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
@@ -36,8 +37,8 @@ def test_every_shipped_scene_renders(path):
     """First frame through every camera, all outputs: finite numbers, and none of the images is black."""
     small = [f"vehicle.cameras.{i}.resolution=[16, 9]" for i in range(len(load_scene(path).vehicle.cameras))]
     scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", "trajectory.duration_s=0.5"])
-    simulation = simulate(scene)
-    renderer = FrameRenderer(scene, "cpu")
+    parts = build_parts(scene)
+    simulation, renderer = simulate(scene, parts), FrameRenderer(scene, "cpu", parts)
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
         frame = renderer.render(T_w_v, camera.id, "ABCDSF", T_w_v_next=T_w_v_next, spp=2, spp_b=2, denoise="none",

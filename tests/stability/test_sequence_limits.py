@@ -66,7 +66,8 @@ def test_exact_poses_of_more_than_a_day_are_refused(times, options, key):
 
 @pytest.mark.parametrize(("rate", "block", "key"), [
     (1e-300, "render", "render.frame_rate_hz"), (1e-6, "imu", "vehicle.imu.rate_hz"),
-    (1e-6, "depth_gauge", "vehicle.depth_gauge.rate_hz")])
+    (1e-6, "depth_gauge", "vehicle.depth_gauge.rate_hz"), (1e-6, "dvl", "vehicle.dvl.rate_hz"),
+    (1e-6, "magnetometer", "vehicle.magnetometer.rate_hz")])
 def test_a_rate_of_less_than_a_sample_a_day_is_refused(rate, block, key):
     scene = course((0, 0, 0), duration_s=0.1, **(
         {"render": {"frame_rate_hz": rate}} if block == "render" else {"vehicle": {block: {"rate_hz": rate}}}))

@@ -84,7 +84,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
 
     device = resolve_device(choices.device)
     loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
-    simulation = simulated(loaded, quiet)
+    simulation = simulated(loaded, quiet, [])  # what a DVL reads is not looked at
     poses = list(simulation.frames.poses())
     wanted = [poses[frame] for frame in select(chosen, len(poses))]
     planned = plan_render(loaded, FrameRenderer(loaded, device), wanted, measure_cost=True)

@@ -23,7 +23,7 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
 
     loaded = load_scene(scene, set_ or ())
     parts = build_parts(loaded)
-    simulation = simulated(loaded, quiet)
+    simulation = simulated(loaded, quiet, parts)
     facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulation))
     found += simulation.messages
     if json_:

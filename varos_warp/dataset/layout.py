@@ -7,6 +7,7 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
                   camM0_rays.exr (behind a port, or distorted)
     vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
+    vehicle0/mag0/mag0_data.csv  mag0_poses/...                    vehicle0/dvl0/dvl0_data.csv  dvl0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
     vehicle0/lights0/lights0_poses.csv
 """
@@ -95,7 +96,7 @@ class Layout:
         return [self.png(camera, output, frame), *more]
 
     def sensor(self, name: str) -> Path:
-        """Data of ``imu0`` or ``depth0``."""
+        """Data of ``imu0``, ``depth0``, ``mag0`` or ``dvl0``."""
         return self.vehicle_dir / name / f"{name}_data.csv"
 
     @property
@@ -104,7 +105,7 @@ class Layout:
         return self.sensor("imu0").with_name("imu0_bias.csv")
 
     def poses(self, name: str, form: str) -> Path:
-        """Poses of a camera id, ``imu0``, ``depth0`` or ``vehicle``; the form is one of `POSE_FORMS`."""
+        """Poses of a camera id, a sensor such as ``imu0``, or ``vehicle``; the form is one of `POSE_FORMS`."""
         if name == "vehicle":
             folder, stem = self.vehicle_dir / f"ground_truth_vehicle{self.vehicle}_poses", f"vehicle{self.vehicle}"
         elif name in self.cameras:

@@ -24,10 +24,12 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.scene.description.noise_profile import NoiseProfile
+from varos_warp.scene.description.block import Block
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
 from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
-from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
+from varos_warp.sim.sensors.dvl import Dvl
+from varos_warp.sim.sensors.noise import depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
 ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
@@ -115,8 +117,8 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
 
 def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
     """The profile without blocks of sensors that the dataset does not have, of which it warns."""
-    there = {"imu": data.layout.sensor("imu0").is_file(), "depth_gauge": data.layout.sensor("depth0").is_file(),
-             "camera": "A" in data.outputs}
+    there = {block: data.layout.sensor(name).is_file() for name, block in SENSOR_BLOCKS.items()}
+    there["camera"] = "A" in data.outputs
     absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
     if absent:
         warnings.warn(f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out",
@@ -151,8 +153,7 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
     """
     known = read_checksums(data.root)
     left_out = {data.root / name for name in ANEW}
-    left_out |= {data.layout.sensor(name) for name, block in (("imu0", profile.imu), ("depth0", profile.depth_gauge))
-                 if block is not None}
+    left_out |= {data.layout.sensor(name) for name, _ in _erring(profile)}
     renamed = {data.layout.camera_dir(camera) / "A" for camera in data.cameras} if profile.camera is not None else ()
 
     def link(path: Path) -> None:
@@ -171,12 +172,17 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
         list(pool.map(link, paths))
 
 
+def _erring(profile: NoiseProfile) -> list[tuple[str, Block]]:
+    """Sensors that a profile has noise of, by their names in a dataset, and that noise."""
+    blocks = ((name, getattr(profile, block)) for name, block in SENSOR_BLOCKS.items())
+    return [(name, block) for name, block in blocks if block is not None]
+
+
 def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> None:
     """dataset.json with profile and seed, README.txt with a chapter on noise."""
     meta = {**data.meta, "sensors": dict(data.meta["sensors"]), "conventions": dict(data.meta["conventions"])}
-    for name, block in (("imu0", profile.imu), ("depth0", profile.depth_gauge)):
-        if block is not None:
-            meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
+    for name, block in _erring(profile):
+        meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
     meta["noise"] = {"profile": profile.model_dump(mode="json"), "seed": seed, "versions": writers.versions()}
     if profile.camera is not None:
         meta["conventions"]["A"] += "; A_clean: without the noise of noise.profile.camera, which A has"
@@ -201,3 +207,11 @@ def _write_sensors(data: Dataset, noisy: Dataset, profile: NoiseProfile, seed: i
         reading, bias = depth_gauge_noise(profile.depth_gauge, gauge["depth"],
                                           data.meta["sensors"]["depth0"]["rate_hz"], seed)
         writers.write_depth_gauge(noisy.layout, gauge["time_ns"], reading, gauge["depth"], bias)
+    if profile.magnetometer is not None:
+        field, rate_hz = data.magnetometer(), data.meta["sensors"]["mag0"]["rate_hz"]
+        added = magnetometer_noise(profile.magnetometer, len(field["time_ns"]), rate_hz, seed)
+        writers.write_magnetometer(noisy.layout, field["time_ns"], field["field"] + added.white + added.bias,
+                                   field["field"], added.bias)
+    if profile.dvl is not None:
+        exact, beams = Dvl(**data.dvl()), np.array(data.meta["sensors"]["dvl0"]["beams"])
+        writers.write_dvl(noisy.layout, dvl_noise(profile.dvl, exact, beams, seed), exact)

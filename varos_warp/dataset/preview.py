@@ -214,7 +214,7 @@ class _EditedScene:
     def _simulated(self, scene: Scene):
         moving = scene.model_dump(exclude=NOT_MOVING)
         if moving != self._moving:
-            self._simulation = simulated(scene, self.console.quiet)
+            self._simulation = simulated(scene, self.console.quiet, [])  # what a DVL reads is not looked at
             self._moving = moving
         return self._simulation
 

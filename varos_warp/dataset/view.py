@@ -186,12 +186,15 @@ class _Recorder:
                                          rr.Scalars.columns(scalars=[gains[number] for number in numbers]))
 
     def sensors(self) -> None:
-        """Curves of the IMU and of the depth gauge, every reading."""
-        if "imu0" in self.data.recorded:
-            imu = self.data.imu()
-            for quantity in ("acceleration", "angular_velocity"):
+        """Curves of the sensors, every reading."""
+        data = self.data
+        vectors = {"imu0": ("acceleration", "angular_velocity"), "mag0": ("field",), "dvl0": ("velocity",)}
+        read = {"imu0": data.imu, "mag0": data.magnetometer, "dvl0": data.dvl}
+        for name in (name for name in vectors if name in data.recorded):
+            readings = read[name]()
+            for quantity in vectors[name]:
                 for i, (axis, color) in enumerate(AXES.items()):
-                    self.curve(f"imu0/{quantity}/{axis}", imu["time_ns"], imu[quantity][:, i], axis, color)
+                    self.curve(f"{name}/{quantity}/{axis}", readings["time_ns"], readings[quantity][:, i], axis, color)
         if "depth0" in self.data.recorded:
             gauge = self.data.depth_gauge()
             self.curve("depth0/depth", gauge["time_ns"], gauge["depth"], "depth [m]", [90, 160, 220])
@@ -243,7 +246,8 @@ def _blueprint(data: Dataset):
     curves = [rrb.TimeSeriesView(origin=entity, name=name) for entity, name, sensor in (
         ("imu0/acceleration", "specific force [m/s²]", "imu0"),
         ("imu0/angular_velocity", "angular velocity [rad/s]", "imu0"),
-        ("depth0", "depth gauge [m]", "depth0"), ("exposure", "exposure gain", None))
+        ("depth0", "depth gauge [m]", "depth0"), ("mag0/field", "magnetic field [T]", "mag0"),
+        ("dvl0/velocity", "velocity over the bottom [m/s]", "dvl0"), ("exposure", "exposure gain", None))
         if sensor is None or sensor in data.recorded]
     top = rrb.Horizontal(world, rrb.Grid(*images, grid_columns=2), column_shares=[1, 1]) if images else world
     return rrb.Blueprint(rrb.Vertical(top, rrb.Horizontal(*curves), row_shares=[3, 1]),

@@ -27,7 +27,16 @@ from varos_warp.sim.clock import (
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import pose_times, through_poses
-from varos_warp.sim.sensors.readings import DepthGauge, Imu, measure_depth, measure_imu
+from varos_warp.sim.sensors.dvl import Dvl
+from varos_warp.sim.sensors.readings import (
+    DepthGauge,
+    Imu,
+    Magnetometer,
+    measure_depth,
+    measure_dvl,
+    measure_field,
+    measure_imu,
+)
 from varos_warp.sim.vehicle.body import sphere
 from varos_warp.sim.vehicle.control import Regulator
 from varos_warp.sim.vehicle.current import Current
@@ -54,6 +63,8 @@ class Simulation:
     """What the controller was asked to follow [N, 3] [m]; the position itself for exact poses."""
     waypoint: np.ndarray
     """Index of the waypoint (or pose) that the reference heads for, int [N]."""
+    magnetometer: Magnetometer | None = None
+    dvl: Dvl | None = None
 
 
 class PathSamples(NamedTuple):
@@ -88,11 +99,12 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
 # --------------------------------------------------------------------------------------------------------- simulation
 
 
-def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -> Simulation:
+def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[float], None] | None = None) -> Simulation:
     """Move the scene's vehicle and read its sensors. The same scene gives the same bytes.
 
     Args:
         scene: Waypoints to follow with the vehicle's dynamics, or exact poses.
+        parts: The scene's geometry, from ``build_parts``, which only a DVL needs; absent: built where there is one.
         progress: Called now and then with the share of the work done, 0 to 1.
 
     Raises:
@@ -101,7 +113,7 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
     """
     check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
     check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
-    for sensor in ("imu", "depth_gauge"):
+    for sensor in ("imu", "depth_gauge", "magnetometer", "dvl"):
         if block := getattr(scene.vehicle, sensor):
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
@@ -112,7 +124,16 @@ def simulate(scene: Scene, *, progress: Callable[[float], None] | None = None) -
     return replace(
         run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
         depth_gauge=measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge
+        else None,
+        magnetometer=measure_field(trajectory, vehicle.magnetometer) if vehicle.magnetometer else None,
+        dvl=measure_dvl(trajectory, vehicle.dvl, _geometry(scene) if parts is None else parts) if vehicle.dvl
         else None)
+
+
+def _geometry(scene: Scene) -> list:
+    from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where there is a DVL
+
+    return build_parts(scene)
 
 
 COLUMNS: list[tuple] = [

@@ -12,10 +12,13 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 
 NO_NOISE = "without noise"
-PROFILE_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "A": "camera"}
+PROFILE_BLOCKS = {**SENSOR_BLOCKS, "A": "camera"}
 """Block of a noise profile by what has the noise."""
+EXPORTED = ("imu0", "depth0")
+"""Sensors whose readings formats have."""
 
 
 class Clocked(Dataset):
@@ -104,7 +107,7 @@ class Job:
         return "D" in self.data.outputs
 
     def noise(self, name: str) -> str:
-        """What noise the readings of ``imu0`` or ``depth0``, or the images of a letter, have, in words."""
+        """What noise the readings of a sensor such as ``imu0``, or the images of a letter, have, in words."""
         if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
             return NO_NOISE
         about = self.data.meta.get("noise")
@@ -115,7 +118,8 @@ class Job:
     @property
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
-        return {name: self.noise(name) for name in (*self.data.recorded, self.images) if name != "vehicle"}
+        sensors = [name for name in EXPORTED if name in self.data.recorded]
+        return {name: self.noise(name) for name in (*sensors, self.images)}
 
 
 def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:

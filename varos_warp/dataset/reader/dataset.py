@@ -334,7 +334,7 @@ class Dataset:
         return files.read_numbers(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
 
     def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, ``imu0``, ``depth0`` or ``vehicle``."""
+        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, a sensor such as ``imu0``, or ``vehicle``."""
         table = files.read_numbers(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
@@ -421,7 +421,7 @@ class Dataset:
                              first)
 
     def has_noise(self, name: str) -> bool:
-        """Whether the readings of ``imu0`` or ``depth0``, or ``A`` of the cameras, have noise."""
+        """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
         if name == "A":
             return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
         return bool(self.meta["sensors"][name].get("noise"))
@@ -440,6 +440,27 @@ class Dataset:
         """
         first = 2 if truth and self.has_noise("depth0") else 1
         return self._samples(self.layout.sensor("depth0"), {"depth": 1}, start_ns, stop_ns, first)
+
+    def magnetometer(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+                     ) -> dict[str, np.ndarray]:
+        """time_ns int64 [N] and field [N, 3] [T] in sensor axes, all or those in start_ns <= time < stop_ns.
+
+        ``truth``: without the noise in them.
+        """
+        first = 4 if truth and self.has_noise("mag0") else 1
+        return self._samples(self.layout.sensor("mag0"), {"field": 3}, start_ns, stop_ns, first)
+
+    def dvl(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+            ) -> dict[str, np.ndarray]:
+        """Readings of the DVL, all or those in start_ns <= time < stop_ns; ``truth``: without the noise in them.
+
+        Returns:
+            time_ns int64 [N]; velocity over the bottom [N, 3] in sensor axes, altitude [N]; range and beam_velocity of
+            each beam [N, 4] (away from the sensor). NaN without bottom lock.
+        """
+        first = 13 if truth and self.has_noise("dvl0") else 1
+        widths = {"velocity": 3, "altitude": 1, "range": 4, "beam_velocity": 4}
+        return self._samples(self.layout.sensor("dvl0"), widths, start_ns, stop_ns, first)
 
     def _samples(self, path: Path, widths: dict[str, int], start_ns: int | None, stop_ns: int | None,
                  first: int = 1) -> dict[str, np.ndarray]:

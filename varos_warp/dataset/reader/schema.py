@@ -44,6 +44,13 @@ def _consistent(cameras: list) -> list:
     return cameras
 
 
+def _whole(sensors: dict) -> dict:
+    for name, key in (("mag0", "field_T"), ("dvl0", "beams"), ("dvl0", "range_m")):
+        if name in sensors and getattr(sensors[name], key) is None:
+            raise ValueError(f"{name} has no {key}")
+    return sensors
+
+
 def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
     """A block with these entries, perhaps the optional ones, and any others."""
     kinds: dict[str, Any] = {name: (kind, ...) for name, kind in entries.items()}
@@ -67,7 +74,9 @@ def _metadata() -> type[BaseModel]:
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
                     "thickness_deg": float, "radius_m": float})
-    sensor = _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None)
+    sensor = _block({"field_T": Vec3, "beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]},
+                    rate_hz=Rate, T_v_s=matrix, noise=dict | None)
+    sensors = dict[Literal["imu0", "depth0", "mag0", "dvl0"], sensor]  # type: ignore[valid-type]
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     return _block(
@@ -77,7 +86,7 @@ def _metadata() -> type[BaseModel]:
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
-        sensors=dict[Literal["imu0", "depth0"], sensor], lights=list[light],  # type: ignore[valid-type]
+        sensors=Annotated[sensors, AfterValidator(_whole)], lights=list[light],  # type: ignore[valid-type]
         water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from varos_warp.dataset.geometry import rebuilt
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.parts import Instances, Part
 
@@ -34,15 +34,9 @@ class SceneParts:
 def scene_parts(data: Dataset) -> SceneParts:
     """The meshes that the dataset was rendered of; none where a file is not at hand, or is not the same any more."""
     from varos_warp.scene.checks import check_scene
-    from varos_warp.scene.geometry.build import build_parts
-    from varos_warp.scene.load import scene_from_dict
 
     try:
-        scene = scene_from_dict(data.meta["scene"])
-        changed = [name for name, digest in writers.sources(scene).items() if digest != data.meta["sources"].get(name)]
-        if changed:
-            return SceneParts(missing=f"{changed[0]} is not at hand, or not as it was")
-        parts = build_parts(scene)
+        scene, parts = rebuilt(data)
         return SceneParts(parts, check_scene(scene, parts))
     except InputError as error:
         return SceneParts(missing=error.message.rstrip("."))

@@ -35,7 +35,7 @@ def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> 
     if len(x) <= 2 * intervals:
         return x, columns
     starts = np.linspace(0, len(x), intervals, endpoint=False).astype(int)
-    low, high = np.minimum.reduceat(columns, starts), np.maximum.reduceat(columns, starts)
+    low, high = np.fmin.reduceat(columns, starts), np.fmax.reduceat(columns, starts)
     ends = np.append(starts[1:], len(x)) - 1
     return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * intervals, -1)
 
@@ -85,6 +85,14 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
         gauge = data.depth_gauge()
         time, names = gauge["time_ns"] * 1e-9, ["below the surface"]
         plots.append(curve("Depth gauge", "m", time, gauge["depth"], names, times, down=True))
+    if "mag0" in data.recorded:
+        field = data.magnetometer()
+        plots.append(curve("Magnetic field", "µT", field["time_ns"] * 1e-9, field["field"] * 1e6, "xyz", times))
+    if "dvl0" in data.recorded:
+        dvl = data.dvl()
+        time = dvl["time_ns"] * 1e-9
+        plots += [curve("Velocity over the bottom (DVL)", "m/s", time, dvl["velocity"], "xyz", times),
+                  curve("Altitude (DVL)", "m", time, dvl["altitude"], ["above the bottom"], times)]
     if "vehicle" in data.recorded:
         state = data.states()
         speed = np.linalg.norm(state["velocity"], axis=1)

@@ -132,12 +132,12 @@ def device_of_worker(asked: str, index: int) -> str:
     return f"cuda:{index % gpus}" if gpus else resolve_device(asked)
 
 
-def simulated(scene, quiet: bool = False):
-    """The scene's `Simulation`, with a progress bar."""
+def simulated(scene, quiet: bool = False, parts: list | None = None):
+    """The scene's `Simulation`, with a progress bar; ``parts`` are its geometry, where it is at hand."""
     from varos_warp.sim.trajectory import simulate
 
     with Console(quiet).progress("simulating", 100, "%") as progress:
-        return simulate(scene, progress=progress.reach)
+        return simulate(scene, parts, progress=progress.reach)
 
 
 def select(frames: slice, count: int) -> list[int]:
@@ -159,6 +159,8 @@ class _Run:
 
     is_worker = False
     """Whether a parent does what follows from the frames of all shards."""
+    parts: list | None = None
+    """Everything solid in the scene, where the sensors needed it."""
 
     def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
@@ -168,8 +170,11 @@ class _Run:
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
         """The course of the vehicle, and the frames of it that are asked for."""
+        if self.scene.vehicle.dvl is not None:
+            with self.clock("load"):
+                self.parts = self.build()
         with self.clock("simulate"):
-            self.simulation = simulated(self.scene, self.console.quiet)
+            self.simulation = simulated(self.scene, self.console.quiet, self.parts)
         self.count = len(self.simulation.frames)
         self.selected = select(frames, self.count)
         self.summary = Summary(str(self.layout.root), len(self.selected))
@@ -312,16 +317,21 @@ class _Run:
                                         "folder with -o.")
             self.denoisers[letter] = method
 
+    def build(self) -> list:
+        """Everything solid in the scene."""
+        from varos_warp.scene.geometry.build import build_parts
+
+        return build_parts(self.scene)
+
     def load(self) -> None:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
         self.choose_denoisers()
         if self.renderer is None:
             from varos_warp.render.renderer import FrameRenderer
             from varos_warp.scene.checks import check_scene
-            from varos_warp.scene.geometry.build import build_parts
             from varos_warp.sim.trajectory import path_samples
 
-            parts = build_parts(self.scene)
+            parts = self.build() if self.parts is None else self.parts
             for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
                 self.say(warning)
             self.renderer = FrameRenderer(self.scene, self.device, parts)

@@ -5,7 +5,7 @@ of an integration. What is held against what:
 
 * `pending`: whether a run has still to go on; what it will make is no damage.
 * `listing`: files against dataset.json, dataset.json against the scene in it, all of them against ``checksums``.
-* `motion`: poses in three forms, cameras and sensors against the vehicle, IMU and depth gauge against the poses.
+* `motion`: poses in three forms, cameras and sensors against the vehicle, readings of the sensors against the poses.
 * `images`: PNG against EXR against the table of exposures; S against its table.
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
 * `places`: S against the boxes of the scene's objects, by D and the poses.

@@ -20,6 +20,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.phase import HenyeyGreenstein
 from varos_warp.scene.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
@@ -105,7 +106,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         for key in ("phase", "g", "phase_function"):
             made["water"].pop(key, None)
     profile = (meta.get("noise") or {}).get("profile", {})
-    for name, block in (("imu0", "imu"), ("depth0", "depth_gauge")):
+    for name, block in SENSOR_BLOCKS.items():
         if profile.get(block):
             made["sensors"][name]["noise"] = profile[block]
     result.add_all([f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"

@@ -1,18 +1,22 @@
 """Poses, the sensors' readings and the vehicle's states against each other."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.dataset.geometry import rebuilt
 from varos_warp.dataset.layout import POSE_FORMS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
+from varos_warp.errors import InputError
 from varos_warp.sim.clock import times_ns
-from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
+from varos_warp.sim.sensors.dvl import Dvl, bottom_track
+from varos_warp.sim.sensors.noise import depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0
@@ -354,4 +358,98 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
         result.measure("depth0: readings against profile and seed", off, 1e-9, "m")
 
 
-CHECKS = (check_poses, check_mounting, check_lights, check_states, check_imu, check_depth_gauge)
+# ------------------------------------------------------------------------------------------------ magnetometer and DVL
+
+
+def check_magnetometer(data: Dataset, result: Validation) -> None:
+    """Readings without noise are the world's field in the axes of the sensor's own poses; then the noise."""
+    if "mag0" not in data.recorded:
+        return
+    read, (time_ns, T), path = data.magnetometer(truth=True), data.poses("mag0"), data.layout.sensor("mag0")
+    if not _in_step(data, result, "mag0", time_ns, read["time_ns"]):
+        return
+    about, truth, noisy = data.meta["sensors"]["mag0"], read["field"], data.has_noise("mag0")
+    limit = 1e-9 * np.linalg.norm(about["field_T"])
+    off = np.abs(truth - np.array(about["field_T"]) @ T[:, :3, :3])
+    told = result.add_rows(path, "is not the field in the axes of the poses", ~(off.max(1) <= limit), off,
+                           range(4, 7) if noisy else range(1, 4))
+    result.measure("mag0: against poses", off.max(), limit, "T", told)
+    if not noisy:
+        return
+    reading, bias = data.magnetometer()["field"], np.column_stack(files.read_numbers(path, 10)[7:])
+    rounding = 8 * EPS * max(np.abs(reading).max(), np.abs(bias).max())
+    most = 8 * about["noise"]["noise_density"] * np.sqrt(about["rate_hz"]) + rounding
+    result.measure("mag0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "T")
+    profile, seed = noise_of(data) or (None, 0)
+    if profile and profile.magnetometer and is_repeatable(data):
+        made = magnetometer_noise(profile.magnetometer, len(truth), about["rate_hz"], seed)
+        off = np.abs([bias - made.bias, reading - truth - made.bias - made.white]).max()
+        result.measure("mag0: readings against profile and seed", off, rounding, "T")
+
+
+def check_dvl(data: Dataset, result: Validation) -> None:
+    """What follows from ranges and the vehicle's states; ranges against the scene's meshes; then the noise."""
+    if "dvl0" not in data.recorded:
+        return
+    truth, (time_ns, T), path = Dvl(**data.dvl(truth=True)), data.poses("dvl0"), data.layout.sensor("dvl0")
+    if not _in_step(data, result, "dvl0", time_ns, truth.time_ns):
+        return
+    about, there = data.meta["sensors"]["dvl0"], data.trajectory().at(time_ns)
+    turning = np.cross(there.angular_velocity, np.array(about["T_v_s"])[:3, 3])
+    velocity = ((there.velocity + there.rotation().apply(turning))[:, None] @ T[:, :3, :3])[:, 0]
+    beams, (least, most) = np.array(about["beams"]), about["range_m"]
+    locked = np.where((truth.range >= least) & (truth.range <= most), truth.range, np.nan)
+    off = _apart(truth, bottom_track(time_ns, beams, locked, -velocity @ beams.T))
+    told = result.add_rows(path, f"is not what its ranges and {data.layout.states.name} make it",
+                           ~(off.max(1) <= 1e-9), off, range(13, 25) if data.has_noise("dvl0") else range(1, 13))
+    result.measure("dvl0: readings against ranges and states", off.max(), 1e-9, "m, m/s", told)
+    _check_ranges(data, result, truth, T, beams)
+    if data.has_noise("dvl0"):
+        _check_dvl_noise(data, result, truth, beams)
+
+
+def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, beams: np.ndarray) -> None:
+    """Ranges are those to the scene's meshes, where all of their files are at hand; beams at an edge may differ."""
+    from varos_warp.scene.geometry.ranging import ranges
+
+    try:
+        _, parts = rebuilt(data)
+    except InputError:
+        return
+    least, most = data.meta["sensors"]["dvl0"]["range_m"]
+    directions = (beams @ T[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
+    there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most).reshape(truth.range.shape)
+    expected = np.where((there >= least) & np.isfinite(there), there, np.nan)
+    same = np.isclose(truth.range, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
+    result.measure("dvl0: beams with another range than to the scene's meshes", np.mean(~same),
+                   0.01 + 1.0 / same.size, "")
+
+
+def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.ndarray) -> None:
+    """Velocity and altitude are those of the beams, which are no farther off than their noise can be."""
+    model, read = data.meta["sensors"]["dvl0"]["noise"], Dvl(**data.dvl())
+    off = _apart(read, bottom_track(read.time_ns, beams, read.range, read.beam_velocity))
+    told = result.add_rows(data.layout.sensor("dvl0"), "is not what its beams make it", ~(off.max(1) <= 1e-9), off,
+                           range(1, 13))
+    result.measure("dvl0: readings against their own beams", off.max(), 1e-9, "m, m/s", told)
+    exact = replace(truth, beam_velocity=(1.0 + model["scale"]) * truth.beam_velocity)
+    _, _, ranges, velocities = np.split(_apart(read, exact), (3, 4, 8), axis=1)
+    for name, off, std, unit in (("range", ranges, model["range_std"], "m"),
+                                 ("beam velocity", velocities, model["velocity_std"], "m/s")):
+        result.measure(f"dvl0: {name} off the truth, at most", off.max(), 8 * std + 1e-9, unit)
+    profile, seed = noise_of(data) or (None, 0)
+    if profile and profile.dvl and is_repeatable(data):
+        made = dvl_noise(profile.dvl, truth, beams, seed)
+        result.measure("dvl0: readings against profile and seed", _apart(read, made).max(), 1e-9, "m, m/s")
+
+
+def _apart(found: Dvl, expected: Dvl) -> np.ndarray:
+    """How far readings of the DVL are apart [N, 12], in the order of its columns: 0 where neither has a number."""
+    one, other = (np.column_stack([dvl.velocity, dvl.altitude, dvl.range, dvl.beam_velocity])
+                  for dvl in (found, expected))
+    off = np.where(np.isnan(one) & np.isnan(other), 0.0, np.abs(one - other))
+    return np.where(np.isnan(off), np.inf, off)
+
+
+CHECKS = (check_poses, check_mounting, check_lights, check_states, check_imu, check_depth_gauge, check_magnetometer,
+          check_dvl)

@@ -15,6 +15,7 @@ from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
@@ -22,6 +23,7 @@ from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
+from varos_warp.sim.sensors.dvl import Dvl, beam_directions
 
 TIME = "# timestamp [ns]"
 POSE_HEADERS = {
@@ -30,6 +32,8 @@ POSE_HEADERS = {
     "quaternion": "s_x_vw s_y_vw s_z_vw q_w q_x q_y q_z",
 }
 """Columns after the time, by the form of a file of poses; the matrices are authoritative."""
+LATER_SENSORS = ("magnetometer", "dvl")
+"""Of which README.txt and the conventions tell only where the vehicle has them."""
 
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
@@ -56,7 +60,7 @@ def _xyz(name: str, unit: str) -> list[str]:
 
 
 def write_sensors(layout: Layout, scene, simulation) -> None:
-    """Vehicle, IMU and depth gauge: data and the pose of each at each of its samples."""
+    """Vehicle and sensors: data and the pose of each at each of its samples."""
     trajectory, vehicle = simulation.trajectory, scene.vehicle
 
     def write_mounted(name: str, sensor, time_ns: np.ndarray) -> None:
@@ -80,6 +84,12 @@ def write_sensors(layout: Layout, scene, simulation) -> None:
     if vehicle.depth_gauge is not None:
         write_depth_gauge(layout, simulation.depth_gauge.time_ns, simulation.depth_gauge.depth)
         write_mounted("depth0", vehicle.depth_gauge, simulation.depth_gauge.time_ns)
+    if vehicle.magnetometer is not None:
+        write_magnetometer(layout, simulation.magnetometer.time_ns, simulation.magnetometer.field)
+        write_mounted("mag0", vehicle.magnetometer, simulation.magnetometer.time_ns)
+    if vehicle.dvl is not None:
+        write_dvl(layout, simulation.dvl)
+        write_mounted("dvl0", vehicle.dvl, simulation.dvl.time_ns)
 
 
 def write_imu(layout: Layout, time_ns: np.ndarray, reading, truth=None, bias=None) -> None:
@@ -107,6 +117,27 @@ def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, 
     more = [] if truth is None else [truth, bias]
     names = [TIME, "d_v_w [m]", "true_d_v_w [m]", "b_d_v_w [m]"]
     files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
+
+
+def write_magnetometer(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, truth: np.ndarray | None = None,
+                       bias: np.ndarray | None = None) -> None:
+    """Readings of the magnetometer [N, 3] [T]; where they have noise, the true field and the bias beside them."""
+    more = [] if truth is None else [("true_", truth), ("b_", bias)]
+    names = [name for prefix, _ in [("", reading), *more] for name in _xyz(f"{prefix}B_S", "T")]
+    files.write_csv(layout.sensor("mag0"), [TIME, *names], time_ns, reading, *(columns for _, columns in more))
+
+
+def write_dvl(layout: Layout, reading: Dvl, truth: Dvl | None = None) -> None:
+    """Readings of the DVL; where they have noise, what they would be without it beside them."""
+    def header(prefix: str) -> list[str]:
+        return [*_xyz(f"{prefix}v_RS_S", "m s^-1"), f"{prefix}altitude [m]",
+                *(f"{prefix}range_{i} [m]" for i in range(1, 5)),
+                *(f"{prefix}beam_velocity_{i} [m s^-1]" for i in range(1, 5))]
+
+    both = [("", reading)] if truth is None else [("", reading), ("true_", truth)]
+    files.write_csv(layout.sensor("dvl0"), [TIME, *(name for prefix, _ in both for name in header(prefix))],
+                    reading.time_ns, *(columns for _, dvl in both for columns in (
+                        dvl.velocity, dvl.altitude, dvl.range, dvl.beam_velocity)))
 
 
 _PIXELS = "# The centre of the top left pixel is (0, 0) in K_opencv and (0.5, 0.5) in K_center_half.\n"
@@ -182,6 +213,20 @@ def describe_water(scene) -> dict:
             **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()})}
 
 
+def describe_sensors(vehicle) -> dict[str, dict]:
+    """Rate, mounting and noise of each sensor on the vehicle, and what else its readings follow from."""
+    found = {}
+    for name, block in SENSOR_BLOCKS.items():
+        if (sensor := getattr(vehicle, block)) is not None:
+            found[name] = {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
+                           "noise": sensor.model_dump(mode="json").get("noise")}
+    if vehicle.magnetometer is not None:
+        found["mag0"]["field_T"] = list(vehicle.magnetometer.field_T)
+    if vehicle.dvl is not None:
+        found["dvl0"] |= {"beams": beam_directions(vehicle.dvl).tolist(), "range_m": list(vehicle.dvl.range_m)}
+    return found
+
+
 def versions() -> dict[str, str]:
     """Of what shapes the numbers."""
     found = {"varos_warp": varos_warp.__version__, "python": platform.python_version()}
@@ -234,12 +279,12 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
     """
     vehicle, render = scene.vehicle, scene.render
-    conventions = yaml.safe_load((resources.files("varos_warp") / "data/conventions.yaml").read_text(encoding="utf-8"))
+    conventions = yaml.safe_load(_text("conventions.yaml"))
     bent = any(twin(camera) != camera for camera in vehicle.cameras)
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
+    absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
     start, end = render.depth_range_m
-    mounted = {"imu0": vehicle.imu, "depth0": vehicle.depth_gauge}
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
         "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
@@ -252,9 +297,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
                   "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
-        "sensors": {name: {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
-                           "noise": sensor.model_dump(mode="json").get("noise")}
-                    for name, sensor in mounted.items() if sensor is not None},
+        "sensors": describe_sensors(vehicle),
         "lights": [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
                    for light in vehicle.lights],
         "water": describe_water(scene),
@@ -278,9 +321,14 @@ _BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distor
   Intrinsics in both conventions of pixels:"""
 
 
+def _text(name: str) -> str:
+    """A file that comes with the package."""
+    return (resources.files("varos_warp") / "data" / name).read_text(encoding="utf-8")
+
+
 def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
-    text = (resources.files("varos_warp") / "data" / "dataset_readme.txt").read_text(encoding="utf-8")
+    text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     bent = any(twin(camera) != camera for camera in scene.vehicle.cameras)
     words = {"LENS": _BENT if bent else _PINHOLES,
@@ -288,6 +336,7 @@ def write_readme(layout: Layout, scene) -> None:
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
+             "MORE": "".join("\n" + _text(f"{key}_readme.txt") for key in LATER_SENSORS if getattr(scene.vehicle, key)),
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
     for word, value in words.items():
         text = text.replace("{" + word + "}", value)

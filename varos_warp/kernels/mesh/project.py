@@ -40,15 +40,15 @@ def find_nearest(
 
 @wp.kernel
 def find_first_hits(
-    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), direction: wp.vec3,
+    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
     # out
     face: wp.array(dtype=wp.int32),  # -1: none; shape [N]
     side: wp.array(dtype=wp.float32),  # 1: front, -1: back
 ):
-    """First face on parallel rays."""
+    """First face on each ray."""
     i = start + wp.tid()
     face[i] = -1
-    query = wp.mesh_query_ray(mesh, points[i], direction, FAR)
+    query = wp.mesh_query_ray(mesh, points[i], directions[i], FAR)
     if query.result:
         face[i] = query.face
         side[i] = query.sign

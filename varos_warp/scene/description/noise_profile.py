@@ -1,6 +1,6 @@
-"""Noise profiles: the errors of the IMU, the depth gauge and the cameras (docs/noise.md).
+"""Noise profiles: the errors of the sensors and the cameras (docs/noise.md).
 
-A profile is a YAML file with the blocks ``imu``, ``depth_gauge`` and ``camera``; a block that is absent adds nothing.
+A profile is a YAML file with a block for each sensor that errs; a block that is absent adds nothing.
 """
 
 from importlib import resources
@@ -10,13 +10,15 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from varos_warp.errors import InputError
-from varos_warp.scene.description.block import Block, NonNegative, Positive
+from varos_warp.scene.description.block import Block, NonNegative, Positive, Vec3, unwritten_if_absent
 from varos_warp.scene.description.optics import Vignetting
-from varos_warp.scene.description.vehicle import ImuNoise
+from varos_warp.scene.description.vehicle import ImuNoise, NoiseDensity
 from varos_warp.scene.load import load_block
 
 FOLDER = resources.files("varos_warp") / "data" / "noise"
 """Profiles that come with the package."""
+SENSOR_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "mag0": "magnetometer", "dvl0": "dvl"}
+"""Block of a profile by the sensor's name in a dataset; of the vehicle, too."""
 
 
 class DepthGaugeNoise(Block):
@@ -32,6 +34,30 @@ class DepthGaugeNoise(Block):
     """Standard deviation of the part drawn once per sequence [m]"""
     resolution: NonNegative = 0.0
     """Step of the readings [m]; 0: none"""
+
+
+class MagnetometerNoise(Block):
+    """Errors of each axis of the magnetometer: white noise, and a bias as of the IMU."""
+
+    noise_density: NoiseDensity = 0.0
+    """White noise [T/sqrt(Hz)]"""
+    random_walk: NoiseDensity = 0.0
+    """Of the bias [T/s/sqrt(Hz)]"""
+    bias: Vec3 = (0.0, 0.0, 0.0)
+    """Constant part, sensor axes: hard iron [T]"""
+    turn_on_bias: NoiseDensity = 0.0
+    """Standard deviation of the part drawn once per sequence [T]"""
+
+
+class DvlNoise(Block):
+    """Errors of each beam of the DVL; its velocity and altitude are those of the beams that err."""
+
+    velocity_std: NoiseDensity = 0.0
+    """White noise of a reading, standard deviation [m/s]"""
+    scale: Annotated[float, Field(gt=-1.0, le=1.0)] = 0.0
+    """Share by which velocities are too large, as with a wrong speed of sound"""
+    range_std: NoiseDensity = 0.0
+    """White noise of a range, standard deviation [m]"""
 
 
 class CameraNoise(Block):
@@ -75,7 +101,11 @@ class NoiseProfile(Block):
     name: str = "unnamed"
     imu: ImuNoise | None = None
     depth_gauge: DepthGaugeNoise | None = None
+    magnetometer: MagnetometerNoise | None = None
+    dvl: DvlNoise | None = None
     camera: CameraNoise | None = None
+
+    _written = unwritten_if_absent("magnetometer", "dvl")
 
 
 def named_profiles() -> list[str]:
@@ -103,7 +133,7 @@ def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
     """
     merged: dict = {"name": "+".join(profile.name for profile in profiles)}
     for profile in profiles:
-        for sensor in ("imu", "depth_gauge", "camera"):
+        for sensor in (*SENSOR_BLOCKS.values(), "camera"):
             block = getattr(profile, sensor)
             if block is not None and sensor in merged:
                 raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,

@@ -3,11 +3,12 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
     CameraId,
+    Coordinate,
     EulerAngles,
     NonNegative,
     Position,
@@ -219,6 +220,36 @@ class Imu(Mounted):
     noise: ImuNoise | None = None
 
 
+FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]
+"""[T]"""
+
+
+class Magnetometer(Mounted):
+    """A magnetometer in a field that is the same everywhere."""
+
+    field_T: tuple[FieldStrength, FieldStrength, FieldStrength] = (0.0, 1.36e-5, -5.03e-5)  # noqa: N815
+    """In world axes [T]; absent: about that of the Trondheim fjord, if world y points to magnetic north."""
+
+
+def _check_reach(value):
+    if not 0.0 <= value[0] < value[1]:
+        raise ValueError("a range is [least, most] with 0 <= least < most")
+    return value
+
+
+class Dvl(Mounted):
+    """A Doppler velocity log with four beams in Janus configuration, downwards in its own axes.
+
+    Beams point 45, 135, 225 and 315 degrees about the sensor's z, counted from its x towards its y.
+    """
+
+    rate_hz: Positive = 5.0
+    beam_angle_deg: Annotated[float, Field(ge=1.0, le=80.0)] = 30.0
+    """Between each beam and the sensor's downward axis, -z."""
+    range_m: Annotated[tuple[Coordinate, Coordinate], AfterValidator(_check_reach)] = (0.05, 50.0)
+    """Along a beam, where the bottom is locked [m]."""
+
+
 class Controller(Block):
     """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
 
@@ -269,6 +300,10 @@ class Vehicle(Block):
     cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
     imu: Imu | None = Imu()
     depth_gauge: Mounted | None = Mounted()
+    magnetometer: Magnetometer | None = None
+    dvl: Dvl | None = None
+
+    _written = unwritten_if_absent("magnetometer", "dvl")
 
     @field_validator("cameras")
     @classmethod

@@ -56,14 +56,33 @@ class Surface:
             distance[chosen] = np.linalg.norm(on_face - points[chosen], axis=1)
         return distance, face
 
-    def first_hits(self, points: np.ndarray, direction) -> tuple[np.ndarray, np.ndarray]:
-        """First face [N] that rays from points [N, 3] meet (-1: none), and 1 or -1 [N]: its front or its back."""
+    def first_hits(self, points: np.ndarray, directions) -> tuple[np.ndarray, np.ndarray]:
+        """First face [N] that rays from points [N, 3] meet (-1: none), and 1 or -1 [N]: its front or its back.
+
+        ``directions`` are [N, 3], or [3] of parallel rays.
+        """
+        directions = np.broadcast_to(np.asarray(directions, np.float32), points.shape)
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         side = wp.zeros(len(points), dtype=wp.float32, device=self.device)
         launch(project.find_first_hits, len(points), [
-            self.mesh.id, upload(self.local(points), wp.vec3, self.device), wp.vec3(*direction)], [face, side],
-            self.device)
+            self.mesh.id, upload(self.local(points), wp.vec3, self.device),
+            upload(directions, wp.vec3, self.device)], [face, side], self.device)
         return face.numpy(), side.numpy()
+
+    def distances(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Distance float64 [N] along rays to the first face, in lengths of their directions [N, 3]; infinite: none.
+
+        The BVH finds the face in float32; the distance to its plane is computed in float64.
+        """
+        face, _ = self.first_hits(points, directions)
+        t, hit = np.full(len(points), np.inf), np.flatnonzero(face >= 0)
+        for part in chunks(len(hit)):
+            chosen = hit[part]
+            a, b, c = np.moveaxis(self.vertices[self.faces[face[chosen]]], 1, 0)
+            n = np.cross(b - a, c - a)
+            with np.errstate(divide="ignore", invalid="ignore"):  # a face edge on
+                t[chosen] = ((a - points[chosen]) * n).sum(axis=1) / (directions[chosen] * n).sum(axis=1)
+        return np.where(np.isnan(t), np.inf, t)
 
     def signed_distance(self, points: np.ndarray, threshold: float, known: np.ndarray) -> np.ndarray:
         """Distance float32 [N] [m] from local float32 points [N, 3], negative where the winding number is above.

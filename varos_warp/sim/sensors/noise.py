@@ -1,4 +1,4 @@
-"""Seeded noise of the IMU (Kalibr's units) and the depth gauge: white noise, and a bias that walks at random.
+"""Seeded noise of the sensors: white noise, and a bias that walks at random (of the IMU in Kalibr's units).
 
 The scene's own ``vehicle.imu.noise`` and the noise that is added to a finished dataset are made here, alike.
 """
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.description.noise_profile import DepthGaugeNoise
+from varos_warp.scene.description.noise_profile import DepthGaugeNoise, DvlNoise, MagnetometerNoise
+from varos_warp.sim.sensors.dvl import Dvl, bottom_track
 
-_IMU, _DEPTH_GAUGE = 0x696D75, 0x646570
+_IMU, _DEPTH_GAUGE, _MAGNETOMETER, _DVL = 0x696D75, 0x646570, 0x6D6167, 0x64766C
 """They part the random numbers of the sensors."""
 
 
@@ -60,3 +61,18 @@ def depth_gauge_noise(model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float,
     if model.resolution > 0.0:
         reading = np.rint(reading / model.resolution) * model.resolution
     return reading, made.bias[:, 0]
+
+
+def magnetometer_noise(model: MagnetometerNoise, count: int, rate_hz: float, seed: int) -> Noise:
+    """Noise of the magnetometer [T]."""
+    rng = np.random.default_rng([seed, _MAGNETOMETER])
+    return noise(count, rate_hz, model.noise_density, model.random_walk, rng, model.bias, model.turn_on_bias)
+
+
+def dvl_noise(model: DvlNoise, truth: Dvl, beams: np.ndarray, seed: int) -> Dvl:
+    """Readings of the DVL, of true ones, for beams [4, 3] in its axes: each beam errs, and lock is as it was."""
+    rng = np.random.default_rng([seed, _DVL])
+    velocity = (1.0 + model.scale) * truth.beam_velocity
+    velocity = velocity + model.velocity_std * rng.standard_normal(velocity.shape)
+    distance = truth.range + model.range_std * rng.standard_normal(truth.range.shape)
+    return bottom_track(truth.time_ns, beams, distance, velocity)

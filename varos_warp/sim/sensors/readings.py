@@ -1,4 +1,4 @@
-"""What the vehicle's IMU and depth gauge read along a trajectory (paper 3.2.2 and 3.2.3)."""
+"""What the vehicle's sensors read along a trajectory (IMU and depth gauge: paper 3.2.2 and 3.2.3)."""
 
 from dataclasses import dataclass
 
@@ -8,6 +8,7 @@ from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.clock import frames_until, times_ns
 from varos_warp.sim.motion import Trajectory
+from varos_warp.sim.sensors.dvl import Dvl, beam_directions, bottom_track
 from varos_warp.sim.sensors.noise import imu_noise
 
 
@@ -35,6 +36,14 @@ class DepthGauge:
 
     time_ns: np.ndarray
     depth: np.ndarray
+
+
+@dataclass(frozen=True)
+class Magnetometer:
+    """Readings of the magnetometer: ``time_ns`` int64 [M], ``field`` [M, 3] [T] in its own axes."""
+
+    time_ns: np.ndarray
+    field: np.ndarray
 
 
 def sampled(trajectory: Trajectory, rate_hz: float) -> Trajectory:
@@ -71,3 +80,36 @@ def measure_depth(trajectory: Trajectory, gauge: description.Mounted, surface_de
     there = sampled(trajectory, gauge.rate_hz)
     lever = there.rotation().apply(np.asarray(gauge.position, float))
     return DepthGauge(there.time_ns, surface_depth_m - (there.position[:, 2] + lever[:, 2]))
+
+
+def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer) -> Magnetometer:
+    """The world's field in the sensor's axes, R_sv R_vw B; it is the same everywhere, so the lever arm has no part."""
+    there = sampled(trajectory, magnetometer.rate_hz)
+    field = there.rotation().inv().apply(magnetometer.field_T) @ frames.attitude(magnetometer)
+    return Magnetometer(there.time_ns, field)
+
+
+def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dvl:
+    """Beams d of the sensor meet the still world: range along d, velocity - d . R_sv (R_vw v + w x l).
+
+    Args:
+        trajectory: Of the vehicle.
+        dvl: Where the sensor sits (l, the lever arm in vehicle axes), how it is turned (R_vs), its rate and beams.
+        parts: Everything solid, from ``build_parts``.
+    """
+    from varos_warp.scene.geometry.ranging import ranges  # Warp is loaded only where there is a DVL
+
+    there, beams = sampled(trajectory, dvl.rate_hz), beam_directions(dvl)
+    velocity = velocity_of_sensor(there, dvl.position, frames.attitude(dvl))
+    T_w_s = there.poses() @ frames.pose_matrix(dvl)
+    directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
+    least, most = dvl.range_m
+    distance = ranges(parts, np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), directions, most)
+    distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan).reshape(-1, len(beams))
+    return bottom_track(there.time_ns, beams, distance, -velocity @ beams.T)
+
+
+def velocity_of_sensor(there: Trajectory, lever, R_v_s: np.ndarray) -> np.ndarray:
+    """R_sv (R_vw v + w x l) [M, 3] [m/s]: the sensor's velocity in its own axes."""
+    velocity = there.rotation().inv().apply(there.velocity)
+    return (velocity + np.cross(there.angular_velocity, np.asarray(lever, float))) @ R_v_s

@@ -1,0 +1,22 @@
+"""The geometry of a dataset's scene, made anew."""
+
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.write import texts as writers
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+from varos_warp.scene.load import scene_from_dict
+
+
+def rebuilt(data: Dataset) -> tuple[Scene, list]:
+    """The scene of a dataset, and everything solid in it, as ``build_parts`` makes it.
+
+    Raises:
+        InputError: If a file that it names is not at hand, or not as it was when the dataset was made.
+    """
+    from varos_warp.scene.geometry.build import build_parts
+
+    scene = scene_from_dict(data.meta["scene"])
+    changed = [name for name, digest in writers.sources(scene).items() if digest != data.meta["sources"].get(name)]
+    if changed:
+        raise InputError(f"{changed[0]} is not at hand, or not as it was")
+    return scene, build_parts(scene)
