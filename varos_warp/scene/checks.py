@@ -45,6 +45,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
     """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
+    pattern = scene.trajectory.pattern
     return {
         "name": scene.name,
         "water": water_info(scene),
@@ -52,7 +53,8 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene)},
-        "trajectory": {"kind": f"{_stop(scene)}s", "count": len(scene.trajectory.stops)},
+        "trajectory": {"kind": f"{_stop(scene)}s", "count": len(scene.trajectory.stops),
+                       **({"pattern": pattern.kind} if pattern else {})},
     }
 
 

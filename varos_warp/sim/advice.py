@@ -18,18 +18,22 @@ from varos_warp.sim.vehicle.current import Current
 SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""
 
+LITTLE_LESS = 0.98
+"""Share of the speed asked for that is not worth a word."""
+
 MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
 """Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
 
 
 def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> Iterator[str]:
     """What can be foreseen: legs beyond the vehicle's powers, half turns, slow thrusters, a current that pushes it."""
-    found: dict[str, list[int]] = {}
+    found: dict[str, dict[int, None]] = {}  # the waypoints by what there is to say, in order and once
     for i, leg in enumerate(course.legs):
         for text in _on_leg(leg, body):
-            found.setdefault(text, []).append(course.target + i)
+            found.setdefault(text, {})[course.leads_to(i)] = None
     for text, targets in found.items():
-        yield f"waypoint {targets[0]}{f' and {len(targets) - 1} more' if len(targets) > 1 else ''}: {text}"
+        yield f"waypoint {next(iter(targets))}{f' and {len(targets) - 1} more' if len(targets) > 1 else ''}: {text}"
+    yield from _on_speed(course)
     controller = scene.vehicle.controller
     fastest = max(controller.translation_q[0], controller.rotation_q[0]) / controller.r
     if is_slow(body.actuator_frequency, fastest**0.5):
@@ -51,6 +55,15 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
         yield (f"a steady force keeps the vehicle {offset:.3f} m off its waypoints, more than the {radius:g} m at "
                "which it goes on; waypoints will time out (set vehicle.controller.integral, e.g. 0.05, or raise "
                "trajectory.handover_radius_m)")
+
+
+def _on_speed(course: Course) -> Iterator[str]:
+    """Where a constant speed was asked for that no leg has: it is lost in turns and on the way from stop to stop."""
+    leg = max(course.legs, key=lambda leg: leg.peak_speed / leg.speed)
+    if leg.blends is not None and leg.peak_speed < LITTLE_LESS * leg.speed:
+        yield (f"trajectory.speed: asked for {leg.speed:.3g} m/s, but turns are too narrow or stops too near to each "
+               f"other for more than {leg.peak_speed:.3g} m/s (raise trajectory.max_acceleration and "
+               "max_angular_speed_deg, or lower the speed)")
 
 
 def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:

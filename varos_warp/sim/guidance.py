@@ -12,7 +12,7 @@ before it loses it, so their sum is constant, and a corner is rounded by the cha
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise, takewhile
 from math import degrees, inf, pi, sqrt
 from typing import NamedTuple
 
@@ -137,8 +137,8 @@ class Course:
     legs: list[Leg]
     gates: list[Gate]
     timeout: float
-    target: int = 1
-    """The scene's index of the waypoint that the first leg leads to."""
+    targets: list[int] | None = None
+    """The scene's index of the waypoint that each leg leads to; None: 1, 2, 3 ..."""
 
     @property
     def duration(self) -> float:
@@ -148,26 +148,31 @@ class Course:
     @property
     def longest(self) -> int:
         """The scene's index of the waypoint that takes longest to get to, with the rest there."""
-        return self.target + int(np.argmax([leg.duration - min(gate.overlap, 0.0)
-                                            for leg, gate in zip(self.legs, self.gates, strict=True)]))
+        return self.leads_to(int(np.argmax([leg.duration - min(gate.overlap, 0.0)
+                                            for leg, gate in zip(self.legs, self.gates, strict=True)])))
+
+    def leads_to(self, leg: int) -> int:
+        """The scene's index of the waypoint that a leg leads to."""
+        return leg + 1 if self.targets is None else self.targets[leg]
 
 
 def plan(trajectory: description.Trajectory) -> Course:
     """Legs and gates of a scene's waypoints."""
-    stops = trajectory.stops
-    is_single = len(stops) == 1
-    waypoints = stops * 2 if is_single else stops
-    positions = np.array([w.position for w in waypoints], float)
-    turned = attitudes(waypoints)
+    waypoints, targets = trajectory.stops, None
+    if len(waypoints) == 1:
+        waypoints, targets = waypoints * 2, [0]
+    positions, turned = np.array([w.position for w in waypoints], float), attitudes(waypoints)
+    keeps_speed = trajectory.keeps_speed and targets is None
+    if keeps_speed:
+        waypoints, positions, turned, targets = _graded(waypoints, positions, turned)
     steps, turns = np.diff(positions, axis=0), [turn(a, b) for a, b in pairwise(turned)]
-    if trajectory.keeps_speed and not is_single:
-        legs = _even_legs(trajectory, waypoints, steps, np.array(turns))
-        strict = [w.strict for w in waypoints]
+    if keeps_speed:
+        legs, strict = _even_legs(trajectory, waypoints, steps, np.array(turns)), [w.strict for w in waypoints]
     else:
         legs = [_leg(trajectory, *leg) for leg in zip(waypoints[1:], steps, turns, strict=True)]
         strict = _strict(waypoints, legs)
     gates = [_gate(trajectory, waypoints[i + 1], strict[i + 1], legs[i:i + 2]) for i in range(len(legs))]
-    return Course(positions, turned, legs, gates, trajectory.handover_timeout_s, 0 if is_single else 1)
+    return Course(positions, turned, legs, gates, trajectory.handover_timeout_s, targets)
 
 
 def _leg(trajectory, target, step, turned) -> Leg:
@@ -206,14 +211,48 @@ def _gate(trajectory, waypoint, strict: bool, legs) -> Gate:
 # ----------------------------------------------------------------------------------------------------- constant speed
 
 
+def _is_stop(waypoint) -> bool:
+    return waypoint.strict or waypoint.dwell_s is not None
+
+
+def _graded(waypoints, positions: np.ndarray, turned: list[Rotation]):
+    """Waypoints with others between them, by which long legs get shorter towards short ones, as a mesh is graded.
+
+    So the vehicle can slow down for a narrow turn where it begins, and not all the way to it.
+
+    Returns:
+        Waypoints, their positions [n, 3] and attitudes, and for each leg the index of the given waypoint ahead.
+    """
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    beside = np.pad(np.maximum(lengths, CLOSE_M), 1, constant_values=np.inf)
+    places, dense, attitude, targets = [positions[:1]], [waypoints[0]], [turned[0]], []
+    for i, length in enumerate(lengths):
+        start, end = (np.inf if _is_stop(w) else size for w, size in zip(waypoints[i:i + 2], beside[i:i + 3:2],
+                                                                         strict=True))
+        shares = np.array([*_cuts(length, start), *(1.0 - x for x in reversed(_cuts(length, end)))])[:, None]
+        places += [positions[i] + shares * (positions[i + 1] - positions[i]), positions[i + 1:i + 2]]
+        attitude += [turned[i] * Rotation.from_rotvec(x * turn(*turned[i:i + 2])) for x in shares] + [turned[i + 1]]
+        passed = waypoints[i + 1].model_copy(update={"strict": False, "dwell_s": None})
+        dense += [passed] * len(shares) + [waypoints[i + 1]]
+        targets += [i + 1] * (len(shares) + 1)
+    return dense, np.concatenate(places), attitude, targets
+
+
+def _cuts(length: float, neighbour: float) -> list[float]:
+    """Shares of a leg at which it is cut: pieces as long as the neighbour, twice, four times ... in its first third."""
+    ends = (neighbour * (2.0**k - 1.0) / length for k in count(1)) if length else iter([1.0])
+    return list(takewhile(lambda share: share <= 1.0 / 3.0, ends))
+
+
+@np.errstate(over="ignore", divide="ignore")  # what takes for ever is refused because it does
 def _even_legs(trajectory, waypoints, steps: np.ndarray, turns: np.ndarray) -> list[Leg]:
     """Legs of constant speed, which pass it on to each other; from rest to rest between waypoints to stop at."""
     last = len(steps)
-    stops = [0, *(i for i in range(1, last) if waypoints[i].strict or waypoints[i].dwell_s is not None), last]
+    stops = [0, *(i for i in range(1, last) if _is_stop(waypoints[i])), last]
     speeds = np.array([w.speed or trajectory.speed for w in waypoints[1:]])
     times = np.maximum.reduce([np.linalg.norm(steps, axis=1) / speeds, np.full(last, 2.0 * TICK_S), np.linalg.norm(
         turns, axis=1) / np.radians(trajectory.max_angular_speed_deg)])
-    legs = []
+    legs, times = [], np.minimum(times, 10.0 * LONGEST_S)
     for first, end in pairwise(stops):
         few = slice(first, end)
         even, blends = _blended(steps[few], times[few], trajectory.max_acceleration)
@@ -227,18 +266,19 @@ def _blended(steps: np.ndarray, times: np.ndarray, max_acceleration: float) -> t
     """Times of legs [n] and of the changes of velocity before, between and after them [n + 1], whole ticks [s].
 
     A change lasts as long as the acceleration asks for, and must be over in the times of the legs at both sides of it.
-    Where it would not be, the shorter one is driven more slowly: so the vehicle gathers speed over many short legs.
+    Where it would not be, the faster one is driven more slowly: so the vehicle gathers speed over many short legs.
     """
     while True:
         velocity = np.pad(steps / times[:, None], ((1, 1), (0, 0)))
-        needed = PEAK_OF_RAMP / max_acceleration * np.linalg.norm(np.diff(velocity, axis=0), axis=1)
+        needed = PEAK_OF_RAMP * np.linalg.norm(np.diff(velocity, axis=0), axis=1) / max_acceleration
         beside = np.pad(times, 1, constant_values=np.inf)
         room = np.minimum(beside[:-1], beside[1:])
         tight = np.flatnonzero(needed > room)
         if not len(tight) or times.sum() > LONGEST_S:
             break
+        speed = np.linalg.norm(velocity, axis=1)
         times = times.copy()
-        times[np.unique(np.where(beside[tight] <= beside[tight + 1], tight - 1, tight))] *= SLOWER
+        times[np.unique(np.where(speed[tight] > speed[tight + 1], tight - 1, tight))] *= SLOWER
     ends = np.rint(np.cumsum(times) / TICK_S)
     times = np.diff(ends, prepend=0.0) * TICK_S
     beside = np.pad(times, 1, constant_values=np.inf)
@@ -330,7 +370,7 @@ class Guidance:
     @property
     def target(self) -> int:
         """Index of the waypoint that the reference heads for."""
-        return self._course.target + self.leg
+        return self._course.leads_to(self.leg)
 
     def reference(self, tick: int, position: Vector, attitude: Quaternion) -> Reference:
         """The reference at this tick, for a vehicle at this pose. Ask every tick once, in order."""

@@ -83,6 +83,13 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
                        simulation.waypoint[keep])
 
 
+def course_facts(simulation: Simulation) -> dict[str, float]:
+    """Length [m] of the vehicle's way from the first frame to the last, and the time between them [s]."""
+    last_ns = simulation.frames.time_ns[-1]
+    way = simulation.trajectory.position[simulation.trajectory.time_ns <= last_ns]
+    return {"length_m": float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()), "duration_s": 1e-9 * float(last_ns)}
+
+
 # --------------------------------------------------------------------------------------------------------- simulation
 
 
