@@ -1,6 +1,8 @@
 """The four patterns of docs/trajectories.md from above, as they are driven, coloured by speed.
 
     python -m benchmarks.course_sheet [-o docs/images/trajectories.png]
+
+An arrow shows where the vehicle looks, a dot where it begins.
 """
 
 import argparse
