@@ -11,7 +11,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import STEP_DEG
 from varos_warp.scene.frames import attitudes
 from varos_warp.scene.load import scene_from_dict, scene_to_dict
-from varos_warp.sim.guidance import TICK_S, plan
+from varos_warp.sim.guidance import TICK_S, Guidance, plan
 from varos_warp.sim.trajectory import course_facts, simulate
 
 LAWN_MOWER = {"kind": "lawn_mower", "centre": (3.0, -2.0, 1.5), "length_m": 8.0, "width_m": 5.0, "spacing_m": 2.0}
@@ -176,6 +176,26 @@ def test_a_leg_of_constant_speed_ends_at_its_waypoint_and_its_rates_are_derivati
     jerk = 6.0 / min(leg.blends)**2 / leg.ideal_time
     np.testing.assert_allclose(rate[1:-1], (w[2:] - w[:-2]) / (2 * h), atol=jerk * h**2)
     np.testing.assert_allclose(acceleration[1:-1], (rate[2:] - rate[:-2]) / (2 * h), atol=jerk * h)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_reference_keeps_to_max_acceleration_and_ends_at_the_last_waypoint(seed):
+    """Past corners and reversals, long legs and short ones; ticks shorten a change of velocity by two at most."""
+    random = np.random.default_rng(seed)
+    steps = random.normal(size=(7, 3)) * 10.0 ** random.uniform(-1.0, 1.0, (7, 1))
+    steps[3] = -steps[2]
+    places = np.cumsum(steps, axis=0)
+    course = plan(scene(waypoints=[{"position": tuple(p)} for p in places], constant_speed=True).trajectory)
+    guide, last, rows = Guidance(course), tuple(places[0]), []
+    while not guide.finished:
+        reference = guide.reference(len(rows), last, (1.0, 0.0, 0.0, 0.0))
+        last = reference.position
+        rows.append(reference.acceleration)
+    shortest = min(min(leg.blends) for leg in course.legs)
+    assert np.linalg.norm(rows, axis=1).max() <= 0.25 * (1.0 + 3.0 * TICK_S / shortest)
+    np.testing.assert_allclose(last, places[-1], atol=1e-12)
+    # no gate holds up a vehicle that is where it should be, though it is still far from a corner that it will round
+    assert len(rows) * TICK_S == pytest.approx(course.duration, abs=2.0 * TICK_S)
 
 
 def test_at_constant_speed_the_vehicle_still_stops_where_it_is_told_to():
