@@ -81,6 +81,11 @@ def simulate(scene, parts=None, *, progress=None):
         dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))
 
 
+def course_facts(simulation):
+    """Of any course the same."""
+    return {"length_m": 12.0, "duration_s": 34.0}
+
+
 def path_samples(simulation):
     """Where the vehicle is every 25 ms, and was meant to be."""
     trajectory = simulation.trajectory
@@ -159,7 +164,8 @@ def plan_render(scene, renderer, poses, *, measure_cost=False, meshes=None):
 
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
-    for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples},
+    for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples,
+                                           "course_facts": course_facts},
                           "render.planner.plan": {"plan_render": plan_render},
                           "render.renderer": {"FrameRenderer": FlatFloorRenderer}}.items():
         module = ModuleType(name)

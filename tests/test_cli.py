@@ -188,11 +188,13 @@ def test_noise_makes_a_valid_dataset_of_another(scene_file, tmp_path):
 
 def test_info_shows_water_and_cameras_with_their_units(scene_file):
     text = call("info", scene_file).output
+    assert "12.0 m in 34.0 s" in text
     assert "absorption a [1/m]" in text
     assert "mean free path [m]" in text
     assert "36.957" in text  # focal length in pixels
     facts = json.loads(call("info", scene_file, "--json").stdout)
     assert facts["water"]["c"] == pytest.approx([0.11, 0.06, 0.04])
+    assert facts["trajectory"]["length_m"] == 12.0
     assert "warnings" in facts
 
 

@@ -22,6 +22,7 @@ SMALL = {
     "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
     "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
                     "scatter.0.count=5"],
+    **{pattern: ["terrain.resolution=33"] for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back")},
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3"],
 }
 """What makes each scene cheap, by file or folder; no block goes."""

@@ -19,13 +19,14 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
-    from varos_warp.sim.trajectory import path_samples
+    from varos_warp.sim.trajectory import course_facts, path_samples
 
     loaded = load_scene(scene, set_ or ())
     parts = build_parts(loaded)
     simulation = simulated(loaded, quiet, parts)
     facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulation))
     found += simulation.messages
+    facts["trajectory"] |= course_facts(simulation)
     if json_:
         print_json({**facts, "warnings": found})
         return

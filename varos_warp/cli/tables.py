@@ -58,9 +58,11 @@ def _percent(error) -> list[str]:
 
 
 def print_info(facts: dict) -> None:
-    """The facts of `scene_info` as tables."""
+    """The facts of `scene_info` as tables, with those of `course_facts` in ``trajectory``."""
     water, trajectory = facts["water"], facts["trajectory"]
-    print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}, vehicle of {facts['vehicle']['mass_kg']:g} kg")
+    pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
+    print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
+          f"{trajectory['duration_s']:.1f} s, vehicle of {facts['vehicle']['mass_kg']:g} kg")
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
     print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],

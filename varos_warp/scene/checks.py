@@ -32,7 +32,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             [N] [ns], position [N, 3] [m], the reference that it was asked to follow [N, 3] [m], and the waypoint that
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
-    places = scene.trajectory.waypoints or scene.trajectory.poses
+    places = scene.trajectory.stops
     poses = [transform(turned.as_matrix(), stop.position)
              for stop, turned in zip(places, attitudes(places), strict=True)]
     solids = _gather(scene, parts, poses, path)
@@ -45,7 +45,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
     """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
-    waypoints = scene.trajectory.waypoints
+    pattern = scene.trajectory.pattern
     return {
         "name": scene.name,
         "water": water_info(scene),
@@ -53,8 +53,8 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene)},
-        "trajectory": {"kind": "poses" if waypoints is None else "waypoints",
-                       "count": len(scene.trajectory.poses if waypoints is None else waypoints)},
+        "trajectory": {"kind": f"{_stop(scene)}s", "count": len(scene.trajectory.stops),
+                       **({"pattern": pattern.kind} if pattern else {})},
     }
 
 
@@ -300,7 +300,7 @@ def _within(part):
 
 
 def _stop(scene):
-    return "pose" if scene.trajectory.waypoints is None else "waypoint"
+    return "waypoint" if scene.trajectory.poses is None else "pose"
 
 
 def _numbers(indices):

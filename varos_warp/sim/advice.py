@@ -9,7 +9,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Pose
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
-from varos_warp.sim.guidance import Course, Guidance, Leg, turn, weight
+from varos_warp.sim.guidance import Course, Guidance, Leg, turn
 from varos_warp.sim.poses import REST_S
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
@@ -18,14 +18,22 @@ from varos_warp.sim.vehicle.current import Current
 SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""
 
+LITTLE_LESS = 0.98
+"""Share of the speed asked for that is not worth a word."""
+
 MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
 """Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
 
 
 def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current: Current) -> Iterator[str]:
     """What can be foreseen: legs beyond the vehicle's powers, half turns, slow thrusters, a current that pushes it."""
+    found: dict[str, dict[int, None]] = {}  # the waypoints by what there is to say, in order and once
     for i, leg in enumerate(course.legs):
-        yield from (f"waypoint {course.target + i}: {text}" for text in _on_leg(leg, body))
+        for text in _on_leg(leg, body):
+            found.setdefault(text, {})[course.leads_to(i)] = None
+    for text, targets in found.items():
+        yield f"waypoint {next(iter(targets))}{f' and {len(targets) - 1} more' if len(targets) > 1 else ''}: {text}"
+    yield from _on_speed(course)
     controller = scene.vehicle.controller
     fastest = max(controller.translation_q[0], controller.rotation_q[0]) / controller.r
     if is_slow(body.actuator_frequency, fastest**0.5):
@@ -49,17 +57,28 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
                "trajectory.handover_radius_m)")
 
 
+def _on_speed(course: Course) -> Iterator[str]:
+    """Where a constant speed was asked for that no leg has: it is lost in turns and on the way from stop to stop."""
+    leg = max(course.legs, key=lambda leg: leg.peak_speed / leg.speed)
+    if leg.blends is not None and leg.peak_speed < LITTLE_LESS * leg.speed:
+        yield (f"trajectory.speed: asked for {leg.speed:.3g} m/s, but turns are too narrow or stops too near to each "
+               f"other for more than {leg.peak_speed:.3g} m/s (raise trajectory.max_acceleration and "
+               "max_angular_speed_deg, or lower the speed)")
+
+
 def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
     """Speed, thrust and moment that a leg on its own takes, where they exceed the limits; a turn with two ways."""
     if leg.peak_speed > body.max_speed:
         yield (f"asked for {leg.peak_speed:.2f} m/s, but the vehicle cannot go faster than {body.max_speed:.2f} m/s; "
                "it will lag behind and the hand-over will wait (lower the speed or raise vehicle.max_force)")
-    _, rate, acceleration = weight(SHARES)
+    _, rate, acceleration = leg.weight(SHARES * leg.duration)
+    if leg.blends is not None:  # the next leg goes on with the speed; max_acceleration bounds what is left
+        acceleration = np.zeros_like(acceleration)
     for change, inertia, drag, limit, name in (
             (leg.step, body.virtual_mass, body.drag_force, body.max_force, "vehicle.max_force"),
             (leg.turn, body.inertia, body.drag_torque, body.max_torque, "vehicle.max_torque")):
         size = np.linalg.norm(change)
-        need = np.abs(inertia * size / leg.duration**2 * acceleration + drag(size / leg.duration * rate)).max()
+        need = np.abs(inertia * size * acceleration + drag(size * rate)).max()
         if need > limit:
             yield (f"the leg to it takes {need:.3g}, more than {name} = {limit:.3g}; expect overshoot "
                    "(lower the speed, max_acceleration or max_angular_speed_deg)")
@@ -106,11 +125,11 @@ def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: flo
 
 def on_run(scene: Scene, guidance: Guidance, end: int | None, seconds: float, saturated: int) -> Iterator[str]:
     """What happened: the sequence was too short or longer than the course, thrusters were at their limit."""
-    several, asked = len(scene.trajectory.waypoints) > 1, scene.trajectory.duration_s
-    if end is None and several:
+    last, asked = len(scene.trajectory.stops) - 1, scene.trajectory.duration_s
+    if end is None and last:
         yield (f"the sequence ends after trajectory.duration_s = {asked:g} s on the way "
-               f"to waypoint {guidance.target} of {len(scene.trajectory.waypoints) - 1}")
-    if end is not None and several and asked and seconds > end * TICK_S:
+               f"to waypoint {guidance.target} of {last}")
+    if end is not None and last and asked and seconds > end * TICK_S:
         yield f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until {asked:g} s"
     if saturated:
         yield f"the thrusters were at their limit for {saturated * TICK_S:.2f} s"

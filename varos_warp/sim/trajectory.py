@@ -96,6 +96,13 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
                        simulation.waypoint[keep])
 
 
+def course_facts(simulation: Simulation) -> dict[str, float]:
+    """Length [m] of the vehicle's way from the first frame to the last, and the time between them [s]."""
+    last_ns = simulation.frames.time_ns[-1]
+    way = simulation.trajectory.position[simulation.trajectory.time_ns <= last_ns]
+    return {"length_m": float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()), "duration_s": 1e-9 * float(last_ns)}
+
+
 # --------------------------------------------------------------------------------------------------------- simulation
 
 
@@ -117,7 +124,7 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
         if block := getattr(scene.vehicle, sensor):
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
-    run = _follow_poses(scene) if scene.trajectory.waypoints is None else _follow_waypoints(scene, tell)
+    run = _follow_waypoints(scene, tell) if scene.trajectory.poses is None else _follow_poses(scene)
     vehicle, read = scene.vehicle, run.trajectory.time_ns[:_rows_read(scene, len(run.frames))]
     trajectory = run.trajectory.at(read)  # no more for F, or noise would be drawn otherwise
     tell(1.0)
@@ -180,7 +187,7 @@ def _follow_poses(scene: Scene) -> Simulation:
 def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Simulation:
     course, duration, rate = plan(scene.trajectory), scene.trajectory.duration_s, scene.render.frame_rate_hz
     if not duration:
-        check_length(course.duration, f"trajectory.waypoints.{course.longest}", "the course takes")
+        check_length(course.duration, scene.trajectory.key(course.longest), "the course takes")
     body, current = sphere(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
     regulator = Regulator(body, scene.vehicle.controller)
     # relative to the first waypoint: far from the world's origin the same course is driven to the same digits
@@ -189,7 +196,7 @@ def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Simulation
     dynamics = Dynamics(body, current, actuator_frame=scene.vehicle.actuator_frame)
     frames = frame_count(duration, rate) if duration else None
 
-    log, end = _fly(guidance, regulator, dynamics,
+    log, end = _fly(guidance, regulator, dynamics, key=scene.trajectory.key,
                     rows=_rows(scene, frames) if frames else None,
                     rows_after=lambda tick: _rows(scene, frames_until(tick * TICK_S, rate)),
                     tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))))
@@ -202,12 +209,13 @@ def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Simulation
     return _simulation(scene, frames, columns, messages, reference, waypoint)
 
 
-def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: int | None,
+def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, key: Callable[[int], str], rows: int | None,
          rows_after: Callable[[int], int], tell: Callable[[int], None]) -> tuple[np.ndarray, int | None]:
     """The loop: guidance, control, thrusters, body. From rest at the first waypoint.
 
     Args:
         guidance, regulator, dynamics: Where to go, what to tell the thrusters, what that does.
+        key: Of the scene, for a waypoint that is not reached.
         rows: How many ticks to simulate; None to go on until the course ends.
         rows_after: Ticks to simulate in all when the course ends at this one.
         tell: Called with the tick.
@@ -232,7 +240,7 @@ def _fly(guidance: Guidance, regulator: Regulator, dynamics: Dynamics, *, rows: 
             _check_finite(state)
             if tick >= MAX_TICKS and rows is None:
                 raise InputError(f"the vehicle still waits to reach it after {LONGEST_S} s, the longest sequence",
-                                 key=f"trajectory.waypoints.{guidance.target}",
+                                 key=key(guidance.target),
                                  remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
                                         "vehicle the thrust to get there")
     _check_finite(state)

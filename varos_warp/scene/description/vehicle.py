@@ -21,6 +21,7 @@ from varos_warp.scene.description.block import (
     unwritten_if_absent,
 )
 from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting, WaterIndex, check_optics
+from varos_warp.scene.description.patterns import Pattern
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -347,18 +348,23 @@ class Pose(Block):
 
 
 class Trajectory(Block):
-    """One of: waypoints for the simulated vehicle to follow, or exact poses."""
+    """One of: waypoints for the simulated vehicle to follow, a pattern of them, or exact poses."""
 
     waypoints: list[Waypoint] | None = None
     poses: list[Pose] | None = None
     """Splines pass through them. After the last the vehicle brakes, and is at rest 2 s later; likewise before the first
     it comes from rest. The acceleration is continuous throughout."""
+    pattern: Pattern | None = None
+    """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral`` or ``there_and_back``."""
     speed: Positive = 0.5
     """Leg speed where a waypoint names none [m/s]."""
+    constant_speed: bool | None = None
+    """Keep the speed past waypoints, but for strict ones and those with ``dwell_s``; false: legs begin and end at rest
+    and overlap (paper 3.3.2). Absent: true for a pattern, false for waypoints."""
     max_angular_speed_deg: Positive = 30.0
     max_acceleration: Positive = 0.25
     overlap: Annotated[float, Field(ge=0.0, le=0.5)] = 0.4
-    """Share of a leg's time in which the next one already acts (hand-over, paper 3.3.2)."""
+    """Share of a leg's time in which the next one already acts (hand-over, paper 3.3.2); not at constant speed."""
     handover_radius_m: Positive = 0.5
     handover_timeout_s: Positive = 30.0
     dwell_s: NonNegative = 0.25
@@ -366,10 +372,32 @@ class Trajectory(Block):
     duration_s: Positive | None = None
     """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose."""
 
+    _written = unwritten_if_absent("pattern", "constant_speed")
+
     @model_validator(mode="after")
     def _one_form(self):
-        if (self.waypoints is None) == (self.poses is None):
-            raise ValueError("give exactly one of waypoints, poses")
-        if not (self.waypoints if self.poses is None else self.poses):
+        if sum(form is not None for form in (self.waypoints, self.poses, self.pattern)) != 1:
+            raise ValueError("give exactly one of waypoints, poses, pattern")
+        if self.pattern is None and not (self.waypoints if self.poses is None else self.poses):
             raise ValueError("at least one waypoint or pose is needed")
+        if self.poses is not None and self.constant_speed is not None:
+            raise ValueError("constant_speed is for waypoints; poses say when they are passed")
         return self
+
+    @property
+    def stops(self) -> list[Waypoint] | list[Pose]:
+        """The waypoints, given or of the pattern, or the poses."""
+        if self.pattern is not None:
+            return [Waypoint(**stop) for stop in self.pattern.waypoints()]
+        return self.poses or self.waypoints or []
+
+    @property
+    def keeps_speed(self) -> bool:
+        """Whether the speed stays the same past waypoints."""
+        return self.pattern is not None if self.constant_speed is None else self.constant_speed
+
+    def key(self, stop: int) -> str:
+        """Key of the scene file that says where a stop is."""
+        if self.pattern is not None:
+            return "trajectory.pattern"
+        return f"trajectory.{'waypoints' if self.poses is None else 'poses'}.{stop}"

@@ -75,7 +75,7 @@ class Instances(Shape):
 
 def standpoints(scene: Scene) -> np.ndarray:
     """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
-    poses = [*(scene.trajectory.waypoints or scene.trajectory.poses)]
+    poses = [*scene.trajectory.stops]
     poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
     return np.array([pose.position for pose in poses], float)
 
