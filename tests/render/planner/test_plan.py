@@ -250,8 +250,8 @@ def test_samples_are_planned_for_the_bounds_that_are_given(planned):
 
 
 def test_without_a_nothing_is_rendered_for_the_plan():
-    plan = plan_render(make_scene(outputs=["B", "C", "D"]), None, [POSE])
-    assert set(plan.models) == set("BCD")
+    plan = plan_render(make_scene(outputs=["B", "C", "D", "F"]), None, [POSE])
+    assert set(plan.models) == set("BCDF")
     assert plan.error is None
 
 
@@ -299,13 +299,15 @@ class Clockwork:
         self.now = 0.0
 
     def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
+        assert ("F" in outputs) == ("T_w_v_next" in how)
         pixels = camera.resolution[0] * camera.resolution[1]
         self.now += 1e-6 * (pixels * {"A": spp, "B": spp_b}.get(outputs, 1) + OVERHEAD)
         self.compile_seconds += 5.0
         self.now += 5.0
 
 
-@pytest.mark.parametrize(("outputs", "microseconds"), [(["A", "B", "C", "D"], 16 + 20 + 1), (["D"], 1), (["A"], 16)])
+@pytest.mark.parametrize(("outputs", "microseconds"), [
+    (["A", "B", "C", "D", "F"], 16 + 20 + 1), (["D"], 1), (["F"], 1), (["A"], 16)])
 def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
     clockwork = Clockwork()
     monkeypatch.setattr(cost.time, "perf_counter", lambda: clockwork.now)

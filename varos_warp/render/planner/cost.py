@@ -24,7 +24,7 @@ def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
     From the pose in the middle, with the samples of an average frame.
     """
     asked = scene.render.outputs
-    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDS"))
+    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
     free = [camera for camera in scene.vehicle.cameras if "A" in asked and twin(camera) == camera]  # P is A
     seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
                             if letters != "P" or camera not in free) for letters in groups if letters}
@@ -48,7 +48,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
 
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = of_scene(scene) | plan.options | few
+        how = of_scene(scene) | plan.options | few | ({"T_w_v_next": T_w_v} if "F" in letters else {})
         return timed(renderer, lambda: renderer.render(T_w_v, view, letters, **how))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))

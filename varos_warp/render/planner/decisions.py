@@ -105,7 +105,7 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
-             "S": "first hits of pixel centres"}
+             "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
     words["P"] = words["A"]
     return {letter: how for letter, how in words.items() if letter in render.outputs}
 
