@@ -40,6 +40,10 @@ class Trajectory:
         """Pose [4, 4] at row ``k``, vehicle to world."""
         return transform(Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix(), self.position[k])
 
+    def velocity_of(self, lever: np.ndarray) -> np.ndarray:
+        """Velocity [N, 3] [m/s], world axes, of a point of the vehicle at ``lever`` [3] in its axes."""
+        return self.velocity + self.rotation().apply(np.cross(self.angular_velocity, lever))
+
     def poses(self) -> np.ndarray:
         """Poses [N, 4, 4] of all rows, vehicle to world."""
         T = np.tile(np.eye(4), (len(self), 1, 1))
@@ -67,10 +71,10 @@ class Trajectory:
         if time_ns.size and not self.time_ns[0] <= time_ns.min() <= time_ns.max() <= self.time_ns[-1]:
             raise ValueError(f"the motion is known from {self.time_ns[0]} to {self.time_ns[-1]} ns")
         before = np.searchsorted(self.time_ns, time_ns, side="right") - 1
-        there = self._rows(before)
+        there = self.rows(before)
         off = np.flatnonzero(there.time_ns != time_ns)
         if off.size:
-            joined = _between(self._rows(before[off]), self._rows(before[off] + 1), time_ns[off])
+            joined = _between(self.rows(before[off]), self.rows(before[off] + 1), time_ns[off])
             for mine, theirs in zip(there._columns(), joined._columns(), strict=True):
                 mine[off] = theirs
         return there
@@ -78,7 +82,8 @@ class Trajectory:
     def _columns(self) -> Iterator[np.ndarray]:
         return (getattr(self, field.name) for field in fields(self))
 
-    def _rows(self, index: np.ndarray) -> "Trajectory":
+    def rows(self, index: np.ndarray | slice) -> "Trajectory":
+        """Some of the rows; of a slice they are not copied."""
         return Trajectory(*(column[index] for column in self._columns()))
 
 

@@ -125,8 +125,8 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
     tell = progress or (lambda share: None)
     run = _follow_waypoints(scene, tell) if scene.trajectory.poses is None else _follow_poses(scene)
-    vehicle, read = scene.vehicle, run.trajectory.time_ns[:_rows_read(scene, len(run.frames))]
-    trajectory = run.trajectory.at(read)  # no more for F, or noise would be drawn otherwise
+    vehicle, read = scene.vehicle, _rows_read(scene, len(run.frames))
+    trajectory = run.trajectory.rows(slice(read))  # no more for F, or noise would be drawn otherwise
     tell(1.0)
     return replace(
         run, imu=measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,

@@ -83,7 +83,7 @@ def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     except ValueError as error:
         raise InputError(f"has no row for some sample of the IMU: {error}", file=job.data.layout.states,
                          remedy="Check it with `varos-warp validate`, then `run` again.") from None
-    return time_ns, T_w_s, there.velocity + there.rotation().apply(np.cross(there.angular_velocity, T_v_s[:3, 3]))
+    return time_ns, T_w_s, there.velocity_of(T_v_s[:3, 3])
 
 
 def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np.ndarray, bias=None) -> None:

@@ -29,7 +29,7 @@ from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
-from varos_warp.scene.description.optics import twin
+from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns
@@ -388,7 +388,7 @@ class _Run:
         poses, time_ns = np.array([self.T_w_v(frame) for frame in self.frames]), self.time_ns(self.frames)
         for camera in self.scene.vehicle.cameras:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
-            if twin(camera) != camera and not self.record.has(self.layout.rays(camera.id)):
+            if has_twin(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -309,6 +310,13 @@ def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: n
     return attitude, p
 
 
+def _repeatable_noise(data: Dataset, block: str) -> tuple[Any, int]:
+    """A sensor's block of the noise profile, and the seed; None, 0 where there is none that can be drawn again."""
+    profile, seed = noise_of(data) or (None, 0)
+    noise = getattr(profile, block, None)
+    return (noise, seed) if noise is not None and is_repeatable(data) else (None, 0)
+
+
 def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
     """Readings are truth, bias and white noise of the density that dataset.json names, or of its profile and seed."""
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
@@ -321,9 +329,9 @@ def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
                        5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
         result.add_rows(data.layout.sensor("imu0"), f"its {name} is off by more than noise can be",
                         np.abs(white).max(1) > 8 * sigma + 1e-9, white, columns)
-    profile, seed = noise_of(data) or (None, 0)
-    if profile and profile.imu and is_repeatable(data):
-        made = imu_noise(profile.imu, len(imu["time_ns"]), about["rate_hz"], seed)
+    noise, seed = _repeatable_noise(data, "imu")
+    if noise is not None:
+        made = imu_noise(noise, len(imu["time_ns"]), about["rate_hz"], seed)
         off = [np.abs([bias[name] - noise.bias, imu[name] - truth[name] - noise.bias - noise.white]).max()
                for name, noise in zip(("acceleration", "angular_velocity"), made, strict=True)]
         result.measure("imu0: readings against profile and seed", max(off), 1e-9, "m/s^2, rad/s")
@@ -351,9 +359,9 @@ def check_depth_gauge(data: Dataset, result: Validation) -> None:
     density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
     most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
     result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")
-    profile, seed = noise_of(data) or (None, 0)
-    if profile and profile.depth_gauge and is_repeatable(data):
-        made = depth_gauge_noise(profile.depth_gauge, truth, about["rate_hz"], seed)
+    noise, seed = _repeatable_noise(data, "depth_gauge")
+    if noise is not None:
+        made = depth_gauge_noise(noise, truth, about["rate_hz"], seed)
         off = np.abs(np.subtract(made, (reading, bias))).max()
         result.measure("depth0: readings against profile and seed", off, 1e-9, "m")
 
@@ -380,9 +388,9 @@ def check_magnetometer(data: Dataset, result: Validation) -> None:
     rounding = 8 * EPS * max(np.abs(reading).max(), np.abs(bias).max())
     most = 8 * about["noise"]["noise_density"] * np.sqrt(about["rate_hz"]) + rounding
     result.measure("mag0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "T")
-    profile, seed = noise_of(data) or (None, 0)
-    if profile and profile.magnetometer and is_repeatable(data):
-        made = magnetometer_noise(profile.magnetometer, len(truth), about["rate_hz"], seed)
+    noise, seed = _repeatable_noise(data, "magnetometer")
+    if noise is not None:
+        made = magnetometer_noise(noise, len(truth), about["rate_hz"], seed)
         off = np.abs([bias - made.bias, reading - truth - made.bias - made.white]).max()
         result.measure("mag0: readings against profile and seed", off, rounding, "T")
 
@@ -395,8 +403,7 @@ def check_dvl(data: Dataset, result: Validation) -> None:
     if not _in_step(data, result, "dvl0", time_ns, truth.time_ns):
         return
     about, there = data.meta["sensors"]["dvl0"], data.trajectory().at(time_ns)
-    turning = np.cross(there.angular_velocity, np.array(about["T_v_s"])[:3, 3])
-    velocity = ((there.velocity + there.rotation().apply(turning))[:, None] @ T[:, :3, :3])[:, 0]
+    velocity = (there.velocity_of(np.array(about["T_v_s"])[:3, 3])[:, None] @ T[:, :3, :3])[:, 0]
     beams, (least, most) = np.array(about["beams"]), about["range_m"]
     locked = np.where((truth.range >= least) & (truth.range <= most), truth.range, np.nan)
     off = _apart(truth, bottom_track(time_ns, beams, locked, -velocity @ beams.T))
@@ -437,9 +444,9 @@ def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.nd
     for name, off, std, unit in (("range", ranges, model["range_std"], "m"),
                                  ("beam velocity", velocities, model["velocity_std"], "m/s")):
         result.measure(f"dvl0: {name} off the truth, at most", off.max(), 8 * std + 1e-9, unit)
-    profile, seed = noise_of(data) or (None, 0)
-    if profile and profile.dvl and is_repeatable(data):
-        made = dvl_noise(profile.dvl, truth, beams, seed)
+    noise, seed = _repeatable_noise(data, "dvl")
+    if noise is not None:
+        made = dvl_noise(noise, truth, beams, seed)
         result.measure("dvl0: readings against profile and seed", _apart(read, made).max(), 1e-9, "m, m/s")
 
 

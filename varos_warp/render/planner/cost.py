@@ -11,7 +11,7 @@ from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import pilot_camera
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.optics import twin
+from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
 
 MOST_COSTED = 16
@@ -25,7 +25,7 @@ def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
     """
     asked = scene.render.outputs
     groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
-    free = [camera for camera in scene.vehicle.cameras if "A" in asked and twin(camera) == camera]  # P is A
+    free = [camera for camera in scene.vehicle.cameras if "A" in asked and not has_twin(camera)]  # P is A
     seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
                             if letters != "P" or camera not in free) for letters in groups if letters}
     a_frame = sum(seconds.values())

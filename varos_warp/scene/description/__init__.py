@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PrivateAttr, model_validator
 
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId
-from varos_warp.scene.description.optics import twin
+from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
 from varos_warp.scene.description.vehicle import Current, Trajectory, Vehicle
 from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
@@ -62,7 +62,7 @@ class Scene(Block):
     @model_validator(mode="after")
     def _twin_differs(self):
         cameras = self.vehicle.cameras
-        if "P" in self.render.outputs and all(twin(camera) == camera for camera in cameras):
+        if "P" in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion and vignetting, and no camera has any; "
                              "leave out P, or give a camera one of them")
         return self

@@ -103,6 +103,11 @@ def twin(camera: Any) -> Any:
     return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water", "vignetting")))
 
 
+def has_twin(camera: Any) -> bool:
+    """Whether its `twin` is another camera: it has something that bends or dims its rays."""
+    return bool(twin(camera) != camera)
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
     for problem in (_of_water, _of_port, _of_lens, _of_rim, _of_vignetting):
