@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 
@@ -83,7 +82,7 @@ class Job:
             The nearest and the farthest depth that was written [m]; inf and 0 if there is none.
         """
         def encode(place: int, frame: int) -> tuple[float, float]:
-            units = to_units(planar_depth(self.data, frame, camera), per_metre)
+            units = to_units(self.data.planar_depth(frame, camera), per_metre)
             files.write_png(self.out / name(place), units)
             there = units[units > 0] / per_metre
             return there.min(initial=np.inf), there.max(initial=0.0)

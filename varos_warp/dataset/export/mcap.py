@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
 from varos_warp.dataset.progress import Progress
-from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
 
 IMAGES = "AD"
@@ -114,14 +113,14 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
 
     def depth(t: int, frame: int):
         png = io.BytesIO()
-        Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
+        Image.fromarray(to_units(job.data.planar_depth(frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
         return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
 
     def raw_image(t: int, frame: int):
         return messages.raw(t, name, job.data.pixels(job.images, frame, camera), "rgb8")
 
     def raw_depth(t: int, frame: int):
-        return messages.raw(t, name, planar_depth(job.data, frame, camera).astype("<f4"), "32FC1")
+        return messages.raw(t, name, job.data.planar_depth(frame, camera).astype("<f4"), "32FC1")
 
     made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
     made = {topic: make for topic, make in made.items()

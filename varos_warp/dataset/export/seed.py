@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.dataset.export.job import Job
-from varos_warp.dataset.reader.points import planar_depth, points_at
+from varos_warp.dataset.reader.points import points_at
 
 COUNT = 50_000
 """Points in all, as many from each image."""
@@ -32,7 +32,7 @@ def seeds(job: Job, camera: str) -> list[Seed]:
     model, T_w_c = job.data.camera_model(camera), job.data.views(camera)[1]
 
     def points(place: int, frame: int) -> Seed:
-        z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)
+        z, colors = job.data.planar_depth(frame, camera), job.data.pixels(job.images, frame, camera)
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)

@@ -115,7 +115,8 @@ class Frame:
 
         Exact for the distances of D; 0 where all channels have one index, NaN where D has none.
         """
-        return colour_offsets(self.data, self.number, self.camera, channel)
+        depth = self.data.planar_depth(self.number, self.camera)
+        return colour_offsets(depth, self.data.camera_model(self.camera), channel)
 
     # ------------------------------------------------------------------------------------------ where and when
 

@@ -1,10 +1,7 @@
-"""D as geometry: depth along the camera's axis, and the points of the world pixels see. ``data`` is a `Dataset`."""
-
-from typing import Any
+"""D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
 
 import numpy as np
 
-from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_centres
 
 
@@ -24,23 +21,12 @@ def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np
     return rays.origin, rays.direction
 
 
-def planar_depth(data: Any, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
-    """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none.
-
-    ``pixels`` of D, if they are at hand, save reading them.
-    """
-    if pixels is None:
-        depth = data.depth(frame, camera)
-    else:
-        depth = OUTPUTS["D"].decode(pixels, data.scale("D", frame, camera))
-    depth = depth.astype(float)
-    if data.meta["depth"]["kind"] == "z":
-        return depth
-    model = data.camera_model(camera)
-    origin, d = pixel_rays(model, *np.indices(depth.shape))
+def along_axis(distance: np.ndarray, model: CameraModel) -> np.ndarray:
+    """Metres [H, W] along the camera's z axis, of those along the ray of each pixel; inf stays inf."""
+    origin, d = pixel_rays(model, *np.indices(distance.shape))
     if model.is_pinhole:
-        return depth / np.linalg.norm(d, axis=-1)
-    return np.where(np.isfinite(depth), origin[..., 2] + depth * d[..., 2], np.inf)
+        return distance / np.linalg.norm(d, axis=-1)
+    return np.where(np.isfinite(distance), origin[..., 2] + distance * d[..., 2], np.inf)
 
 
 def project(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
@@ -61,12 +47,13 @@ def along_rays(model: CameraModel, row: np.ndarray, col: np.ndarray, z: np.ndarr
     return origin + d * ((z - origin[..., 2]) / d[..., 2])[..., None]
 
 
-def colour_offsets(data: Any, frame: int, camera: str, channel: str) -> np.ndarray:
-    """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels."""
-    model, z = data.camera_model(camera), planar_depth(data, frame, camera)
-    z = np.where(np.isfinite(z), z, np.nan)
-    pixels = np.indices(z.shape)
-    seen = along_rays(model, pixels[0], pixels[1], z)
+def colour_offsets(depth: np.ndarray, model: CameraModel, channel: str) -> np.ndarray:
+    """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels.
+
+    ``depth`` [H, W] [m] is that along the axis; NaN where it is infinite.
+    """
+    z = np.where(np.isfinite(depth), depth, np.nan)
+    seen = along_rays(model, *np.indices(z.shape), z)
     return model.project(seen, channel_number(channel)) - pixel_centres(*z.shape[::-1])
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import along_rays, planar_depth, project
+from varos_warp.dataset.reader.points import along_rays, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -57,7 +57,7 @@ class View:
     @classmethod
     def of(cls, data: Dataset, frame: int, camera: str) -> "View":
         """The square root of linear light makes noise even; it does not depend on the gain."""
-        depth, light = planar_depth(data, frame, camera), data.image("B", frame, camera).mean(-1)
+        depth, light = data.planar_depth(frame, camera), data.image("B", frame, camera).mean(-1)
         if light.shape != depth.shape:
             raise InputError("has another size than D", file=data.layout.png(camera, "B", frame))
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)

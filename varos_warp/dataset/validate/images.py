@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
+from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth
+from varos_warp.dataset.reader.points import pixel_rays
 from varos_warp.dataset.validate import flows, places, surfaces
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending
-from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
@@ -103,7 +103,7 @@ class _FrameImages:
     @cached_property
     def planar(self) -> np.ndarray:
         """D in metres along the camera's axis [H, W]."""
-        return planar_depth(self.data, self.frame, self.camera, self.depth)
+        return self.data.planar_depth(self.frame, self.camera, self.depth)
 
     @cached_property
     def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -328,7 +328,7 @@ class Exposures:
             of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
             if of_a is not None:
                 return of_a, "is not that of A times what the port lets through"
-        time_s = files.read_csv(self.path)[writers.TIME] * 1e-9
+        time_s = files.read_csv(self.path)[TIME] * 1e-9
         made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
         return made, ("does not follow from the table's log_average and highlight by the exposure "
                       f"{setting!r}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import POSE_FORMS
+from varos_warp.dataset.layout import POSE_FORMS, TIME
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
@@ -210,13 +210,13 @@ def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
 
 def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expected: np.ndarray) -> bool:
     """Whether the rows of a table are at the times expected."""
-    time_ns = table[writers.TIME]
+    time_ns = table[TIME]
     if len(time_ns) != len(expected):
         result.add(f"{result.name(path)}: {len(time_ns)} rows, not {len(expected)}")
         return False
     wrong = np.flatnonzero(time_ns != expected)
     if wrong.size:
-        result.add(f"{result.cell(path, wrong[0], writers.TIME)}: is not {expected[wrong[0]]} ns")
+        result.add(f"{result.cell(path, wrong[0], TIME)}: is not {expected[wrong[0]]} ns")
     return not wrong.size
 
 

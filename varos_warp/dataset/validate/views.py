@@ -14,7 +14,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import along_rays, planar_depth, points_at, project
+from varos_warp.dataset.reader.points import along_rays, points_at, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -51,7 +51,7 @@ class _View:
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
         self.model, self.T_w_c = data.camera_model(camera), data.T_w_c(frame, camera)
-        self.depth = planar_depth(data, frame, camera)
+        self.depth = data.planar_depth(frame, camera)
         self.images = {}
         for letter in letters:
             with contextlib.suppress(InputError):  # told of already

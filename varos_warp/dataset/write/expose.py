@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.layout import TIME, Layout
 from varos_warp.dataset.reader.dataset import read_exposures
-from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.images import develop
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
@@ -61,7 +60,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         if gains is None:
             gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
-    files.write_csv(table, [writers.TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
+    files.write_csv(table, [TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
                     [s.log_average for s in found], [s.highlight for s in found])
 
 
