@@ -16,8 +16,7 @@ from varos_warp.dataset.layout import READINGS
 from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import Validation, listing, validate, views
-from varos_warp.dataset.validate.pending import Pending
+from varos_warp.dataset.validate import Validation, completeness, validate, views
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
@@ -343,7 +342,7 @@ def test_damage_is_named(hills, tmp_path, images, damage):
     before = {path: path.read_bytes() for path in checksums.listed_files(copy)}
     damage(copy)
     found = Validation(copy)
-    listing.check_checksums(Dataset(copy), found, Pending())
+    completeness.check_checksums(Dataset(copy), found, completeness.Pending())
     for path in set(before) | set(checksums.listed_files(copy)):
         name = path.relative_to(copy).as_posix()
         same = path.is_file() and before.get(path) == path.read_bytes()

@@ -36,6 +36,7 @@ def seeds(job: Job, camera: str) -> list[Seed]:
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
-        return Seed(points_at(z, model, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
+        xyz = points_at(model, T_w_c[place], row, col, z[row, col])
+        return Seed(xyz, colors[row, col], np.column_stack([col, row]) + 0.5)
 
     return job.each(f"points {camera}", points)

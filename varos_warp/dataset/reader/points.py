@@ -23,7 +23,8 @@ def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np
 
 def along_axis(distance: np.ndarray, model: CameraModel) -> np.ndarray:
     """Metres [H, W] along the camera's z axis, of those along the ray of each pixel; inf stays inf."""
-    origin, d = pixel_rays(model, *np.indices(distance.shape))
+    pixels = np.indices(distance.shape)
+    origin, d = pixel_rays(model, pixels[0], pixels[1])
     if model.is_pinhole:
         return distance / np.linalg.norm(d, axis=-1)
     return np.where(np.isfinite(distance), origin[..., 2] + distance * d[..., 2], np.inf)
@@ -53,10 +54,19 @@ def colour_offsets(depth: np.ndarray, model: CameraModel, channel: str) -> np.nd
     ``depth`` [H, W] [m] is that along the axis; NaN where it is infinite.
     """
     z = np.where(np.isfinite(depth), depth, np.nan)
-    seen = along_rays(model, *np.indices(z.shape), z)
+    pixels = np.indices(z.shape)
+    seen = along_rays(model, pixels[0], pixels[1], z)
     return model.project(seen, channel_number(channel)) - pixel_centres(*z.shape[::-1])
 
 
-def points_at(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
-    """Points [N, 3] of the world that pixels (row [N], col [N]) of a map of planar depth [H, W] see."""
-    return along_rays(model, row, col, depth[row, col]) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+def points_at(model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Points [N, 3] of the world that pixels (row, col) see at a depth z [m] along the camera's axis, all [N]."""
+    return along_rays(model, row, col, z) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+
+
+def seen_pixels(depth: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, column and depth [N] of the pixels of a map of depth [H, W] that have any, on a grid of about ``most``."""
+    step = max(1, round(np.sqrt(depth.size / most)))
+    row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2::step, step // 2::step])
+    there = np.isfinite(depth[row, col])
+    return row[there], col[there], depth[row, col][there]

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import along_rays, project
+from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -69,8 +69,7 @@ class View:
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
     """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
-    points = along_rays(first.model, row, col, scale * z) @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
-    return project(points, second.model, second.T_w_c)
+    return project(points_at(first.model, first.T_w_c, row, col, scale * z), second.model, second.T_w_c)
 
 
 def lucas_kanade(xx, xy, yy, xe, ye) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,8 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.reader.points import pixel_rays
 from varos_warp.dataset.validate import flows, places, surfaces
+from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.validate.pending import Pending
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
