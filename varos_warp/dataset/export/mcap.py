@@ -69,7 +69,10 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     data = job.data
     yield data.start_ns, "/tf_static", lambda: messages.tf(data.start_ns, *_mounts(job))
     if "imu0" in job.data.recorded:
-        imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
+        imu, sensor = data.imu(), data.meta["sensors"]["imu0"]
+        # of the white noise in a sample; 0, ROS says, is unknown
+        variance = [((sensor.get("noise") or {}).get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
+                    for name in ("accelerometer", "gyroscope")]
         for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
             yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w, *variance)
     if "depth0" in job.data.recorded:
@@ -80,13 +83,6 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
         yield from _course(data.states(), messages)
     for camera in job.cameras:
         yield from _camera(job, camera, messages)
-
-
-def _imu_variance(sensor: dict) -> tuple[float, float]:
-    """Of the white noise in a sample of the accelerometer and of the gyroscope; 0, ROS says, is unknown."""
-    noise = sensor.get("noise") or {}
-    return tuple((noise.get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
-                 for name in ("accelerometer", "gyroscope"))
 
 
 def _course(states: dict, messages: "Messages") -> Iterator[Event]:

@@ -59,7 +59,8 @@ class Dataset:
 
     It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
     first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
-    may share it; it pickles as its path, so that worker processes may have it too.
+    may share it; it pickles as its path, so that worker processes may have it too. Of all methods, ``camera`` is an id,
+    by default that of the first; ``frame`` the number of one in the sequence; ``output`` the letter of an image.
 
     Args:
         root: Folder that holds ``dataset.json``.
@@ -167,12 +168,10 @@ class Dataset:
         return self.meta["cameras"][self.cameras.index(self._camera(camera))]
 
     def intrinsics(self, camera: str | None = None, convention: str = "center_half") -> np.ndarray:
-        """K [3, 3] in pixels.
+        """K [3, 3] in pixels, by a convention.
 
-        Args:
-            camera: Its id; absent: the first.
-            convention: ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``:
-                it is (0, 0), as in OpenCV, Kalibr, ORB-SLAM3 and KITTI.
+        ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``: it is (0, 0), as in
+        OpenCV, Kalibr, ORB-SLAM3 and KITTI.
 
         Raises:
             InputError: If there is no such camera or convention.
@@ -186,20 +185,14 @@ class Dataset:
         """Rays in the water of image points, and image points of points, in camera axes: lens and port with K.
 
         ``rays`` and ``project`` take the centre of the top left pixel for (0.5, 0.5).
-
-        Args:
-            camera: Its id; absent: the first.
         """
         return described_camera(self.camera(camera))
 
     def rays(self, camera: str | None = None, channel: str = "green") -> Rays:
         """Rays [H, W] in the water of the pixels' centres, in camera axes; float32, from the camera's file of rays.
 
-        A camera without port and distortion has no file: its rays follow from K, in float64.
-
-        Args:
-            camera: Its id; absent: the first.
-            channel: red, green or blue, whose rays differ where the water's index does.
+        A camera without port and distortion has no file: its rays follow from K, in float64. Rays of the channels red,
+        green and blue differ where the water's index does.
         """
         about, number = self.camera(camera), channel_number(channel)
         if "rays" not in about:
@@ -216,11 +209,6 @@ class Dataset:
         """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
         Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known.
-
-        Args:
-            output: Its letter.
-            frame: Number of the frame in the sequence.
-            camera: Its id; absent: the first.
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
@@ -229,22 +217,14 @@ class Dataset:
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
         """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
 
-        Args:
-            output: Its letter.
-            frame: Its number.
-            camera: Its id; absent: the first.
-            truth: Of A: without the camera noise that it may have.
+        ``truth``: of A, without the camera noise that it may have.
         """
         camera = self._camera(camera)
         clean = truth and output == "A" and self.has_noise("A")
         return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
     def require_images(self, outputs: Iterable[str] | None = None, cameras: Iterable[str] | None = None) -> None:
-        """Refuse to go on where the PNG of an image is not there, or not whole.
-
-        Args:
-            outputs: Letters; absent: all.
-            cameras: Ids; absent: all.
+        """Refuse to go on where the PNG of an image is not there, or not whole; absent: of all outputs, all cameras.
 
         Raises:
             InputError: Naming the first such file.
@@ -273,10 +253,6 @@ class Dataset:
         """Pose [4, 4] of a camera at the next frame of the sequence, to which F is the flow; None if not on record.
 
         The vehicle's motion has that of the last frame, too. Without it, the next frame must be in the dataset.
-
-        Args:
-            frame: Number of the frame before.
-            camera: Its id; absent: the first.
         """
         about = self.camera(camera)
         if "T_w_c" in about:
@@ -390,12 +366,20 @@ class Dataset:
         rows = np.searchsorted(known, time_ns).clip(max=len(known) - 1)
         T, off = T_w_v[rows], np.flatnonzero(known[rows] != time_ns)
         if off.size:
-            try:
-                T[off] = self.trajectory().at(np.asarray(time_ns)[off]).poses()
-            except ValueError as error:
-                raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
-                                 remedy=_CHECK) from None
+            T[off] = self.motion_at(np.asarray(time_ns)[off]).poses()
         return T
+
+    def motion_at(self, time_ns: np.ndarray) -> Trajectory:
+        """The vehicle's motion at times int64 [M].
+
+        Raises:
+            InputError: If a time is before the first state or after the last.
+        """
+        try:
+            return self.trajectory().at(time_ns)
+        except ValueError as error:
+            raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
+                             remedy=_CHECK) from None
 
     def trajectory(self) -> Trajectory:
         """The vehicle's motion, which gives its state at any time between the first and the last on record."""

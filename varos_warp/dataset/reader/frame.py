@@ -33,10 +33,6 @@ class Frame:
     def __reduce__(self) -> tuple[Any, ...]:
         return Frame, (self.data, self.index, self.camera)
 
-    def seen_by(self, camera: str) -> "Frame":
-        """The same time through another camera."""
-        return self.data[self.index, camera]
-
     # ---------------------------------------------------------------------------------------------------- images
 
     @cached_property

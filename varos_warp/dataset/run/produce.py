@@ -284,10 +284,6 @@ class _Run:
             return self.simulation.frames.T_w_v(frame)
         return self.simulation.trajectory.at([frame_time_ns(frame, self.scene.render.frame_rate_hz)]).T_w_v(0)
 
-    def time_ns(self, frames: list[int]) -> np.ndarray:
-        """Time of frames."""
-        return self.simulation.frames.time_ns[frames]
-
     # -------------------------------------------------------------------------------------------------- preparing
 
     def find_work(self) -> None:
@@ -385,7 +381,8 @@ class _Run:
         writers.write_readme(self.layout, self.scene)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
-        poses, time_ns = np.array([self.T_w_v(frame) for frame in self.frames]), self.time_ns(self.frames)
+        poses = np.array([self.T_w_v(frame) for frame in self.frames])
+        time_ns = self.simulation.frames.time_ns[self.frames]
         for camera in self.scene.vehicle.cameras:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
             if has_twin(camera) and not self.record.has(self.layout.rays(camera.id)):
@@ -457,7 +454,7 @@ class _Run:
                 for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):  # A before P
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
                     setting = getattr(self.scene.render.exposure, OUTPUTS[letter].settings)
-                    expose(self.layout, setting, camera.id, letter, frames, self.time_ns(frames),
+                    expose(self.layout, setting, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
                            self.made.statistics, self.record.has, camera_model(camera).axis_weight)
             from varos_warp.dataset.report import contact_sheet
 

@@ -68,14 +68,7 @@ def twin_gains(layout: Layout, setting: str | float, camera: str, frames: list[i
                ) -> np.ndarray | None:
     """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
-    None where A has none for some frame: then P is exposed by itself.
-
-    Args:
-        layout: Of the dataset.
-        setting: The scene's ``render.exposure.A``.
-        camera: Its id.
-        frames: Numbers [N] of the frames.
-        axis_weight: Of the camera (`CameraModel`).
+    None where A has none for some frame: then P is exposed by itself. The arguments are those of `expose`.
     """
     if not isinstance(setting, str):
         return np.full(len(frames), axis_weight * setting)

@@ -262,16 +262,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
 _RAYS = {"z": "# z = 1: D is planar",
          "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
-
 _PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
-_BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distortion, coefficients in OpenCV's order.
-  camXX_rays.exr has the ray in the water of every pixel's centre: float32 channels green.ox, oy, oz (its origin on the
-  port [m]), green.dx, dy, dz (its unit direction), both in camera axes, and green.weight (radiance at the sensor over
-  that in the water); NaN where no water is seen. red and blue have theirs where their index differs, else green's.
-  What a pixel sees lies at o + D d if D is the range, at o + (D - oz) / dz d if it is along the axis.
-  varos_warp.Dataset(".").camera_model("M0").rays(points) gives those of any point; the code below is for pinholes.
-  B, C, D and S follow the rays of green. D along the ray is the path in the water; D along the axis is from the lens.
-  Intrinsics in both conventions of pixels:"""
 
 
 def _text(name: str) -> str:
@@ -284,7 +275,7 @@ def write_readme(layout: Layout, scene) -> None:
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     bent = any(map(has_twin, scene.vehicle.cameras))
-    words = {"LENS": _BENT if bent else _PINHOLES,
+    words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
