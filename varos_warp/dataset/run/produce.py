@@ -375,7 +375,12 @@ class _Run:
         self.outputs = [letter for letter in OUTPUTS if letter in before or letter in asked]
         frames = set(from_runs(self.previous["frames"]["ranges"])) if before else set()
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
-        self.write_metadata()
+        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
+                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
+                                   denoisers=self.denoisers)
+        if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
+            content["versions"] = self.previous["versions"]
+        files.write_json(self.layout.metadata, content)
         if "S" in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
         writers.write_readme(self.layout, self.scene)
@@ -388,15 +393,6 @@ class _Run:
             if has_twin(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
-
-    def write_metadata(self) -> None:
-        """Write dataset.json; the versions and the device stay those that the first frame was rendered with."""
-        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
-                                   denoisers=self.denoisers)
-        if self.previous and self.previous["device"]:
-            content["versions"] = self.previous["versions"]
-        files.write_json(self.layout.metadata, content)
 
     # -------------------------------------------------------------------------------------------------- rendering
 
