@@ -18,7 +18,7 @@ lint: $(VENV)/.installed-test
 
 # take over the summary of the last `make test`
 validation:
-	cp build/validation/summary.md docs/validation.md
+	cp build/validation/summary.md docs/known_values.md
 
 $(VENV)/.installed: pyproject.toml
 	@test -n "$(PYTHON)" || { echo "varos_warp needs Python 3.11 or newer: install it, or call make PYTHON=/path/to/python3"; exit 2; }

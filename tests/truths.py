@@ -151,7 +151,7 @@ def truth(request) -> Recorder:
 # ------------------------------------------------------------------------------------------------------------ the page
 
 
-HEADER = """# Validation: what is known otherwise
+HEADER = """# Known values: what the tests hold the package against
 
 Each number that the tests compare with a closed form, a published value or an independent calculation: what was
 expected, what this package computed, and the error allowed, which is {sigmas:.0f} standard errors (one false alarm in

@@ -102,6 +102,10 @@ def test_noise_keeps_the_truth_beside_the_readings(both, noisy):
     seen = np.isfinite(truth["range"])
     assert (read["range"][seen] != truth["range"][seen]).all()
     assert noisy.meta["sensors"]["dvl0"]["noise"]["scale"] == 0.02
+    bias = noisy.bias("mag0")["field"]
+    np.testing.assert_array_equal(bias[:, 0], files.read_csv(noisy.layout.sensor("mag0"))["b_B_S_x [T]"])
+    assert noisy.bias("dvl0") is None
+    assert clean.bias("mag0") is None
 
 
 def test_the_report_draws_what_is_known_of_curves_with_gaps(both):

@@ -120,13 +120,11 @@ def test_objects_and_range_are_recorded_and_frames_may_be_chosen(tmp_path):
     """D of kind range is made planar, as Rerun takes it."""
     from rerun.dataframe import load_recording
 
-    from varos_warp.dataset.reader.points import planar_depth
-
     produce(make_scene(render={"depth_kind": "range"}), tmp_path / "data", quiet=True)
     data = Dataset(tmp_path / "data")
     found = rows(load_recording(view(data.root, tmp_path / "out.rrd", slice(3, 5))), "/world/camR0/D", "frame")
     assert [row["frame"] for row in found] == [3, 4]
-    depth, truth = np.frombuffer(bytes(cell(found[0], "buffer")), np.float32), planar_depth(data, 3, "R0").ravel()
+    depth, truth = np.frombuffer(bytes(cell(found[0], "buffer")), np.float32), data.planar_depth(3, "R0").ravel()
     near = np.isfinite(truth)
     np.testing.assert_allclose(depth[near], truth[near], rtol=1e-6)
     assert not depth[~near].any()

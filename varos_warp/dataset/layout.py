@@ -17,7 +17,37 @@ from pathlib import Path
 
 from varos_warp.render.image.outputs import OUTPUTS
 
-POSE_FORMS = ("euler", "transformation_matrix", "quaternion")
+TIME = "# timestamp [ns]"
+"""Header of the first column of every table."""
+POSE_FORMS = {
+    "euler": "s_x_vw s_y_vw s_z_vw theta_x_vw theta_y_vw theta_z_vw".split(),
+    "transformation_matrix": "r11 r12 r13 s_x_vw r21 r22 r23 s_y_vw r31 r32 r33 s_z_vw".split(),
+    "quaternion": "s_x_vw s_y_vw s_z_vw q_w q_x q_y q_z".split(),
+}
+"""Columns after the time, by the form of a file of poses; the matrices are authoritative."""
+
+
+def xyz(name: str, unit: str) -> list[str]:
+    """Headers of the three components of a vector."""
+    return [f"{name}_{axis} [{unit}]" for axis in "xyz"]
+
+
+STATES = {"position": xyz("p_wv", "m"), "velocity": xyz("v_wv", "m s^-1"), "acceleration": xyz("a_wv", "m s^-2"),
+          "quaternion": ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"], "angular_velocity": xyz("w_wv_v", "rad s^-1"),
+          "angular_acceleration": xyz("alpha_wv_v", "rad s^-2")}
+"""Columns of the vehicle's states after the time, by quantity."""
+READINGS = {
+    "imu0": {"acceleration": xyz("a_RS_S", "m s^-2"), "angular_velocity": xyz("w_RS_S", "rad s^-1")},
+    "depth0": {"depth": ["d_v_w [m]"]},
+    "mag0": {"field": xyz("B_S", "T")},
+    "dvl0": {"velocity": xyz("v_RS_S", "m s^-1"), "altitude": ["altitude [m]"],
+             "range": [f"range_{i} [m]" for i in range(1, 5)],
+             "beam_velocity": [f"beam_velocity_{i} [m s^-1]" for i in range(1, 5)]},
+}
+"""Columns of the readings of each sensor after the time, by quantity.
+
+Where the readings have noise, columns of those without it follow, with ``true_`` before their names, and then those of
+the bias, with ``b_``; that of the IMU has a file of its own, and a DVL has none."""
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,22 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
+from varos_warp.dataset.write.texts import Samples
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.description.block import Block
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
+from varos_warp.scene.description.noise_profile import (
+    SENSOR_BLOCKS,
+    DepthGaugeNoise,
+    DvlNoise,
+    MagnetometerNoise,
+    NoiseProfile,
+)
+from varos_warp.scene.description.vehicle import ImuNoise
 from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 from varos_warp.sim.sensors.dvl import Dvl
-from varos_warp.sim.sensors.noise import depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
+from varos_warp.sim.sensors.noise import Noise, depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
 ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
@@ -58,7 +66,9 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         _link(data, profile, temp, record)
         _describe(data, profile, seed, temp)
         noisy = Dataset(temp)
-        _write_sensors(data, noisy, profile, seed)
+        for name, model in _erring(profile):
+            reading, bias = noisy_readings(data, name, model, seed)
+            writers.write_readings(noisy.layout, name, reading, data.readings(name), bias)
         if profile.camera is not None:
             def write(frame: int, camera: str) -> None:
                 pixels = noisy_pixels(data, profile, seed, frame, camera)
@@ -194,24 +204,20 @@ def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> No
     files.write_bytes(temp / "README.txt", (words + "\n" + chapter).encode())
 
 
-def _write_sensors(data: Dataset, noisy: Dataset, profile: NoiseProfile, seed: int) -> None:
-    """Readings with noise, the truth beside them."""
-    if profile.imu is not None:
-        imu, rate_hz = data.imu(), data.meta["sensors"]["imu0"]["rate_hz"]
-        truth = imu["acceleration"], imu["angular_velocity"]
-        made = imu_noise(profile.imu, len(imu["time_ns"]), rate_hz, seed)
-        reading = [exact + noise.white + noise.bias for exact, noise in zip(truth, made, strict=True)]
-        writers.write_imu(noisy.layout, imu["time_ns"], reading, truth, [noise.bias for noise in made])
-    if profile.depth_gauge is not None:
-        gauge = data.depth_gauge()
-        reading, bias = depth_gauge_noise(profile.depth_gauge, gauge["depth"],
-                                          data.meta["sensors"]["depth0"]["rate_hz"], seed)
-        writers.write_depth_gauge(noisy.layout, gauge["time_ns"], reading, gauge["depth"], bias)
-    if profile.magnetometer is not None:
-        field, rate_hz = data.magnetometer(), data.meta["sensors"]["mag0"]["rate_hz"]
-        added = magnetometer_noise(profile.magnetometer, len(field["time_ns"]), rate_hz, seed)
-        writers.write_magnetometer(noisy.layout, field["time_ns"], field["field"] + added.white + added.bias,
-                                   field["field"], added.bias)
-    if profile.dvl is not None:
-        exact, beams = Dvl(**data.dvl()), np.array(data.meta["sensors"]["dvl0"]["beams"])
-        writers.write_dvl(noisy.layout, dvl_noise(profile.dvl, exact, beams, seed), exact)
+def noisy_readings(data: Dataset, name: str, model: Block, seed: int) -> tuple[Samples, Samples | None]:
+    """Readings of a sensor as a block of a profile and its seed make them from those without noise, and their bias."""
+    truth, about = data.readings(name, truth=True), data.meta["sensors"][name]
+    made: dict[str, Noise] = {}
+    match model:
+        case DvlNoise():
+            return vars(dvl_noise(model, Dvl(**truth), np.array(about["beams"]), seed)), None
+        case DepthGaugeNoise():
+            reading, bias = depth_gauge_noise(model, truth["depth"], about["rate_hz"], seed)
+            return truth | {"depth": reading}, {"depth": bias}
+        case MagnetometerNoise():
+            made["field"] = magnetometer_noise(model, len(truth["time_ns"]), about["rate_hz"], seed)
+        case ImuNoise():
+            both = imu_noise(model, len(truth["time_ns"]), about["rate_hz"], seed)
+            made["acceleration"], made["angular_velocity"] = both
+    return (truth | {quantity: truth[quantity] + noise.white + noise.bias for quantity, noise in made.items()},
+            {quantity: noise.bias for quantity, noise in made.items()})

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.dataset.layout import READINGS
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.dataset.report.pictures import flow_colors
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
@@ -186,18 +186,14 @@ class _Recorder:
                                          rr.Scalars.columns(scalars=[gains[number] for number in numbers]))
 
     def sensors(self) -> None:
-        """Curves of the sensors, every reading."""
-        data = self.data
-        vectors = {"imu0": ("acceleration", "angular_velocity"), "mag0": ("field",), "dvl0": ("velocity",)}
-        read = {"imu0": data.imu, "mag0": data.magnetometer, "dvl0": data.dvl}
-        for name in (name for name in vectors if name in data.recorded):
-            readings = read[name]()
-            for quantity in vectors[name]:
+        """Curves of the depth gauge and of every vector that sensors read."""
+        for name in (name for name in READINGS if name in self.data.recorded):
+            readings = self.data.readings(name)
+            if name == "depth0":
+                self.curve("depth0/depth", readings["time_ns"], readings["depth"], "depth [m]", [90, 160, 220])
+            for quantity in (quantity for quantity, columns in READINGS[name].items() if len(columns) == 3):
                 for i, (axis, color) in enumerate(AXES.items()):
                     self.curve(f"{name}/{quantity}/{axis}", readings["time_ns"], readings[quantity][:, i], axis, color)
-        if "depth0" in self.data.recorded:
-            gauge = self.data.depth_gauge()
-            self.curve("depth0/depth", gauge["time_ns"], gauge["depth"], "depth [m]", [90, 160, 220])
 
     def curve(self, entity: str, time_ns: np.ndarray, values: np.ndarray, name: str, color) -> None:
         """A curve over time."""
@@ -228,7 +224,7 @@ class _Recorder:
         if self.data.meta["depth"]["kind"] == "z" and start == 0:
             return self.rr.DepthImage(np.where(pixels == DEPTH_LEVELS, 0, pixels).astype(np.uint16),
                                       meter=DEPTH_LEVELS / end, depth_range=[0, DEPTH_LEVELS - 1])
-        depth = planar_depth(self.data, number, camera)
+        depth = self.data.planar_depth(number, camera)
         return self.rr.DepthImage(np.where(np.isfinite(depth), depth, 0).astype(np.float32), meter=1.0,
                                   depth_range=[0, end])
 

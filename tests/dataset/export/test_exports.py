@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from varos_warp import cli
 from varos_warp.dataset import files
 from varos_warp.dataset.export import FORMATS, export, job
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -50,9 +50,7 @@ def test_depth_along_the_ray_becomes_planar(data):
     row, col = np.indices((27, 48)) + 0.5
     ray = np.stack([(col - K[0, 2]) / K[0, 0], (row - K[1, 2]) / K[1, 1], np.ones((27, 48))], -1)
     along = 5.0 * np.linalg.norm(ray, axis=-1)
-    fake = SimpleNamespace(depth=lambda frame, camera: along, camera_model=lambda camera: CameraModel(K),
-                           meta={"depth": {"kind": "range"}})
-    np.testing.assert_allclose(job.planar_depth(fake, 0, "L0"), 5.0, rtol=1e-14)
+    np.testing.assert_allclose(along_axis(along, CameraModel(K)), 5.0, rtol=1e-14)
 
 
 def test_opencv_and_openexr_read_the_native_images_as_the_dataset_does(data):

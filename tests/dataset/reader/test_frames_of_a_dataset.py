@@ -30,7 +30,7 @@ def test_frames_come_by_place_from_either_end_and_by_slices(data):
     assert [frame.number for frame in data] == list(range(10))
     assert [data[i].number for i in (0, 3, -1, np.int64(4))] == [0, 3, 9, 4]
     assert [(f.number, f.camera) for f in data[7:100:2, "R0"]] == [(7, "R0"), (9, "R0")]
-    assert data[5].seen_by("R0").camera == "R0"
+    assert data[5, "R0"].camera == "R0"
     assert data[5].camera == "L0"
 
 

@@ -57,7 +57,7 @@ def test_every_frame_has_it_the_last_one_too(whole):
         assert np.isnan(frame.F[0]).all()  # above the horizon
         assert not frame.F_occluded.any()
         assert np.isfinite(frame.F_motion[np.isfinite(frame.D)]).all()
-        assert np.nanmax(np.abs(frame.seen_by("W0").F)) < 1e-9
+        assert np.nanmax(np.abs(data[frame.index, "W0"].F)) < 1e-9
 
 
 def test_the_last_frames_next_pose_is_in_the_vehicles_motion(whole):

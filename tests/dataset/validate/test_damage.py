@@ -12,11 +12,11 @@ import yaml
 from hills import hills_scene
 
 from varos_warp.dataset import files
+from varos_warp.dataset.layout import READINGS
 from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import Validation, listing, validate, views
-from varos_warp.dataset.validate.pending import Pending
+from varos_warp.dataset.validate import Validation, completeness, validate, views
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
@@ -342,7 +342,7 @@ def test_damage_is_named(hills, tmp_path, images, damage):
     before = {path: path.read_bytes() for path in checksums.listed_files(copy)}
     damage(copy)
     found = Validation(copy)
-    listing.check_checksums(Dataset(copy), found, Pending())
+    completeness.check_checksums(Dataset(copy), found, completeness.Pending())
     for path in set(before) | set(checksums.listed_files(copy)):
         name = path.relative_to(copy).as_posix()
         same = path.is_file() and before.get(path) == path.read_bytes()
@@ -477,34 +477,25 @@ def test_damage_to_noise_and_to_truth_is_told_apart(noisy):
         assert problem in text
 
 
-def rewrite_imu(noisy, white=1.0, bias=1.0):
-    """The IMU's readings with a part of their noise, and the bias that is then in them."""
-    imu, truth, noise = noisy.imu(), noisy.imu(truth=True), noisy.imu_bias()
-    parts = [(imu[name] - truth[name] - noise[name], noise[name], truth[name])
-             for name in ("acceleration", "angular_velocity")]
-    writers.write_imu(noisy.layout, imu["time_ns"], [t + white * w + bias * b for w, b, t in parts],
-                      [t for _, _, t in parts], [bias * b for _, b, _ in parts])
+def rewrite(noisy, name, white=1.0, bias=1.0):
+    """A sensor's readings with a part of their noise, and the bias that is then in them."""
+    read, truth, bias_in = noisy.readings(name), noisy.readings(name, truth=True), noisy.bias(name)
+    part = {key: bias * bias_in[key] for key in READINGS[name]}
+    made = {key: truth[key] + white * (read[key] - truth[key] - bias_in[key]) + part[key] for key in READINGS[name]}
+    writers.write_readings(noisy.layout, name, read | made, truth, part)
 
 
-def rewrite_gauge(noisy, white=1.0, bias=1.0):
-    """The same of the depth gauge."""
-    truth, bias_in = noisy.depth_gauge(truth=True), list(files.read_csv(noisy.layout.sensor("depth0")).values())[3]
-    part = noisy.depth_gauge()["depth"] - truth["depth"] - bias_in
-    writers.write_depth_gauge(noisy.layout, truth["time_ns"], truth["depth"] + white * part + bias * bias_in,
-                              truth["depth"], bias * bias_in)
-
-
-@pytest.mark.parametrize(("rewrite", "problem"), [
-    (lambda noisy: rewrite_imu(noisy, bias=0.0), "imu0: readings against profile and seed"),
-    (lambda noisy: rewrite_imu(noisy, white=0.0), "imu0: white noise of the accelerometer"),
-    (lambda noisy: rewrite_gauge(noisy, bias=0.0), "depth0: readings against profile and seed"),
-    (lambda noisy: rewrite_gauge(noisy, white=0.0), "depth0: readings against profile and seed"),
+@pytest.mark.parametrize(("damage", "problem"), [
+    (lambda noisy: rewrite(noisy, "imu0", bias=0.0), "imu0: readings against profile and seed"),
+    (lambda noisy: rewrite(noisy, "imu0", white=0.0), "imu0: white noise of the accelerometer"),
+    (lambda noisy: rewrite(noisy, "depth0", bias=0.0), "depth0: readings against profile and seed"),
+    (lambda noisy: rewrite(noisy, "depth0", white=0.0), "depth0: readings against profile and seed"),
     (lambda noisy: change_meta(noisy.root, lambda meta: meta["sensors"]["imu0"]["noise"].update(
         gyroscope_random_walk=0.5)), "sensors.imu0.noise.gyroscope_random_walk is 0.5"),
 ])
-def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy, rewrite, problem):
+def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy, damage, problem):
     (noisy.root / "checksums").unlink()
-    rewrite(noisy)
+    damage(noisy)
     assert problem in "\n".join(validate(noisy.root, quiet=True).problems)
 
 

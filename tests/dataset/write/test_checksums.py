@@ -9,8 +9,7 @@ import standins
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import Validation, listing, validate
-from varos_warp.dataset.validate.pending import Pending
+from varos_warp.dataset.validate import Validation, completeness, validate
 from varos_warp.dataset.write import checksums
 from varos_warp.errors import InputError
 
@@ -64,5 +63,5 @@ def test_nobody_vouches_for_a_file_that_decayed(copy):
     with pytest.raises(InputError, match="is not as a run wrote it"):
         checksums.Record(copy).write_checksums()
     found = Validation(copy)
-    listing.check_checksums(Dataset(copy), found, Pending())
+    completeness.check_checksums(Dataset(copy), found, completeness.Pending())
     assert found.problems == [f"{path.relative_to(copy).as_posix()}: is not as it was written: its checksum differs"]

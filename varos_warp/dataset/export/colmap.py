@@ -5,12 +5,12 @@ A port follows the parameters of its camera as COLMAP Underwater writes it (src/
 Reconstruction::WriteCamerasText there).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 
 import numpy as np
 
 from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion
-from varos_warp.dataset.export.seed import Seed, seeds
+from varos_warp.dataset.export.seed import seeds
 from varos_warp.scene.frames import inverse
 from varos_warp.scene.optics.camera import GREEN
 from varos_warp.scene.optics.ports import FlatPort
@@ -31,7 +31,7 @@ def write(job: Job) -> None:
     for number, (camera, (model, parameters), port) in enumerate(zip(job.cameras, models, ports, strict=True), start=1):
         facts = job.data.camera(camera)
         cameras.append(f"{number} {model} {facts['width']} {facts['height']} {numbers(parameters)}{port}")
-        for (name, pose), seed in zip(_images(job, camera), _seeds(job, camera), strict=True):
+        for (name, pose), seed in zip(_images(job, camera), seeds(job, camera), strict=True):
             track = list(enumerate(zip(seed.xyz, seed.rgb.tolist(), seed.uv.tolist(), strict=True)))
             images += [f"{image_id} {pose} {number} {name}",
                        " ".join(f"{u} {v} {point_id + i}" for i, (_, _, (u, v)) in track)]
@@ -49,7 +49,7 @@ PARAMETERS = {"PINHOLE": "fx fy cx cy", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 
 def _model(job: Job, camera: str) -> tuple[str, list[float]]:
     """COLMAP's name of a camera's model, and its parameters."""
     lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "kannala_brandt", "port")
-    K = job.data.intrinsics(camera)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    K = job.fx_fy_cx_cy(camera, "center_half")
     if lens == "brown_conrady":
         return "FULL_OPENCV", [*K, *k, 0.0, 0.0, 0.0]
     return ("OPENCV_FISHEYE" if k else "PINHOLE"), [*K, *k]
@@ -66,17 +66,10 @@ def _port(job: Job, camera: str) -> str:
     return f" DOMEPORT {numbers([*port.centre, port.radius_m - port.thickness_m, port.thickness_m, *indices])}"
 
 
-def _images(job: Job, camera: str) -> Iterator[tuple[str, str]]:
+def _images(job: Job, camera: str) -> Iterable[tuple[str, str]]:
     """Name and pose of each image: world to camera, scalar first."""
     T_c_w = np.array([inverse(T) for T in job.data.views(camera)[1]])
     rows = np.column_stack([quaternion(T_c_w, scalar_first=True), T_c_w[:, :3, 3]])
-    for frame, row in zip(job.data.frames, rows, strict=True):
-        name = f"cam{camera}/{job.data.layout.png(camera, job.images, frame).name}"
-        job.link(camera, job.images, frame, f"images/{name}")
-        yield name, numbers(row)
-
-
-def _seeds(job: Job, camera: str) -> list[Seed]:
-    """Points of each image: none without D."""
-    nothing = Seed(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty((0, 2)))
-    return seeds(job, camera) if job.has_depth else [nothing] * len(job.data)
+    names = [f"cam{camera}/{name}" for name in job.names(camera)]
+    job.link_images(camera, (f"images/{name}" for name in names))
+    return zip(names, map(numbers, rows), strict=True)

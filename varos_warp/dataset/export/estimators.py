@@ -49,11 +49,6 @@ def imu_noise(job: Job) -> tuple[dict[str, float], str]:
     return values, f"varos_warp IMU, {job.noise('imu0')}{comment}"
 
 
-def fu_fv_cu_cv(job: Job, camera: str) -> list[float]:
-    """Pinhole of a camera where the centre of the top left pixel is (0, 0)."""
-    return job.data.intrinsics(camera, "opencv")[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
-
-
 def kalibr_lens(job: Job, camera: str) -> tuple[str, list[float]]:
     """Kalibr's name of the distortion, radtan or equidistant, and its four coefficients."""
     known = "brown_conrady without k3", "kannala_brandt"
@@ -92,7 +87,7 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
 def _orb_slam3_camera(job: Job, camera: str, number: int) -> dict[str, float]:
     model, k = kalibr_lens(job, camera)
     last = ("k3", "k4") if model == "equidistant" else ("p1", "p2")
-    values = zip(("fx", "fy", "cx", "cy", "k1", "k2", *last), [*fu_fv_cu_cv(job, camera), *k], strict=True)
+    values = zip(("fx", "fy", "cx", "cy", "k1", "k2", *last), [*job.fx_fy_cx_cy(camera), *k], strict=True)
     return {f"Camera{number}.{name}": value for name, value in values}
 
 
@@ -118,7 +113,7 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
         facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
         chain[f"cam{number}"] = {
             "cam_overlaps": [n for n in numbers if n != number], "camera_model": "pinhole",
-            "distortion_coeffs": k, "distortion_model": model, "intrinsics": fu_fv_cu_cv(job, camera),
+            "distortion_coeffs": k, "distortion_model": model, "intrinsics": job.fx_fy_cx_cy(camera),
             "resolution": [facts["width"], facts["height"]], "rostopic": f"/cam{camera}/image",
             "T_cam_imu": inverse(T).tolist(), "timeshift_cam_imu": 0.0}
         if before is not None:

@@ -10,8 +10,9 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
-from varos_warp.dataset.export.estimators import fu_fv_cu_cv, imu_noise, kalibr_lens, write_yaml
+from varos_warp.dataset.export.estimators import imu_noise, kalibr_lens, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
+from varos_warp.dataset.layout import xyz
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import inverse
 
@@ -52,15 +53,14 @@ def write(job: Job) -> None:
 
 def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
     time_ns = job.data.views(camera)[0].tolist()
-    for frame, t in zip(job.data.frames, time_ns, strict=True):
-        job.link(camera, job.images, frame, f"{folder}/data/{t}.png")
+    job.link_images(camera, (f"{folder}/data/{t}.png" for t in time_ns))
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
     facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
     write_yaml(job, f"{folder}/sensor.yaml", {
         "sensor_type": "camera", "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
         "T_BS": _matrix(T_B_c),
         "rate_hz": job.data.meta["frames"]["rate_hz"], "resolution": [facts["width"], facts["height"]],
-        "camera_model": "pinhole", "intrinsics": fu_fv_cu_cv(job, camera),
+        "camera_model": "pinhole", "intrinsics": job.fx_fy_cx_cy(camera),
         "distortion_model": "radial-tangential" if model == "radtan" else model, "distortion_coefficients": k})
 
 
@@ -68,7 +68,7 @@ def _imu(job: Job) -> None:
     """Gyroscope first, then accelerometer."""
     imu = job.data.imu()
     files.write_csv(job.out / "mav0/imu0/data.csv",
-                    [TIME, *_xyz("w_RS_S_{} [rad s^-1]"), *_xyz("a_RS_S_{} [m s^-2]")],
+                    [TIME, *xyz("w_RS_S", "rad s^-1"), *xyz("a_RS_S", "m s^-2")],
                     imu["time_ns"], imu["angular_velocity"], imu["acceleration"])
     noise, comment = imu_noise(job)
     write_yaml(job, "mav0/imu0/sensor.yaml", {"sensor_type": "imu", "comment": comment, "T_BS": _matrix(np.eye(4)),
@@ -78,12 +78,7 @@ def _imu(job: Job) -> None:
 def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
     time_ns, T_w_s = job.data.poses("imu0")
-    try:
-        there = job.data.trajectory().at(time_ns)
-    except ValueError as error:
-        raise InputError(f"has no row for some sample of the IMU: {error}", file=job.data.layout.states,
-                         remedy="Check it with `varos-warp validate`, then `run` again.") from None
-    return time_ns, T_w_s, there.velocity_of(T_v_s[:3, 3])
+    return time_ns, T_w_s, job.data.motion_at(time_ns).velocity_of(T_v_s[:3, 3])
 
 
 def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np.ndarray, bias=None) -> None:
@@ -91,8 +86,8 @@ def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np
     folder = "mav0/state_groundtruth_estimate0"
     if bias is None:
         bias = dict.fromkeys(("angular_velocity", "acceleration"), np.zeros_like(velocity))
-    header = ["#timestamp", *_xyz("p_RS_R_{} [m]"), *(f"q_RS_{a} []" for a in "wxyz"), *_xyz("v_RS_R_{} [m s^-1]"),
-              *_xyz("b_w_RS_S_{} [rad s^-1]"), *_xyz("b_a_RS_S_{} [m s^-2]")]
+    header = ["#timestamp", *xyz("p_RS_R", "m"), *(f"q_RS_{a} []" for a in "wxyz"), *xyz("v_RS_R", "m s^-1"),
+              *xyz("b_w_RS_S", "rad s^-1"), *xyz("b_a_RS_S", "m s^-2")]
     files.write_csv(job.out / folder / "data.csv", header, time_ns, T_w_b[:, :3, 3],
                     quaternion(T_w_b, scalar_first=True), velocity, bias["angular_velocity"], bias["acceleration"])
     write_yaml(job, f"{folder}/sensor.yaml", {"sensor_type": "visual-inertial", "comment": "exact, of the simulation; "
@@ -110,12 +105,5 @@ def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
         "T_BS": _matrix(inverse(T_v_b) @ np.array(facts["T_v_s"])), "rate_hz": facts["rate_hz"]})
 
 
-# -------------------------------------------------------------------------------------------------------------- parts
-
-
 def _matrix(T: np.ndarray) -> dict:
     return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
-
-
-def _xyz(pattern: str) -> list[str]:
-    return [pattern.format(axis) for axis in "xyz"]

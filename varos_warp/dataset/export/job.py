@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 
@@ -58,48 +57,59 @@ class Job:
     raw: bool = False
     """MCAP: uncompressed images beside the compressed ones."""
 
-    def link(self, camera: str, letter: str, frame: int, name: str | Path) -> None:
-        """An image of the dataset under another name: a hard link, or a copy where there can be none."""
-        files.link(self.data.layout.png(camera, letter, frame), self.out / name)
+    def link_images(self, camera: str, names: Iterable[str]) -> None:
+        """The colour images under other names, frame by frame: hard links, or copies where there can be none."""
+        for frame, name in zip(self.data.frames, names, strict=True):
+            files.link(self.data.layout.png(camera, self.images, frame), self.out / name)
+
+    def names(self, camera: str) -> list[str]:
+        """Names of the files of the colour images in the dataset."""
+        return [self.data.layout.png(camera, self.images, frame).name for frame in self.data.frames]
+
+    def fx_fy_cx_cy(self, camera: str, convention: str = "opencv") -> list[float]:
+        """Focal lengths and principal point [px]; `Dataset.intrinsics` has the conventions of pixels."""
+        return self.data.intrinsics(camera, convention)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
 
     def text(self, name: str | Path, lines: Iterable[str]) -> None:
         """A file of lines, each ended by one newline character."""
         files.write_bytes(self.out / name, "".join(f"{line}\n" for line in lines).encode())
 
-    def each(self, what: str, make: Callable[[int, int], object]) -> list:
-        """What ``make(place, frame)`` gives for every frame, several at a time; ``what`` names the progress bar."""
-        frames = self.data.frames
-        return list(in_threads(what, make, range(len(frames)), frames, quiet=self.quiet))
+    def each(self, what: str, make: Callable, *items: Iterable) -> list:
+        """What ``make(frame, ...)`` gives for every frame, several at a time; ``what`` names the progress bar.
 
-    def depths(self, camera: str, name: Callable[[int], str], per_metre: float) -> tuple[float, float]:
+        ``items`` have one for each frame, too.
+        """
+        return list(in_threads(what, make, self.data.frames, *items, quiet=self.quiet))
+
+    def depths(self, camera: str, names: Iterable[str], per_metre: float) -> tuple[float, float]:
         """D of every frame as uint16 of planar z, 0 where there is none or the format's range ends.
 
         Args:
             camera: Its id.
-            name: File name of a frame's image by the frame's place among the frames.
+            names: Of the files, frame by frame.
             per_metre: Units of the format in a metre.
 
         Returns:
             The nearest and the farthest depth that was written [m]; inf and 0 if there is none.
         """
-        def encode(place: int, frame: int) -> tuple[float, float]:
-            units = to_units(planar_depth(self.data, frame, camera), per_metre)
-            files.write_png(self.out / name(place), units)
+        def encode(frame: int, name: str) -> tuple[float, float]:
+            units = to_units(self.data.planar_depth(frame, camera), per_metre)
+            files.write_png(self.out / name, units)
             there = units[units > 0] / per_metre
             return there.min(initial=np.inf), there.max(initial=0.0)
 
-        nearest, farthest = np.transpose(self.each(f"depth {camera}", encode))
+        nearest, farthest = np.transpose(self.each(f"depth {camera}", encode, names))
         return float(nearest.min()), float(farthest.max())
 
-    def greys(self, camera: str, name: Callable[[int], str]) -> None:
+    def greys(self, camera: str, names: Iterable[str]) -> None:
         """The colour images in grey (ITU-R 601 luma of the 8 bit values), for formats that ask for it."""
         from PIL import Image
 
-        def encode(place: int, frame: int) -> None:
+        def encode(frame: int, name: str) -> None:
             pixels = self.data.pixels(self.images, frame, camera)
-            files.write_png(self.out / name(place), np.asarray(Image.fromarray(pixels).convert("L")))
+            files.write_png(self.out / name, np.asarray(Image.fromarray(pixels).convert("L")))
 
-        self.each(f"grey {camera}", encode)
+        self.each(f"grey {camera}", encode, names)
 
     @property
     def has_depth(self) -> bool:

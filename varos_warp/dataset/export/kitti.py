@@ -30,11 +30,11 @@ def write(job: Job) -> None:
     if skipped := [camera for camera in job.cameras if camera not in pair]:
         warnings.warn(f"KITTI holds a rectified pair at most: {', '.join(skipped)} left out", stacklevel=2)
     for place, camera in enumerate(pair, start=2):
-        job.greys(camera, lambda i, place=place: f"{folder}/image_{place - 2}/{i:06d}.png")
-        for i, frame in enumerate(job.data.frames):
-            job.link(camera, job.images, frame, f"{folder}/image_{place}/{i:06d}.png")
+        names = [f"{i:06d}.png" for i in range(len(job.data))]
+        job.greys(camera, [f"{folder}/image_{place - 2}/{name}" for name in names])
+        job.link_images(camera, [f"{folder}/image_{place}/{name}" for name in names])
         if job.has_depth:
-            job.depths(camera, lambda i, place=place: f"{folder}/depth_{place}/{i:06d}.png", PER_METRE)
+            job.depths(camera, [f"{folder}/depth_{place}/{name}" for name in names], PER_METRE)
             _depth_benchmark(job, folder, f"train/varos_drive_{number}_sync", place)
     time_ns, T_w_c = job.data.views(left)
     job.text(f"{folder}/times.txt", [seconds(t - time_ns[0]) for t in time_ns])

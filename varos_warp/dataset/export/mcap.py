@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
 from varos_warp.dataset.progress import Progress
-from varos_warp.dataset.reader.points import planar_depth
 from varos_warp.errors import InputError
 
 IMAGES = "AD"
@@ -70,7 +69,10 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     data = job.data
     yield data.start_ns, "/tf_static", lambda: messages.tf(data.start_ns, *_mounts(job))
     if "imu0" in job.data.recorded:
-        imu, variance = data.imu(), _imu_variance(data.meta["sensors"]["imu0"])
+        imu, sensor = data.imu(), data.meta["sensors"]["imu0"]
+        # of the white noise in a sample; 0, ROS says, is unknown
+        variance = [((sensor.get("noise") or {}).get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
+                    for name in ("accelerometer", "gyroscope")]
         for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
             yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w, *variance)
     if "depth0" in job.data.recorded:
@@ -81,13 +83,6 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
         yield from _course(data.states(), messages)
     for camera in job.cameras:
         yield from _camera(job, camera, messages)
-
-
-def _imu_variance(sensor: dict) -> tuple[float, float]:
-    """Of the white noise in a sample of the accelerometer and of the gyroscope; 0, ROS says, is unknown."""
-    noise = sensor.get("noise") or {}
-    return tuple((noise.get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
-                 for name in ("accelerometer", "gyroscope"))
 
 
 def _course(states: dict, messages: "Messages") -> Iterator[Event]:
@@ -114,14 +109,14 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
 
     def depth(t: int, frame: int):
         png = io.BytesIO()
-        Image.fromarray(to_units(planar_depth(job.data, frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
+        Image.fromarray(to_units(job.data.planar_depth(frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
         return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
 
     def raw_image(t: int, frame: int):
         return messages.raw(t, name, job.data.pixels(job.images, frame, camera), "rgb8")
 
     def raw_depth(t: int, frame: int):
-        return messages.raw(t, name, planar_depth(job.data, frame, camera).astype("<f4"), "32FC1")
+        return messages.raw(t, name, job.data.planar_depth(frame, camera).astype("<f4"), "32FC1")
 
     made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
     made = {topic: make for topic, make in made.items()

@@ -27,9 +27,8 @@ def write(job: Job) -> None:
     shared = all(model == models[0] for model in models)
     frames = []
     for camera, model in zip(job.cameras, models, strict=True):
-        names = [job.data.layout.png(camera, job.images, frame).name for frame in job.data.frames]
-        for frame, name, T in zip(job.data.frames, names, job.data.views(camera)[1], strict=True):
-            job.link(camera, job.images, frame, f"images/{name}")
+        job.link_images(camera, (f"images/{name}" for name in job.names(camera)))
+        for name, T in zip(job.names(camera), job.data.views(camera)[1], strict=True):
             frames.append({"file_path": f"images/{name}"} | ({} if shared else model)
                           | ({"depth_file_path": f"depths/{name}"} if job.has_depth else {})
                           | {"transform_matrix": (T @ T_OPENCV_OPENGL).tolist()})
@@ -38,11 +37,12 @@ def write(job: Job) -> None:
 
 
 def _intrinsics(job: Job, camera: str) -> dict:
-    K, facts = job.data.intrinsics(camera), job.data.camera(camera)
+    facts, pinhole = job.data.camera(camera), zip(("fl_x", "fl_y", "cx", "cy"),
+                                                  job.fx_fy_cx_cy(camera, "center_half"), strict=True)
     lens, k = lens_of(job, camera, "nerfstudio", "brown_conrady", "kannala_brandt")
     names = ("k1", "k2", "k3", "k4") if lens == "kannala_brandt" else ("k1", "k2", "p1", "p2", "k3")[:len(k) or 4]
     return {"camera_model": "OPENCV_FISHEYE" if lens == "kannala_brandt" else "OPENCV",
-            "fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "w": facts["width"], "h": facts["height"],
+            **dict(pinhole), "w": facts["width"], "h": facts["height"],
             **dict(zip(names, k or [0.0] * 4, strict=True))}
 
 
@@ -53,8 +53,7 @@ def _depth(job: Job) -> dict:
     """
     import trimesh
 
-    found = [job.depths(camera, lambda i, camera=camera: "depths/" + job.data.layout.png(
-        camera, job.images, job.data.frames[i]).name, PER_METRE) for camera in job.cameras]
+    found = [job.depths(camera, (f"depths/{name}" for name in job.names(camera)), PER_METRE) for camera in job.cameras]
     points = [seed for camera in job.cameras for seed in seeds(job, camera)]
     head = {"depth_unit_scale_factor": 1 / PER_METRE}
     if not any(len(seed.xyz) for seed in points):

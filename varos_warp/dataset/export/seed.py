@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.dataset.export.job import Job
-from varos_warp.dataset.reader.points import planar_depth, points_at
+from varos_warp.dataset.reader.points import points_at
 
 COUNT = 50_000
 """Points in all, as many from each image."""
@@ -24,18 +24,21 @@ class Seed:
 
 
 def seeds(job: Job, camera: str) -> list[Seed]:
-    """Points from every frame of a camera, at pixels drawn anew in each; the same at every call.
+    """Points from every frame of a camera, at pixels drawn anew in each; the same at every call; none without D.
 
     They are as exact as D is: half of one of its 65535 steps along the camera's z, and the middle of a pixel.
     """
+    if not job.has_depth:
+        return [Seed(np.empty((0, 3)), np.empty((0, 3), np.uint8), np.empty((0, 2)))] * len(job.data)
     count = -(-COUNT // (len(job.cameras) * len(job.data)))
-    model, T_w_c = job.data.camera_model(camera), job.data.views(camera)[1]
+    model = job.data.camera_model(camera)
 
-    def points(place: int, frame: int) -> Seed:
-        z, colors = planar_depth(job.data, frame, camera), job.data.pixels(job.images, frame, camera)
+    def points(frame: int, T_w_c: np.ndarray) -> Seed:
+        z, colors = job.data.planar_depth(frame, camera), job.data.pixels(job.images, frame, camera)
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
-        return Seed(points_at(z, model, T_w_c[place], row, col), colors[row, col], np.column_stack([col, row]) + 0.5)
+        xyz = points_at(model, T_w_c, row, col, z[row, col])
+        return Seed(xyz, colors[row, col], np.column_stack([col, row]) + 0.5)
 
-    return job.each(f"points {camera}", points)
+    return job.each(f"points {camera}", points, job.data.views(camera)[1])

@@ -18,11 +18,10 @@ def write(job: Job) -> None:
     lens_of(job, camera, "TUM")
     time_ns, T_w_c = job.data.views(camera)
     stamps = [seconds(t) for t in time_ns]
-    for frame, stamp in zip(job.data.frames, stamps, strict=True):
-        job.link(camera, job.images, frame, f"rgb/{stamp}.png")
+    job.link_images(camera, (f"rgb/{stamp}.png" for stamp in stamps))
     job.text("rgb.txt", ["# color images", "# timestamp filename", *(f"{s} rgb/{s}.png" for s in stamps)])
     if job.has_depth:
-        job.depths(camera, lambda i: f"depth/{stamps[i]}.png", PER_METRE)
+        job.depths(camera, (f"depth/{stamp}.png" for stamp in stamps), PER_METRE)
         job.text("depth.txt", ["# depth maps", "# timestamp filename", *(f"{s} depth/{s}.png" for s in stamps)])
         job.text("associations.txt", [f"{s} rgb/{s}.png {s} depth/{s}.png" for s in stamps])
     rows = np.column_stack([T_w_c[:, :3, 3], quaternion(T_w_c, scalar_first=False)])
@@ -34,7 +33,7 @@ def write(job: Job) -> None:
                                        "# timestamp ax ay az",
                                        *(f"{seconds(t)} {numbers(a)}" for t, a in
                                          zip(imu["time_ns"], imu["acceleration"], strict=True))])
-    K, facts = job.data.intrinsics(camera, "opencv"), job.data.camera(camera)
+    facts = job.data.camera(camera)
     job.text("camera.txt", ["# pinhole without distortion; the centre of the top left pixel is (0, 0)",
                             "# fx fy cx cy width height depth_units_per_metre",
-                            f"{numbers(K[[0, 1, 0, 1], [0, 1, 2, 2]])} {facts['width']} {facts['height']} 5000"])
+                            f"{numbers(job.fx_fy_cx_cy(camera))} {facts['width']} {facts['height']} 5000"])

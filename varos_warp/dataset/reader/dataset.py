@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Layout, from_runs, runs
+from varos_warp.dataset.layout import READINGS, STATES, Layout, from_runs, runs
 from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader import schema
 from varos_warp.dataset.reader.frame import Frame
+from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.frame import FlowImage
@@ -46,9 +47,11 @@ def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
     return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
 
 
-def rows_at(time_ns: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Rows [M] of a table with ascending times [N] at other times [M] that are among them; near those that are not."""
-    return np.searchsorted(time_ns, at).clip(max=len(time_ns) - 1)
+def _channels(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
+    """Channels [H, W] of an EXR by their names."""
+    if missing := [name for name in names if name not in channels]:
+        raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
+    return [channels[name] for name in names]
 
 
 class Dataset:
@@ -56,7 +59,8 @@ class Dataset:
 
     It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
     first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
-    may share it; it pickles as its path, so that worker processes may have it too.
+    may share it; it pickles as its path, so that worker processes may have it too. Of all methods, ``camera`` is an id,
+    by default that of the first; ``frame`` the number of one in the sequence; ``output`` the letter of an image.
 
     Args:
         root: Folder that holds ``dataset.json``.
@@ -164,12 +168,10 @@ class Dataset:
         return self.meta["cameras"][self.cameras.index(self._camera(camera))]
 
     def intrinsics(self, camera: str | None = None, convention: str = "center_half") -> np.ndarray:
-        """K [3, 3] in pixels.
+        """K [3, 3] in pixels, by a convention.
 
-        Args:
-            camera: Its id; absent: the first.
-            convention: ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``:
-                it is (0, 0), as in OpenCV, Kalibr, ORB-SLAM3 and KITTI.
+        ``center_half``: the centre of the top left pixel is (0.5, 0.5), as in COLMAP; ``opencv``: it is (0, 0), as in
+        OpenCV, Kalibr, ORB-SLAM3 and KITTI.
 
         Raises:
             InputError: If there is no such camera or convention.
@@ -183,20 +185,14 @@ class Dataset:
         """Rays in the water of image points, and image points of points, in camera axes: lens and port with K.
 
         ``rays`` and ``project`` take the centre of the top left pixel for (0.5, 0.5).
-
-        Args:
-            camera: Its id; absent: the first.
         """
         return described_camera(self.camera(camera))
 
     def rays(self, camera: str | None = None, channel: str = "green") -> Rays:
         """Rays [H, W] in the water of the pixels' centres, in camera axes; float32, from the camera's file of rays.
 
-        A camera without port and distortion has no file: its rays follow from K, in float64.
-
-        Args:
-            camera: Its id; absent: the first.
-            channel: red, green or blue, whose rays differ where the water's index does.
+        A camera without port and distortion has no file: its rays follow from K, in float64. Rays of the channels red,
+        green and blue differ where the water's index does.
         """
         about, number = self.camera(camera), channel_number(channel)
         if "rays" not in about:
@@ -204,11 +200,8 @@ class Dataset:
         path = self.layout.rays(about["id"])
         planes = files.read_exr(path)
         name = channel if f"{channel}.weight" in planes else "green"
-        parts = [[f"{name}.{part}" for part in group] for group in (("ox", "oy", "oz"), ("dx", "dy", "dz"))]
-        if missing := [part for part in (*parts[0], *parts[1], f"{name}.weight") if part not in planes]:
-            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
-        origin, direction = (np.stack([planes[part] for part in group], -1) for group in parts)
-        return Rays(origin, direction, planes[f"{name}.weight"])
+        parts = _channels(path, planes, *(f"{name}.{part}" for part in (*"ox oy oz dx dy dz".split(), "weight")))
+        return Rays(np.stack(parts[:3], -1), np.stack(parts[3:6], -1), parts[6])
 
     # ---------------------------------------------------------------------------------------------------- images
 
@@ -216,11 +209,6 @@ class Dataset:
         """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
         Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known.
-
-        Args:
-            output: Its letter.
-            frame: Number of the frame in the sequence.
-            camera: Its id; absent: the first.
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
@@ -229,22 +217,14 @@ class Dataset:
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
         """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
 
-        Args:
-            output: Its letter.
-            frame: Its number.
-            camera: Its id; absent: the first.
-            truth: Of A: without the camera noise that it may have.
+        ``truth``: of A, without the camera noise that it may have.
         """
         camera = self._camera(camera)
         clean = truth and output == "A" and self.has_noise("A")
         return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
     def require_images(self, outputs: Iterable[str] | None = None, cameras: Iterable[str] | None = None) -> None:
-        """Refuse to go on where the PNG of an image is not there, or not whole.
-
-        Args:
-            outputs: Letters; absent: all.
-            cameras: Ids; absent: all.
+        """Refuse to go on where the PNG of an image is not there, or not whole; absent: of all outputs, all cameras.
 
         Raises:
             InputError: Naming the first such file.
@@ -260,29 +240,19 @@ class Dataset:
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
         path = self.layout.exr(self._camera(camera), output, frame)
-        channels = files.read_exr(path)
-        if missing := [c for c in "RGB" if c not in channels]:
-            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
-        return np.stack([channels[c] for c in "RGB"], -1).astype(np.float32)
+        return np.stack(_channels(path, files.read_exr(path), *"RGB"), -1).astype(np.float32)
 
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
         path = self.layout.exr(self._camera(camera), "F", frame)
-        channels = files.read_exr(path)
-        names = ["flow.u", "flow.v", "motion.x", "motion.y", "motion.z", "occluded"]
-        if missing := [name for name in names if name not in channels]:
-            raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
-        u, v, x, y, z, occluded = (channels[name] for name in names)
+        u, v, x, y, z, occluded = _channels(path, files.read_exr(path), "flow.u", "flow.v", "motion.x", "motion.y",
+                                            "motion.z", "occluded")
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
 
     def next_T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray | None:
         """Pose [4, 4] of a camera at the next frame of the sequence, to which F is the flow; None if not on record.
 
         The vehicle's motion has that of the last frame, too. Without it, the next frame must be in the dataset.
-
-        Args:
-            frame: Number of the frame before.
-            camera: Its id; absent: the first.
         """
         about = self.camera(camera)
         if "T_w_c" in about:
@@ -307,6 +277,15 @@ class Dataset:
     def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""
         return self.image("D", frame, camera)
+
+    def planar_depth(self, frame: int, camera: str | None = None, pixels: np.ndarray | None = None) -> np.ndarray:
+        """Metres [H, W] along the camera's z axis, whichever kind D has, float64; inf where it has none.
+
+        ``pixels`` of D, if they are at hand, save reading them.
+        """
+        pixels = self.pixels("D", frame, camera) if pixels is None else pixels
+        depth = OUTPUTS["D"].decode(pixels, self.scale("D", frame)).astype(float)
+        return depth if self.meta["depth"]["kind"] == "z" else along_axis(depth, self.camera_model(camera))
 
     def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
         """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for C, S and F."""
@@ -384,15 +363,23 @@ class Dataset:
             InputError: If a time is before the first pose or after the last.
         """
         known, T_w_v = self._once(("poses", "vehicle"), lambda: self.poses("vehicle"))
-        rows = rows_at(known, time_ns)
+        rows = np.searchsorted(known, time_ns).clip(max=len(known) - 1)
         T, off = T_w_v[rows], np.flatnonzero(known[rows] != time_ns)
         if off.size:
-            try:
-                T[off] = self.trajectory().at(np.asarray(time_ns)[off]).poses()
-            except ValueError as error:
-                raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
-                                 remedy=_CHECK) from None
+            T[off] = self.motion_at(np.asarray(time_ns)[off]).poses()
         return T
+
+    def motion_at(self, time_ns: np.ndarray) -> Trajectory:
+        """The vehicle's motion at times int64 [M].
+
+        Raises:
+            InputError: If a time is before the first state or after the last.
+        """
+        try:
+            return self.trajectory().at(time_ns)
+        except ValueError as error:
+            raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
+                             remedy=_CHECK) from None
 
     def trajectory(self) -> Trajectory:
         """The vehicle's motion, which gives its state at any time between the first and the last on record."""
@@ -405,9 +392,36 @@ class Dataset:
             time_ns int64 [N]; position, velocity, acceleration [N, 3] in world axes; quaternion [N, 4], w first;
             angular_velocity, angular_acceleration [N, 3] in vehicle axes.
         """
-        widths = {"position": 3, "velocity": 3, "acceleration": 3, "quaternion": 4, "angular_velocity": 3,
-                  "angular_acceleration": 3}
-        return self._samples(self.layout.states, widths, start_ns, stop_ns)
+        return self._samples(self.layout.states, STATES, start_ns, stop_ns)
+
+    def has_noise(self, name: str) -> bool:
+        """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
+        if name == "A":
+            return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
+        return bool(self.meta["sensors"][name].get("noise"))
+
+    def readings(self, name: str, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+                 ) -> dict[str, np.ndarray]:
+        """Readings of a sensor, all or those in start_ns <= time < stop_ns.
+
+        Args:
+            name: ``imu0``, ``depth0``, ``mag0`` or ``dvl0``.
+            start_ns: The first time; absent: that of the first reading.
+            stop_ns: The time before which they end; absent: all follow.
+            truth: Without the noise in them.
+
+        Returns:
+            time_ns int64 [N], and what `imu`, `depth_gauge`, `magnetometer` and `dvl` say.
+        """
+        return self._samples(self.layout.sensor(name), READINGS[name], start_ns, stop_ns,
+                             int(truth and self.has_noise(name)))
+
+    def bias(self, name: str, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
+        """The bias in the `readings` of ``imu0``, ``depth0`` or ``mag0``, in their form; None without noise."""
+        if name == "dvl0" or not self.has_noise(name):
+            return None
+        path, before = (self.layout.imu_bias, 0) if name == "imu0" else (self.layout.sensor(name), 2)
+        return self._samples(path, READINGS[name], start_ns, stop_ns, before)
 
     def imu(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
             ) -> dict[str, np.ndarray]:
@@ -416,62 +430,43 @@ class Dataset:
         Returns:
             time_ns int64 [N], acceleration (specific force) [m/s^2] and angular_velocity [rad/s] [N, 3].
         """
-        first = 7 if truth and self.has_noise("imu0") else 1
-        return self._samples(self.layout.sensor("imu0"), {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns,
-                             first)
-
-    def has_noise(self, name: str) -> bool:
-        """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
-        if name == "A":
-            return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
-        return bool(self.meta["sensors"][name].get("noise"))
+        return self.readings("imu0", start_ns, stop_ns, truth=truth)
 
     def imu_bias(self, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
         """The bias in the readings of `imu`, of the same form; None where they have no noise."""
-        if not self.has_noise("imu0"):
-            return None
-        return self._samples(self.layout.imu_bias, {"acceleration": 3, "angular_velocity": 3}, start_ns, stop_ns)
+        return self.bias("imu0", start_ns, stop_ns)
 
     def depth_gauge(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
                     ) -> dict[str, np.ndarray]:
-        """time_ns int64 [N] and depth [m] below the surface [N], all or those in start_ns <= time < stop_ns.
-
-        ``truth``: without the noise in them.
-        """
-        first = 2 if truth and self.has_noise("depth0") else 1
-        return self._samples(self.layout.sensor("depth0"), {"depth": 1}, start_ns, stop_ns, first)
+        """time_ns int64 [N] and depth [m] below the surface [N]; which of them, as in `readings`."""
+        return self.readings("depth0", start_ns, stop_ns, truth=truth)
 
     def magnetometer(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
                      ) -> dict[str, np.ndarray]:
-        """time_ns int64 [N] and field [N, 3] [T] in sensor axes, all or those in start_ns <= time < stop_ns.
-
-        ``truth``: without the noise in them.
-        """
-        first = 4 if truth and self.has_noise("mag0") else 1
-        return self._samples(self.layout.sensor("mag0"), {"field": 3}, start_ns, stop_ns, first)
+        """time_ns int64 [N] and field [N, 3] [T] in sensor axes; which of them, as in `readings`."""
+        return self.readings("mag0", start_ns, stop_ns, truth=truth)
 
     def dvl(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
             ) -> dict[str, np.ndarray]:
-        """Readings of the DVL, all or those in start_ns <= time < stop_ns; ``truth``: without the noise in them.
+        """Readings of the DVL; which of them, as in `readings`.
 
         Returns:
             time_ns int64 [N]; velocity over the bottom [N, 3] in sensor axes, altitude [N]; range and beam_velocity of
             each beam [N, 4] (away from the sensor). NaN without bottom lock.
         """
-        first = 13 if truth and self.has_noise("dvl0") else 1
-        widths = {"velocity": 3, "altitude": 1, "range": 4, "beam_velocity": 4}
-        return self._samples(self.layout.sensor("dvl0"), widths, start_ns, stop_ns, first)
+        return self.readings("dvl0", start_ns, stop_ns, truth=truth)
 
-    def _samples(self, path: Path, widths: dict[str, int], start_ns: int | None, stop_ns: int | None,
-                 first: int = 1) -> dict[str, np.ndarray]:
-        """Rows of a table from one time to another: ``time_ns`` and, from column ``first`` on, a block a name."""
-        table = self._once((path, first), lambda: files.read_numbers(path, first + sum(widths.values())))
+    def _samples(self, path: Path, columns: dict[str, list[str]], start_ns: int | None, stop_ns: int | None,
+                 before: int = 0) -> dict[str, np.ndarray]:
+        """Rows of a table by quantity, as in `READINGS`; ``before``: so many blocks of the same columns come first."""
+        count = sum(map(len, columns.values()))
+        first = 1 + before * count
+        table = self._once((path, first), lambda: files.read_numbers(path, first + count))
         rows = slice(*(None if t is None else np.searchsorted(table[0], t) for t in (start_ns, stop_ns)))
-        result, column = {"time_ns": table[0][rows].copy()}, first
-        for name, width in widths.items():
-            block = np.column_stack([values[rows] for values in table[column:column + width]]).astype(float)
-            result[name] = block if width > 1 else block[:, 0]
-            column += width
+        result, found = {"time_ns": table[0][rows].copy()}, iter(table[first:])
+        for quantity, names in columns.items():
+            block = np.column_stack([next(found)[rows] for _ in names]).astype(float)
+            result[quantity] = block if len(names) > 1 else block[:, 0]
         return result
 
     def torch(self, outputs: Sequence[str] = "ACD", camera: str | None = None, **options: Any) -> "TorchDataset":

@@ -33,10 +33,6 @@ class Frame:
     def __reduce__(self) -> tuple[Any, ...]:
         return Frame, (self.data, self.index, self.camera)
 
-    def seen_by(self, camera: str) -> "Frame":
-        """The same time through another camera."""
-        return self.data[self.index, camera]
-
     # ---------------------------------------------------------------------------------------------------- images
 
     @cached_property
@@ -115,7 +111,8 @@ class Frame:
 
         Exact for the distances of D; 0 where all channels have one index, NaN where D has none.
         """
-        return colour_offsets(self.data, self.number, self.camera, channel)
+        depth = self.data.planar_depth(self.number, self.camera)
+        return colour_offsets(depth, self.data.camera_model(self.camera), channel)
 
     # ------------------------------------------------------------------------------------------ where and when
 

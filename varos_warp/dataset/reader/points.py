@@ -1,10 +1,7 @@
-"""D as geometry: depth along the camera's axis, and the points of the world pixels see. ``data`` is a `Dataset`."""
-
-from typing import Any
+"""D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
 
 import numpy as np
 
-from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_centres
 
 
@@ -24,23 +21,13 @@ def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np
     return rays.origin, rays.direction
 
 
-def planar_depth(data: Any, frame: int, camera: str, pixels: np.ndarray | None = None) -> np.ndarray:
-    """Metres [H, W] along the camera's z axis, whichever kind D has; inf where it has none.
-
-    ``pixels`` of D, if they are at hand, save reading them.
-    """
-    if pixels is None:
-        depth = data.depth(frame, camera)
-    else:
-        depth = OUTPUTS["D"].decode(pixels, data.scale("D", frame, camera))
-    depth = depth.astype(float)
-    if data.meta["depth"]["kind"] == "z":
-        return depth
-    model = data.camera_model(camera)
-    origin, d = pixel_rays(model, *np.indices(depth.shape))
+def along_axis(distance: np.ndarray, model: CameraModel) -> np.ndarray:
+    """Metres [H, W] along the camera's z axis, of those along the ray of each pixel; inf stays inf."""
+    pixels = np.indices(distance.shape)
+    origin, d = pixel_rays(model, pixels[0], pixels[1])
     if model.is_pinhole:
-        return depth / np.linalg.norm(d, axis=-1)
-    return np.where(np.isfinite(depth), origin[..., 2] + depth * d[..., 2], np.inf)
+        return distance / np.linalg.norm(d, axis=-1)
+    return np.where(np.isfinite(distance), origin[..., 2] + distance * d[..., 2], np.inf)
 
 
 def project(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
@@ -61,15 +48,25 @@ def along_rays(model: CameraModel, row: np.ndarray, col: np.ndarray, z: np.ndarr
     return origin + d * ((z - origin[..., 2]) / d[..., 2])[..., None]
 
 
-def colour_offsets(data: Any, frame: int, camera: str, channel: str) -> np.ndarray:
-    """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels."""
-    model, z = data.camera_model(camera), planar_depth(data, frame, camera)
-    z = np.where(np.isfinite(z), z, np.nan)
+def colour_offsets(depth: np.ndarray, model: CameraModel, channel: str) -> np.ndarray:
+    """Image points [H, W, 2] [pixels] at which a channel shows what pixels show in green, less those of the pixels.
+
+    ``depth`` [H, W] [m] is that along the axis; NaN where it is infinite.
+    """
+    z = np.where(np.isfinite(depth), depth, np.nan)
     pixels = np.indices(z.shape)
     seen = along_rays(model, pixels[0], pixels[1], z)
     return model.project(seen, channel_number(channel)) - pixel_centres(*z.shape[::-1])
 
 
-def points_at(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray:
-    """Points [N, 3] of the world that pixels (row [N], col [N]) of a map of planar depth [H, W] see."""
-    return along_rays(model, row, col, depth[row, col]) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+def points_at(model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Points [N, 3] of the world that pixels (row, col) see at a depth z [m] along the camera's axis, all [N]."""
+    return along_rays(model, row, col, z) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+
+
+def seen_pixels(depth: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, column and depth [N] of the pixels of a map of depth [H, W] that have any, on a grid of about ``most``."""
+    step = max(1, round(np.sqrt(depth.size / most)))
+    row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2::step, step // 2::step])
+    there = np.isfinite(depth[row, col])
+    return row[there], col[there], depth[row, col][there]

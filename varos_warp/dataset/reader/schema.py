@@ -58,14 +58,10 @@ def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
     return create_model("Block", __config__=ConfigDict(extra="allow", allow_inf_nan=False), **kinds)
 
 
-def _plan() -> Any:
-    """What the planner chose."""
-    decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
-    return _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str]})  # type: ignore[valid-type]
-
-
 def _metadata() -> type[BaseModel]:
     """The whole file."""
+    decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
+    plan = _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str]})  # type: ignore[valid-type]
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
@@ -84,7 +80,7 @@ def _metadata() -> type[BaseModel]:
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
         outputs=list[Literal["A", "B", "C", "D", "S", "P", "F"]],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
-        samples=_block(plan=_plan() | None, denoise=Denoiser, denoise_b=Denoiser),
+        samples=_block(plan=plan | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
         sensors=Annotated[sensors, AfterValidator(_whole)], lights=list[light],  # type: ignore[valid-type]
         water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),

@@ -91,7 +91,9 @@ def _sections(data: Dataset, strip: Filmstrip, course: str) -> list[tuple[str, s
     return [
         ("frames", "Frames", _frames(data, strip)), ("course", "Course", course),
         ("curves", "Sensors and exposure", '<div id="plots"></div>'),
-        ("water", "Water, cameras, sensors", _setup(data)),
+        ("water", "Water, cameras, sensors", (
+            f'<div class="two"><div class="card">{facts.water(data)}</div><div id="water-plot"></div></div>'
+            f'<div class="card stack" style="margin-top:12px">{facts.cameras(data)}{facts.equipment(data)}</div>')),
         ("plan", "Plan", f'<div class="card stack">{facts.plan(data)}</div>'),
         ("timings", "Rendering", f'<div class="card">{facts.timings(data)}{facts.measures(data)}</div>'),
         ("provenance", "What it was made of", f'<div class="card">{facts.provenance(data)}</div>'),
@@ -129,8 +131,3 @@ def _course(pictures: dict[str, str], missing: str | None) -> str:
                      for name, picture in pictures.items())
     return f'''<div class="card"><div class="course">{images}</div></div>{note}
 <p class="note"><code>varos-warp view</code> shows the world in three dimensions, and every pose.</p>'''
-
-
-def _setup(data: Dataset) -> str:
-    return (f'<div class="two"><div class="card">{facts.water(data)}</div><div id="water-plot"></div></div>'
-            f'<div class="card stack" style="margin-top:12px">{facts.cameras(data)}{facts.equipment(data)}</div>')

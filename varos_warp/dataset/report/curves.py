@@ -18,6 +18,14 @@ ROUNDING = 1e-12
 """Below it, a quantity in SI units is what rounding left of 0."""
 INTERVALS = 1000
 """Of time, in each of which a curve's least and greatest value are kept."""
+SENSORS = (
+    ("imu0", "acceleration", "Specific force", "m/s²", 1.0, "xyz"),
+    ("imu0", "angular_velocity", "Angular velocity", "rad/s", 1.0, "xyz"),
+    ("depth0", "depth", "Depth gauge", "m", 1.0, ["below the surface"]),
+    ("mag0", "field", "Magnetic field", "µT", 1e6, "xyz"),
+    ("dvl0", "velocity", "Velocity over the bottom (DVL)", "m/s", 1.0, "xyz"),
+    ("dvl0", "altitude", "Altitude (DVL)", "m", 1.0, ["above the bottom"]))
+"""Plots of readings: sensor, quantity, title, unit and what SI units are multiplied by for it, names of the curves."""
 
 
 def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> tuple[np.ndarray, np.ndarray]:
@@ -76,23 +84,11 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
         InputError: If a table cannot be read.
     """
     plots = []
-    if "imu0" in data.recorded:
-        imu = data.imu()
-        time = imu["time_ns"] * 1e-9
-        plots += [curve("Specific force", "m/s²", time, imu["acceleration"], "xyz", times),
-                  curve("Angular velocity", "rad/s", time, imu["angular_velocity"], "xyz", times)]
-    if "depth0" in data.recorded:
-        gauge = data.depth_gauge()
-        time, names = gauge["time_ns"] * 1e-9, ["below the surface"]
-        plots.append(curve("Depth gauge", "m", time, gauge["depth"], names, times, down=True))
-    if "mag0" in data.recorded:
-        field = data.magnetometer()
-        plots.append(curve("Magnetic field", "µT", field["time_ns"] * 1e-9, field["field"] * 1e6, "xyz", times))
-    if "dvl0" in data.recorded:
-        dvl = data.dvl()
-        time = dvl["time_ns"] * 1e-9
-        plots += [curve("Velocity over the bottom (DVL)", "m/s", time, dvl["velocity"], "xyz", times),
-                  curve("Altitude (DVL)", "m", time, dvl["altitude"], ["above the bottom"], times)]
+    for name, quantity, title, unit, scale, names in SENSORS:
+        if name in data.recorded:
+            readings, more = data.readings(name), {"down": True} if quantity == "depth" else {}
+            plots.append(curve(title, unit, readings["time_ns"] * 1e-9, scale * readings[quantity], names, times,
+                               **more))
     if "vehicle" in data.recorded:
         state = data.states()
         speed = np.linalg.norm(state["velocity"], axis=1)

@@ -284,10 +284,6 @@ class _Run:
             return self.simulation.frames.T_w_v(frame)
         return self.simulation.trajectory.at([frame_time_ns(frame, self.scene.render.frame_rate_hz)]).T_w_v(0)
 
-    def time_ns(self, frames: list[int]) -> np.ndarray:
-        """Time of frames."""
-        return self.simulation.frames.time_ns[frames]
-
     # -------------------------------------------------------------------------------------------------- preparing
 
     def find_work(self) -> None:
@@ -379,27 +375,24 @@ class _Run:
         self.outputs = [letter for letter in OUTPUTS if letter in before or letter in asked]
         frames = set(from_runs(self.previous["frames"]["ranges"])) if before else set()
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
-        self.write_metadata()
+        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
+                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
+                                   denoisers=self.denoisers)
+        if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
+            content["versions"] = self.previous["versions"]
+        files.write_json(self.layout.metadata, content)
         if "S" in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
         writers.write_readme(self.layout, self.scene)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
-        poses, time_ns = np.array([self.T_w_v(frame) for frame in self.frames]), self.time_ns(self.frames)
+        poses = np.array([self.T_w_v(frame) for frame in self.frames])
+        time_ns = self.simulation.frames.time_ns[self.frames]
         for camera in self.scene.vehicle.cameras:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
             if has_twin(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
-
-    def write_metadata(self) -> None:
-        """Write dataset.json; the versions and the device stay those that the first frame was rendered with."""
-        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
-                                   denoisers=self.denoisers)
-        if self.previous and self.previous["device"]:
-            content["versions"] = self.previous["versions"]
-        files.write_json(self.layout.metadata, content)
 
     # -------------------------------------------------------------------------------------------------- rendering
 
@@ -457,7 +450,7 @@ class _Run:
                 for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):  # A before P
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
                     setting = getattr(self.scene.render.exposure, OUTPUTS[letter].settings)
-                    expose(self.layout, setting, camera.id, letter, frames, self.time_ns(frames),
+                    expose(self.layout, setting, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
                            self.made.statistics, self.record.has, camera_model(camera).axis_weight)
             from varos_warp.dataset.report import contact_sheet
 

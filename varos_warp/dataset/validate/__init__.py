@@ -3,8 +3,8 @@
 Every check states its limit beside its measure. Limits come from rounding, quantisation, the order of a difference or
 of an integration. What is held against what:
 
-* `pending`: whether a run has still to go on; what it will make is no damage.
-* `listing`: files against dataset.json, dataset.json against the scene in it, all of them against ``checksums``.
+* `completeness`: files against dataset.json and ``checksums``; what a run has still to make is no damage.
+* `metadata`: dataset.json against the scene in it; segments, rays and time stamps against both.
 * `motion`: poses in three forms, cameras and sensors against the vehicle, readings of the sensors against the poses.
 * `images`: PNG against EXR against the table of exposures; S against its table.
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
@@ -19,9 +19,8 @@ dataset.json that were changed together with the scene in it; changes below the 
 """
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate import alignment, images, listing, motion, views
+from varos_warp.dataset.validate import alignment, completeness, images, metadata, motion, views
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.validate.pending import Pending
 
 __all__ = ["Validation", "validate"]
 
@@ -37,13 +36,16 @@ def validate(root, quiet: bool = False) -> Validation:
         InputError: If it is not a dataset at all.
     """
     data = Dataset(root)
-    result, pending = Validation(data.root), Pending.of(data)
-    for check in listing.CHECKS:
+    result, pending = Validation(data.root), completeness.Pending.of(data)
+    for check in (completeness.check_complete, completeness.check_files, completeness.check_checksums,
+                  metadata.check_times):
         result.guard(check, data, result, pending)
-    for check in (listing.check_metadata, listing.check_segments, listing.check_rays, *motion.CHECKS):
+    for check in (metadata.check_metadata, metadata.check_segments, metadata.check_rays, *motion.CHECKS):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
-    views.check_views(data, result, pending.ready(data), quiet)
+    if "D" in data.outputs:
+        result.guard(views.check_residuals, data, result, pending.ready(data))
+        result.guard(views.check_neighbours, data, result, pending.ready(data), quiet)
     if not pending.files:  # B is exposed
         result.guard(alignment.check_alignment, data, result, data.frames, quiet)
     return result

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import along_rays, planar_depth, project
+from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -57,7 +57,7 @@ class View:
     @classmethod
     def of(cls, data: Dataset, frame: int, camera: str) -> "View":
         """The square root of linear light makes noise even; it does not depend on the gain."""
-        depth, light = planar_depth(data, frame, camera), data.image("B", frame, camera).mean(-1)
+        depth, light = data.planar_depth(frame, camera), data.image("B", frame, camera).mean(-1)
         if light.shape != depth.shape:
             raise InputError("has another size than D", file=data.layout.png(camera, "B", frame))
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)
@@ -69,8 +69,7 @@ class View:
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
     """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
-    points = along_rays(first.model, row, col, scale * z) @ first.T_w_c[:3, :3].T + first.T_w_c[:3, 3]
-    return project(points, second.model, second.T_w_c)
+    return project(points_at(first.model, first.T_w_c, row, col, scale * z), second.model, second.T_w_c)
 
 
 def lucas_kanade(xx, xy, yy, xe, ye) -> tuple[np.ndarray, np.ndarray]:

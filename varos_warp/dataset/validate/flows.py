@@ -19,15 +19,7 @@ SLACK_PX, SLACK_M = 1e-3, 1e-5
 
 
 def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, levels: np.ndarray) -> Iterator[str]:
-    """What is wrong with F of a frame, where the pose of the next one is on record.
-
-    Args:
-        data: The dataset.
-        camera: Its id.
-        frame: Its number.
-        found: F.
-        levels: Pixels of D [H, W].
-    """
+    """What is wrong with F, where the pose of the next frame is on record; ``levels`` are the pixels of D [H, W]."""
     T_w_next = data.next_T_w_c(frame, camera)
     row, col = (places[::EVERY, ::EVERY].ravel() for places in np.indices(levels.shape))
     inside = (levels[row, col] > 0) & (levels[row, col] < DEPTH_LEVELS)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
+from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
-from varos_warp.dataset.reader.points import pixel_rays, planar_depth
+from varos_warp.dataset.reader.points import pixel_rays
 from varos_warp.dataset.validate import flows, places, surfaces
+from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.validate.pending import Pending
-from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
@@ -59,6 +59,8 @@ class _FrameImages:
     def __init__(self, data: Dataset, camera: str, colors: list["Exposures"], boxes: dict[int, np.ndarray], frame: int):
         self.data, self.camera, self.boxes, self.frame = data, camera, boxes, frame
         self.found = Validation(data.root)
+        self.kept: dict[str, np.ndarray] = {}
+        """Pixels of C, D and S, which several checks look at."""
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
         self.sums: dict[str, np.ndarray] = {}
@@ -87,43 +89,31 @@ class _FrameImages:
 
     def pixels(self, output: str) -> np.ndarray:
         """Pixels of a PNG, of the size and type that they must have."""
+        if output in self.kept:
+            return self.kept[output]
         row, pixels = OUTPUTS[output], files.read_png(self.png(output))
         self.found.files_read += 1
         shape = (*self.shape, 3) if row.channels == 3 else self.shape
         if pixels.shape != shape or pixels.dtype != row.dtype:
             raise InputError(f"is {pixels.dtype} {pixels.shape}, not {np.dtype(row.dtype)} {shape}",
                              file=self.png(output))
-        return pixels
-
-    @cached_property
-    def depth(self) -> np.ndarray | None:
-        """Pixels of D, where there is D."""
-        return self.pixels("D") if "D" in self.data.outputs else None
+        return self.kept.setdefault(output, pixels) if output in "CDS" else pixels
 
     @cached_property
     def planar(self) -> np.ndarray:
         """D in metres along the camera's axis [H, W]."""
-        return planar_depth(self.data, self.frame, self.camera, self.depth)
+        return self.data.planar_depth(self.frame, self.camera, self.pixels("D"))
 
     @cached_property
     def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Where D jumps."""
-        return surfaces.jumps(self.depth)
-
-    @cached_property
-    def segments(self) -> np.ndarray:
-        """Pixels of S."""
-        return self.pixels("S")
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Pixels of C."""
-        return self.pixels("C")
+        return surfaces.jumps(self.pixels("D"))
 
     @cached_property
     def has_normal(self) -> np.ndarray:
         """Where C has a surface, bool [H, W]."""
-        return self.normals[..., 0] | self.normals[..., 1] | self.normals[..., 2] > 0  # any(-1) is slow in numpy
+        x, y, z = np.moveaxis(self.pixels("C"), -1, 0)
+        return x | y | z > 0  # any(-1) is slow in numpy
 
     def _linear(self, output: str = "A") -> None:
         """A or P as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
@@ -153,7 +143,7 @@ class _FrameImages:
 
     def _steps(self) -> None:
         """D is its EXR in steps, where there is one."""
-        depth, path = self.depth, self.data.layout.exr(self.camera, "D", self.frame)
+        depth, path = self.pixels("D"), self.data.layout.exr(self.camera, "D", self.frame)
         if path.is_file():
             distance = self.exr(path)["Z" if self.data.meta["depth"]["kind"] == "z" else "range"]
             made = OUTPUTS["D"].encode(distance, self.data.scale("D", self.frame, self.camera))
@@ -162,25 +152,25 @@ class _FrameImages:
 
     def _depths(self) -> None:
         """Nothing is as near as the camera itself, D has no hole where C or S goes on, and uses all of its 16 bits."""
-        levels, surface, labels = self.depth, None, None
+        levels, surface, labels = self.pixels("D"), None, None
         if (step := surfaces.level_step(levels)) > 1:
             self.tell(self.png("D").name, f"holds only one level in {step}, as if it had fewer than 16 bits")
         if self.data.meta["depth"]["range_m"][0] == 0.0 and (levels == 0).any():
             self.tell(self.png("D").name, f"is 0 m in {(levels == 0).sum()} pixels, the place of the camera itself")
         if "S" in self.data.outputs:
-            surface, labels = self.segments > 0, self.segments[..., None]
+            surface, labels = self.pixels("S") > 0, self.pixels("S")[..., None]
         elif "C" in self.data.outputs:
-            surface, labels = self.has_normal, self.normals
+            surface, labels = self.has_normal, self.pixels("C")
         if surface is not None and (count := surfaces.holes(levels, surface, labels)):
             self.tell(self.png("D").name, f"has holes: nothing in {count} pixels within a near surface")
 
     def _segments(self) -> None:
         """S numbers only what segments.json lists, and has something wherever D has."""
-        pixels, listed = self.segments, {0, *(row["id"] for row in self.data.segments())}
+        pixels, listed = self.pixels("S"), {0, *(row["id"] for row in self.data.segments())}
         if unknown := set(np.flatnonzero(np.bincount(pixels.ravel())).tolist()) - listed:
             self.tell(self.png("S").name, f"segments.json does not list {sorted(unknown)[:5]}")
-        if self.depth is not None:
-            if ((pixels == 0) & (self.depth < DEPTH_LEVELS)).any():
+        if "D" in self.data.outputs:
+            if ((pixels == 0) & (self.pixels("D") < DEPTH_LEVELS)).any():
                 self.tell(self.png("S").name, "has nothing where D has a surface")
             self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
         if self.boxes:
@@ -189,11 +179,11 @@ class _FrameImages:
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
-        if self.depth is None:
+        if "D" not in self.data.outputs:
             return
-        if (~self.has_normal & (self.depth < DEPTH_LEVELS)).any():
+        if ((self.pixels("D") < DEPTH_LEVELS) & ~self.has_normal).any():
             self.tell(self.png("C").name, "has no surface where D has one")
-        self.sums["C"] = surfaces.border_counts(self.jumps, self.normals, BORDER_OF_C)
+        self.sums["C"] = surfaces.border_counts(self.jumps, self.pixels("C"), BORDER_OF_C)
         away, cosine, sums = zip(*map(self._slopes, surfaces.bands(*self.shape)), strict=True)
         if (share := np.mean(away)) > 0.05:
             self.tell(self.png("C").name, f"{100 * share:.0f} % of its normals point away from the camera")
@@ -212,8 +202,8 @@ class _FrameImages:
             self.tell(self.png("F").name, "is not its EXR (F_exr) in steps of 1/64 pixel")
         if (made.occluded & ~made.valid).any():
             self.tell(path.name, "is occluded where its flow is not known")
-        if self.depth is not None:
-            for problem in flows.against_depth(self.data, self.camera, self.frame, made, self.depth):
+        if "D" in self.data.outputs:
+            for problem in flows.against_depth(self.data, self.camera, self.frame, made, self.pixels("D")):
                 self.tell(path.name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
@@ -224,7 +214,7 @@ class _FrameImages:
         R, (row, col) = R.astype(np.float32), np.indices(depth.shape)
         origins, rays = pixel_rays(model, row + rows.start, col)
         origins, rays = origins.astype(np.float32), rays.astype(np.float32)
-        normal, to_pixel = OUTPUTS["C"].decode(self.normals[rows]), rays @ R.T
+        normal, to_pixel = OUTPUTS["C"].decode(self.pixels("C")[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
         along = depth if model.is_pinhole else (depth - origins[..., 2]) / rays[..., 2]
         with np.errstate(invalid="ignore"):
@@ -328,7 +318,7 @@ class Exposures:
             of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
             if of_a is not None:
                 return of_a, "is not that of A times what the port lets through"
-        time_s = files.read_csv(self.path)[writers.TIME] * 1e-9
+        time_s = files.read_csv(self.path)[TIME] * 1e-9
         made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
         return made, ("does not follow from the table's log_average and highlight by the exposure "
                       f"{setting!r}")

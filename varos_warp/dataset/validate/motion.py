@@ -1,23 +1,21 @@
 """Poses, the sensors' readings and the vehicle's states against each other."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.geometry import rebuilt
-from varos_warp.dataset.layout import POSE_FORMS
-from varos_warp.dataset.noise_pass import is_repeatable, noise_of
+from varos_warp.dataset.layout import POSE_FORMS, READINGS
+from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.sensors.dvl import Dvl, bottom_track
-from varos_warp.sim.sensors.noise import depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0
@@ -44,7 +42,7 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
                           for t, *columns in map(files.read_numbers, paths)), strict=True)
     if _odd_times(result, paths, times):
         return
-    _check_sign(result, paths[POSE_FORMS.index("quaternion")], tables[POSE_FORMS.index("quaternion")][:, 3:], 4)
+    _check_sign(result, paths[2], tables[2][:, 3:], 4)
     T = [_poses(form, table) for form, table in zip(POSE_FORMS, tables, strict=True)]
     steep = np.abs(np.cos(tables[0][:, 4])) < GIMBAL
     apart = [np.abs(T[i] - T[j])[:, :, :3].max((1, 2)) for i, j in PAIRS]
@@ -196,29 +194,30 @@ def _changes(x: np.ndarray) -> np.ndarray:
 
 def check_imu(data: Dataset, result: Validation) -> None:
     """Readings without noise against differences of the poses, the states and an integration; then the noise."""
-    if "imu0" not in data.recorded:
+    if (T := _poses_in_step(data, result, "imu0")) is None:
         return
-    imu, (time_ns, T) = data.imu(truth=True), data.poses("imu0")
-    if not _in_step(data, result, "imu0", time_ns, imu["time_ns"]):
-        return
-    h = 1.0 / data.meta["sensors"]["imu0"]["rate_hz"]
+    imu, h = data.imu(truth=True), 1.0 / data.meta["sensors"]["imu0"]["rate_hz"]
     result.guard(_against_states, data, result, imu)
-    if len(time_ns) >= 5:
+    if len(T) >= 5:
         _against_differences(data, result, imu, T, h)
         _strapdown(data, result, imu, T, h)
     if data.has_noise("imu0"):
         result.guard(_check_imu_noise, data, result, imu)
 
 
-def _in_step(data: Dataset, result: Validation, name: str, time_ns: np.ndarray, readings_ns: np.ndarray) -> bool:
-    """Whether a sensor's poses and readings are at the same times, evenly spaced at its rate."""
-    if not np.array_equal(time_ns, readings_ns):
+def _poses_in_step(data: Dataset, result: Validation, name: str) -> np.ndarray | None:
+    """Poses [N, 4, 4] of a sensor where they are at the times of its readings, evenly spaced at its rate, else None."""
+    if name not in data.recorded:
+        return None
+    time_ns, T = data.poses(name)
+    if not np.array_equal(time_ns, data.readings(name)["time_ns"]):
         result.add(f"{name}: poses and readings have different time stamps")
-        return False
+        return None
     step = np.diff(times_ns(len(time_ns), rate := data.meta["sensors"][name]["rate_hz"]))
     wrong = np.diff(time_ns) != step
-    return not result.add_rows(data.layout.sensor(name), f"the next sample is not {1e9 / rate:.0f} ns later", wrong,
-                               wrong[:, None], [0])
+    uneven = result.add_rows(data.layout.sensor(name), f"the next sample is not {1e9 / rate:.0f} ns later", wrong,
+                             wrong[:, None], [0])
+    return None if uneven else T
 
 
 def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
@@ -229,13 +228,8 @@ def _against_states(data: Dataset, result: Validation, imu: dict) -> None:
     felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
     off = np.abs(np.hstack([felt - imu["acceleration"], w @ T_v_s[:3, :3] - imu["angular_velocity"]]))
     told = result.add_rows(data.layout.sensor("imu0"), f"is not what {data.layout.states.name} makes it",
-                           ~(off.max(1) <= 1e-9), off, _imu_columns(data))
+                           ~(off.max(1) <= 1e-9), off, _columns(data, "imu0"))
     result.measure("imu0: readings against the vehicle's states", off.max(), 1e-9, "m/s^2, rad/s", told)
-
-
-def _imu_columns(data: Dataset) -> range:
-    """Where the readings without noise are."""
-    return range(7, 13) if data.has_noise("imu0") else range(1, 7)
 
 
 def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: float) -> None:
@@ -256,7 +250,7 @@ def _against_differences(data: Dataset, result: Validation, imu: dict, T: np.nda
     turn_apart = (rate[:-1] + rate[1:]) / 2 - turned
     turn_off = np.linalg.norm(turn_apart, axis=1)
     result.measure("imu0: angular velocity against poses, median", np.median(turn_off), 1e-3, "rad/s")
-    path, columns = data.layout.sensor("imu0"), _imu_columns(data)
+    path, columns = data.layout.sensor("imu0"), _columns(data, "imu0")
     result.add_rows(path, "its specific force is not that of the poses",
                     np.pad(off > limit + 2 * _changes(acceleration), 2), apart, columns[:3])
     result.add_rows(path, "its angular velocity is not that of the poses",
@@ -310,13 +304,6 @@ def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: n
     return attitude, p
 
 
-def _repeatable_noise(data: Dataset, block: str) -> tuple[Any, int]:
-    """A sensor's block of the noise profile, and the seed; None, 0 where there is none that can be drawn again."""
-    profile, seed = noise_of(data) or (None, 0)
-    noise = getattr(profile, block, None)
-    return (noise, seed) if noise is not None and is_repeatable(data) else (None, 0)
-
-
 def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
     """Readings are truth, bias and white noise of the density that dataset.json names, or of its profile and seed."""
     about, imu, bias = data.meta["sensors"]["imu0"], data.imu(), data.imu_bias()
@@ -329,86 +316,57 @@ def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:
                        5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
         result.add_rows(data.layout.sensor("imu0"), f"its {name} is off by more than noise can be",
                         np.abs(white).max(1) > 8 * sigma + 1e-9, white, columns)
-    noise, seed = _repeatable_noise(data, "imu")
-    if noise is not None:
-        made = imu_noise(noise, len(imu["time_ns"]), about["rate_hz"], seed)
-        off = [np.abs([bias[name] - noise.bias, imu[name] - truth[name] - noise.bias - noise.white]).max()
-               for name, noise in zip(("acceleration", "angular_velocity"), made, strict=True)]
-        result.measure("imu0: readings against profile and seed", max(off), 1e-9, "m/s^2, rad/s")
+    _check_repeated(data, result, "imu0", 1e-9, "m/s^2, rad/s")
 
 
-# --------------------------------------------------------------------------------------------------------- depth gauge
+# ------------------------------------------------------------------------------------------------------ other sensors
 
 
 def check_depth_gauge(data: Dataset, result: Validation) -> None:
     """Readings without noise against the height of the gauge's own poses; then the noise."""
-    if "depth0" not in data.recorded:
-        return
-    gauge, (time_ns, T), path = data.depth_gauge(truth=True), data.poses("depth0"), data.layout.sensor("depth0")
-    if not _in_step(data, result, "depth0", time_ns, gauge["time_ns"]):
-        return
-    off = np.abs(gauge["depth"] - (data.meta["surface_depth_m"] - T[:, 2, 3]))
-    told = result.add_rows(path, "its depth is not that of the poses", ~(off <= 1e-9), off[:, None],
-                           [2 if data.has_noise("depth0") else 1])
-    result.measure("depth0: against poses", off.max(initial=0.0), 1e-9, "m", told)
-    if not data.has_noise("depth0"):
-        return
-    # no farther off than noise can be, and as profile and seed have it
-    about, truth, reading = data.meta["sensors"]["depth0"], gauge["depth"], data.depth_gauge()["depth"]
-    bias = files.read_numbers(path, 4)[3]
-    density, step = about["noise"]["noise_density"], about["noise"]["resolution"]
-    most = 8 * density * np.sqrt(about["rate_hz"]) + step / 2 + 1e-9
-    result.measure("depth0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "m")
-    noise, seed = _repeatable_noise(data, "depth_gauge")
-    if noise is not None:
-        made = depth_gauge_noise(noise, truth, about["rate_hz"], seed)
-        off = np.abs(np.subtract(made, (reading, bias))).max()
-        result.measure("depth0: readings against profile and seed", off, 1e-9, "m")
-
-
-# ------------------------------------------------------------------------------------------------ magnetometer and DVL
+    if (T := _poses_in_step(data, result, "depth0")) is not None:
+        expected = {"depth": data.meta["surface_depth_m"] - T[:, 2, 3]}
+        _check_readings(data, result, "depth0", expected, 1e-9, "m", "its depth is not that of the poses")
 
 
 def check_magnetometer(data: Dataset, result: Validation) -> None:
     """Readings without noise are the world's field in the axes of the sensor's own poses; then the noise."""
-    if "mag0" not in data.recorded:
+    if (T := _poses_in_step(data, result, "mag0")) is not None:
+        field = np.array(data.meta["sensors"]["mag0"]["field_T"])
+        _check_readings(data, result, "mag0", {"field": field @ T[:, :3, :3]}, 1e-9 * np.linalg.norm(field), "T",
+                        "is not the field in the axes of the poses")
+
+
+def _check_readings(data: Dataset, result: Validation, name: str, expected: dict, limit: float, unit: str,
+                    problem: str) -> None:
+    """Readings without noise are as expected; those with noise no farther off than it can be."""
+    truth, noise = data.readings(name, truth=True), data.meta["sensors"][name].get("noise")
+    off = _apart(truth, expected)
+    told = result.add_rows(data.layout.sensor(name), problem, ~(off.max(1) <= limit), off, _columns(data, name))
+    result.measure(f"{name}: against poses", off.max(initial=0.0), limit, unit, told)
+    if not noise:
         return
-    read, (time_ns, T), path = data.magnetometer(truth=True), data.poses("mag0"), data.layout.sensor("mag0")
-    if not _in_step(data, result, "mag0", time_ns, read["time_ns"]):
-        return
-    about, truth, noisy = data.meta["sensors"]["mag0"], read["field"], data.has_noise("mag0")
-    limit = 1e-9 * np.linalg.norm(about["field_T"])
-    off = np.abs(truth - np.array(about["field_T"]) @ T[:, :3, :3])
-    told = result.add_rows(path, "is not the field in the axes of the poses", ~(off.max(1) <= limit), off,
-                           range(4, 7) if noisy else range(1, 4))
-    result.measure("mag0: against poses", off.max(), limit, "T", told)
-    if not noisy:
-        return
-    reading, bias = data.magnetometer()["field"], np.column_stack(files.read_numbers(path, 10)[7:])
-    rounding = 8 * EPS * max(np.abs(reading).max(), np.abs(bias).max())
-    most = 8 * about["noise"]["noise_density"] * np.sqrt(about["rate_hz"]) + rounding
-    result.measure("mag0: reading off truth and bias, at most", np.abs(reading - truth - bias).max(), most, "T")
-    noise, seed = _repeatable_noise(data, "magnetometer")
-    if noise is not None:
-        made = magnetometer_noise(noise, len(truth), about["rate_hz"], seed)
-        off = np.abs([bias - made.bias, reading - truth - made.bias - made.white]).max()
-        result.measure("mag0: readings against profile and seed", off, rounding, "T")
+    quantity, = expected
+    reading, bias = data.readings(name)[quantity], data.bias(name)[quantity]
+    slack = 1e-9 if name == "depth0" else 8 * EPS * max(np.abs(reading).max(), np.abs(bias).max())
+    most = 8 * noise["noise_density"] * np.sqrt(data.meta["sensors"][name]["rate_hz"])
+    result.measure(f"{name}: reading off truth and bias, at most", np.abs(reading - truth[quantity] - bias).max(),
+                   most + noise.get("resolution", 0.0) / 2 + slack, unit)
+    _check_repeated(data, result, name, slack, unit)
 
 
 def check_dvl(data: Dataset, result: Validation) -> None:
     """What follows from ranges and the vehicle's states; ranges against the scene's meshes; then the noise."""
-    if "dvl0" not in data.recorded:
+    if (T := _poses_in_step(data, result, "dvl0")) is None:
         return
-    truth, (time_ns, T), path = Dvl(**data.dvl(truth=True)), data.poses("dvl0"), data.layout.sensor("dvl0")
-    if not _in_step(data, result, "dvl0", time_ns, truth.time_ns):
-        return
-    about, there = data.meta["sensors"]["dvl0"], data.trajectory().at(time_ns)
-    velocity = (there.velocity_of(np.array(about["T_v_s"])[:3, 3])[:, None] @ T[:, :3, :3])[:, 0]
+    truth, about = Dvl(**data.dvl(truth=True)), data.meta["sensors"]["dvl0"]
+    velocity = data.trajectory().at(truth.time_ns).velocity_of(np.array(about["T_v_s"])[:3, 3])
+    velocity = (velocity[:, None] @ T[:, :3, :3])[:, 0]
     beams, (least, most) = np.array(about["beams"]), about["range_m"]
     locked = np.where((truth.range >= least) & (truth.range <= most), truth.range, np.nan)
-    off = _apart(truth, bottom_track(time_ns, beams, locked, -velocity @ beams.T))
-    told = result.add_rows(path, f"is not what its ranges and {data.layout.states.name} make it",
-                           ~(off.max(1) <= 1e-9), off, range(13, 25) if data.has_noise("dvl0") else range(1, 13))
+    off = _apart(vars(truth), vars(bottom_track(truth.time_ns, beams, locked, -velocity @ beams.T)))
+    told = result.add_rows(data.layout.sensor("dvl0"), f"is not what its ranges and {data.layout.states.name} make it",
+                           ~(off.max(1) <= 1e-9), off, _columns(data, "dvl0"))
     result.measure("dvl0: readings against ranges and states", off.max(), 1e-9, "m, m/s", told)
     _check_ranges(data, result, truth, T, beams)
     if data.has_noise("dvl0"):
@@ -435,27 +393,43 @@ def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, 
 def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.ndarray) -> None:
     """Velocity and altitude are those of the beams, which are no farther off than their noise can be."""
     model, read = data.meta["sensors"]["dvl0"]["noise"], Dvl(**data.dvl())
-    off = _apart(read, bottom_track(read.time_ns, beams, read.range, read.beam_velocity))
+    off = _apart(vars(read), vars(bottom_track(read.time_ns, beams, read.range, read.beam_velocity)))
     told = result.add_rows(data.layout.sensor("dvl0"), "is not what its beams make it", ~(off.max(1) <= 1e-9), off,
                            range(1, 13))
     result.measure("dvl0: readings against their own beams", off.max(), 1e-9, "m, m/s", told)
-    exact = replace(truth, beam_velocity=(1.0 + model["scale"]) * truth.beam_velocity)
-    _, _, ranges, velocities = np.split(_apart(read, exact), (3, 4, 8), axis=1)
-    for name, off, std, unit in (("range", ranges, model["range_std"], "m"),
-                                 ("beam velocity", velocities, model["velocity_std"], "m/s")):
+    exact = vars(truth) | {"beam_velocity": (1.0 + model["scale"]) * truth.beam_velocity}
+    for name, quantity, std, unit in (("range", "range", model["range_std"], "m"),
+                                      ("beam velocity", "beam_velocity", model["velocity_std"], "m/s")):
+        off = _apart(vars(read), {quantity: exact[quantity]})
         result.measure(f"dvl0: {name} off the truth, at most", off.max(), 8 * std + 1e-9, unit)
-    noise, seed = _repeatable_noise(data, "dvl")
-    if noise is not None:
-        made = dvl_noise(noise, truth, beams, seed)
-        result.measure("dvl0: readings against profile and seed", _apart(read, made).max(), 1e-9, "m, m/s")
+    _check_repeated(data, result, "dvl0", 1e-9, "m, m/s")
 
 
-def _apart(found: Dvl, expected: Dvl) -> np.ndarray:
-    """How far readings of the DVL are apart [N, 12], in the order of its columns: 0 where neither has a number."""
-    one, other = (np.column_stack([dvl.velocity, dvl.altitude, dvl.range, dvl.beam_velocity])
-                  for dvl in (found, expected))
+def _check_repeated(data: Dataset, result: Validation, name: str, limit: float, unit: str) -> None:
+    """Readings and bias are those of the profile and its seed, where NumPy can draw their noise again."""
+    profile, seed = noise_of(data) or (None, 0)
+    model = getattr(profile, SENSOR_BLOCKS[name], None)
+    if model is None or not is_repeatable(data):
+        return
+    reading, bias = noisy_readings(data, name, model, seed)
+    off = _apart(data.readings(name), reading).max()
+    if bias is not None:
+        off = max(off, _apart(data.bias(name), bias).max())
+    result.measure(f"{name}: readings against profile and seed", off, limit, unit)
+
+
+def _apart(found: dict, expected: dict) -> np.ndarray:
+    """How far quantities are apart [N, k], in the order of their columns: 0 where neither has a number."""
+    one, other = (np.column_stack([of[quantity] for quantity in expected if quantity != "time_ns"])
+                  for of in (found, expected))
     off = np.where(np.isnan(one) & np.isnan(other), 0.0, np.abs(one - other))
     return np.where(np.isnan(off), np.inf, off)
+
+
+def _columns(data: Dataset, name: str) -> range:
+    """Where in a sensor's table its readings without noise are."""
+    count = sum(map(len, READINGS[name].values()))
+    return range(1 + count, 1 + 2 * count) if data.has_noise(name) else range(1, 1 + count)
 
 
 CHECKS = (check_poses, check_mounting, check_lights, check_states, check_imu, check_depth_gauge, check_magnetometer,

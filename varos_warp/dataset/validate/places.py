@@ -7,7 +7,7 @@ stand only all meshes together tell.
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import points_at
+from varos_warp.dataset.reader.points import points_at, seen_pixels
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.geometry.build import object_part
@@ -43,10 +43,8 @@ def sums(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: np.n
         numbers: S [H, W].
         boxes: Corners [2, 3] by number.
     """
-    step = max(1, round(np.sqrt(depth.size / MOST_POINTS)))
-    row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2::step, step // 2::step])
-    row, col = (x[np.isfinite(depth[row, col])] for x in (row, col))
-    points, here = points_at(depth, model, T_w_c, row, col), numbers[row, col]
+    row, col, z = seen_pixels(depth, MOST_POINTS)
+    points, here = points_at(model, T_w_c, row, col, z), numbers[row, col]
     found = []
     for number, (low, high) in boxes.items():
         own = points[here == number]

@@ -14,7 +14,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import along_rays, planar_depth, points_at, project
+from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -36,13 +36,6 @@ LEAST = {"C": 0.1, "S": 0.01, "B": 0.1}
 """Share of such points that is no cause for doubt: detail finer than a pixel; S has less of it."""
 
 
-def check_views(data: Dataset, result: Validation, frames: list[int], quiet: bool = True) -> None:
-    """Residuals between views in mm and px, and every one of some frames against its neighbours."""
-    if "D" in data.outputs:
-        result.guard(_check_residuals, data, result, frames)
-        result.guard(_check_neighbours, data, result, frames, quiet)
-
-
 # ----------------------------------------------------------------------------------------------------------- geometry
 
 
@@ -51,7 +44,7 @@ class _View:
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
         self.model, self.T_w_c = data.camera_model(camera), data.T_w_c(frame, camera)
-        self.depth = planar_depth(data, frame, camera)
+        self.depth = data.planar_depth(frame, camera)
         self.images = {}
         for letter in letters:
             with contextlib.suppress(InputError):  # told of already
@@ -66,11 +59,8 @@ def _matches(first: _View, second: _View) -> list[np.ndarray]:
     Returns:
         row, col of the pixels in the first view; u, v [px] and depth z [m] in the second; its own depth there [m].
     """
-    step = max(1, round(np.sqrt(first.depth.size / MOST_POINTS)))
-    row, col = (grid.ravel() for grid in np.indices(first.depth.shape)[:, step // 2::step, step // 2::step])
-    there = np.isfinite(first.depth[row, col])
-    row, col = row[there], col[there]
-    u, v, z = project(points_at(first.depth, first.model, first.T_w_c, row, col), second.model, second.T_w_c).T
+    row, col, z = seen_pixels(first.depth, MOST_POINTS)
+    u, v, z = project(points_at(first.model, first.T_w_c, row, col, z), second.model, second.T_w_c).T
     height, width = second.depth.shape
     inside = (z > 0) & (u >= 1) & (v >= 1) & (u < width - 1) & (v < height - 1)
     row, col, u, v, z = (x[inside] for x in (row, col, u, v, z))
@@ -106,7 +96,7 @@ def _view_pairs(data: Dataset, frames: list[int]) -> Iterator[tuple[str, tuple[i
                 yield f"{one}, {other}: D of the same moment", (a, one), (a, other)
 
 
-def _check_residuals(data: Dataset, result: Validation, frames: list[int]) -> None:
+def check_residuals(data: Dataset, result: Validation, frames: list[int]) -> None:
     """Points of D seen in one view lie where D of another view has them.
 
     Limits: one step of D and a fifth of a pixel's footprint at the median distance; a fifth of a pixel. On a plane
@@ -129,7 +119,7 @@ def _check_residuals(data: Dataset, result: Validation, frames: list[int]) -> No
 def _residuals(first: _View, second: _View) -> np.ndarray:
     """Rows (error in depth [m], error there and back [px], footprint of a pixel [m]) of the pixels seen in both."""
     row, col, u, v, z, seen = _matches(first, second)
-    points = along_rays(second.model, v - 0.5, u - 0.5, seen) @ second.T_w_c[:3, :3].T + second.T_w_c[:3, 3]
+    points = points_at(second.model, second.T_w_c, v - 0.5, u - 0.5, seen)
     back = project(points, first.model, first.T_w_c).T
     pixels = np.hypot(back[0] - col - 0.5, back[1] - row - 0.5)
     return np.column_stack([np.abs(seen - z), pixels, z / second.model.K[0, 0]])
@@ -159,7 +149,7 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
     return found
 
 
-def _check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet: bool) -> None:
+def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet: bool) -> None:
     """A frame that fits fewer than half of its neighbours holds images of another one, or its pose is another's.
 
     Limits. D: one step and a tenth of a pixel's footprint for the median of the signed error, from which roughness

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.layout import TIME, Layout
 from varos_warp.dataset.reader.dataset import read_exposures
-from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.images import develop
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
@@ -61,7 +60,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         if gains is None:
             gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
-    files.write_csv(table, [writers.TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
+    files.write_csv(table, [TIME, "frame", "gain", "log_average", "highlight"], time_ns, frames, gains,
                     [s.log_average for s in found], [s.highlight for s in found])
 
 
@@ -69,14 +68,7 @@ def twin_gains(layout: Layout, setting: str | float, camera: str, frames: list[i
                ) -> np.ndarray | None:
     """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
-    None where A has none for some frame: then P is exposed by itself.
-
-    Args:
-        layout: Of the dataset.
-        setting: The scene's ``render.exposure.A``.
-        camera: Its id.
-        frames: Numbers [N] of the frames.
-        axis_weight: Of the camera (`CameraModel`).
+    None where A has none for some frame: then P is exposed by itself. The arguments are those of `expose`.
     """
     if not isinstance(setting, str):
         return np.full(len(frames), axis_weight * setting)

@@ -21,7 +21,7 @@ from varos_warp.scene.load import scene_to_dict
 
 _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
 """Of a run's lock file: host, process and shard."""
-PLAN_LOCK, LEFT = ".plan.lock", ".left."
+PLAN_LOCK = ".plan.lock"
 _TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
 """Ends of the names of files that are not complete: host and process."""
 _counter = itertools.count()
@@ -53,14 +53,12 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
         root.mkdir(parents=True, exist_ok=True)
         lock = _hold(own)
     try:
-        for other in root.glob(".run.*.lock"):
+        for other, name in _runs(root):
             if other != own and _in_use(other):
-                _refuse_conflict(root, other, shard)
+                _refuse_conflict(root, other, name, shard)
         yield
     finally:
         _drop(lock, own)
-        with contextlib.suppress(OSError):
-            own.unlink()  # Windows removes no file that is open
         with contextlib.suppress(OSError):
             if not any(root.glob(".run.*.lock")):
                 (root / PLAN_LOCK).unlink(missing_ok=True)
@@ -77,29 +75,40 @@ def _hold(path: Path) -> FileLock:
 
 
 def _drop(lock: FileLock, path: Path) -> None:
+    """Remove the file of a lock that is held, so that nobody waits for it, and let it go."""
     with contextlib.suppress(OSError):
         path.unlink()
     lock.release()
+    with contextlib.suppress(OSError):
+        path.unlink()  # Windows removes no file that is open
 
 
-def _in_use(path: Path, mark: bool = True) -> bool:
-    """Whether a process holds this lock; one that a dead process left is renamed, for `sweep`, or stays."""
+def _free(path: Path) -> FileLock | None:
+    """The lock of a process, taken over from it; None where it is held, or gone."""
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except (Timeout, OSError):
-        return path.exists()
-    if mark:
-        with contextlib.suppress(OSError):  # Windows renames no file that is open
-            path.rename(path.with_name(LEFT + path.name.removeprefix(".run.")))
-    lock.release()
-    return False
+        return None
+    return lock
+
+
+def _in_use(path: Path) -> bool:
+    """Whether a process holds this lock; a dead one holds none."""
+    if (lock := _free(path)) is not None:
+        lock.release()
+    return lock is None and path.exists()
+
+
+def _runs(root: Path) -> list[tuple[Path, re.Match]]:
+    """Lock files of runs, dead or alive, and who they are."""
+    found = [(path, _NAME.fullmatch(path.name)) for path in sorted(root.glob(".run.*.lock"))]
+    return [(path, name) for path, name in found if name]
 
 
 def at_work(root: Path) -> list[str]:
     """The runs that are writing to a folder, in words; removes nothing."""
-    found = [(path, _NAME.fullmatch(path.name)) for path in sorted(root.glob(".run.*.lock"))]
-    return [_words(name) for path, name in found if name and _in_use(path, mark=False)]
+    return [_words(name) for path, name in _runs(root) if _in_use(path)]
 
 
 def is_read_only(root: Path) -> bool:
@@ -107,38 +116,27 @@ def is_read_only(root: Path) -> bool:
     return (root / "dataset.json").exists() and not os.access(root, os.W_OK)
 
 
-def _owners(root: Path, prefix: str) -> list[tuple[Path, tuple]]:
-    """Lock files, each with host and process."""
-    found = [(path, _NAME.fullmatch(".run." + path.name.removeprefix(prefix))) for path in root.glob(f"{prefix}*.lock")]
-    return [(path, name.group(1, 2)) for path, name in found if name]
-
-
 def sweep(root: Path) -> None:
-    """Remove what killed runs left: their lock files, which nobody holds, and the hidden files of the same processes.
+    """Remove what killed runs left: the hidden files of processes whose lock nobody holds, and then that lock.
 
     The folder must be known to be ours (`open_folder`).
     """
-    held = {owner for path, owner in _owners(root, ".run.") if _in_use(path)}
-    dead = dict(_owners(root, LEFT))
-    gone = set(dead.values()) - held
-    for temp in list(root.rglob(".*.tmp")) if gone else ():
-        owner = _TEMP.search(temp.name)
-        if owner and owner.groups() in gone:
-            temp.unlink(missing_ok=True)
-    for path, owner in dead.items():
-        if owner in gone:
-            path.unlink(missing_ok=True)  # the last, for this may be killed, too
+    alive = {name.group(1, 2) for path, name in _runs(root) if _in_use(path)}
+    for path, name in _runs(root):
+        if name.group(1, 2) in alive or (lock := _free(path)) is None:
+            continue
+        for temp in list(root.rglob(".*.tmp")):
+            if (owner := _TEMP.search(temp.name)) and owner.groups() == name.group(1, 2):
+                temp.unlink(missing_ok=True)
+        _drop(lock, path)
 
 
 def _words(name: re.Match) -> str:
     return f"process {name[2]} on {name[1]}"
 
 
-def _refuse_conflict(root: Path, other: Path, shard: tuple[int, int]) -> None:
+def _refuse_conflict(root: Path, other: Path, found: re.Match, shard: tuple[int, int]) -> None:
     """Only shards of one division may work beside each other, each once."""
-    found = _NAME.fullmatch(other.name)
-    if not found:
-        return
     index, of = int(found[3]), int(found[4])
     if of == shard[1] > 1 and index != shard[0]:
         return

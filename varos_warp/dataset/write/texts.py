@@ -1,8 +1,11 @@
 """The text files of a dataset: sensors, poses, lights, camera calibration, dataset.json and README.txt."""
 
 import contextlib
+import itertools
 import platform
+from collections.abc import Mapping
 from importlib import metadata, resources
+from pathlib import Path
 
 import numpy as np
 import yaml
@@ -10,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import varos_warp
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import Layout, runs
+from varos_warp.dataset.layout import POSE_FORMS, READINGS, STATES, TIME, Layout, runs, xyz
 from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
@@ -23,15 +26,10 @@ from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
-from varos_warp.sim.sensors.dvl import Dvl, beam_directions
+from varos_warp.sim.sensors.dvl import beam_directions
 
-TIME = "# timestamp [ns]"
-POSE_HEADERS = {
-    "euler": "s_x_vw s_y_vw s_z_vw theta_x_vw theta_y_vw theta_z_vw",
-    "transformation_matrix": "r11 r12 r13 s_x_vw r21 r22 r23 s_y_vw r31 r32 r33 s_z_vw",
-    "quaternion": "s_x_vw s_y_vw s_z_vw q_w q_x q_y q_z",
-}
-"""Columns after the time, by the form of a file of poses; the matrices are authoritative."""
+Samples = Mapping[str, np.ndarray]
+"""Columns of readings by quantity."""
 LATER_SENSORS = ("magnetometer", "dvl")
 """Of which README.txt and the conventions tell only where the vehicle has them."""
 
@@ -50,94 +48,49 @@ def pose_columns(form: str, T: np.ndarray) -> np.ndarray:
 
 def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarray) -> None:
     """Poses [N, 4, 4] in each of the three forms."""
-    for form, header in POSE_HEADERS.items():
-        files.write_csv(layout.poses(name, form), [TIME, *header.split()], time_ns, pose_columns(form, T_w_x))
-
-
-def _xyz(name: str, unit: str) -> list[str]:
-    """Headers of the three components of a vector."""
-    return [f"{name}_{axis} [{unit}]" for axis in "xyz"]
+    for form, header in POSE_FORMS.items():
+        files.write_csv(layout.poses(name, form), [TIME, *header], time_ns, pose_columns(form, T_w_x))
 
 
 def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle and sensors: data and the pose of each at each of its samples."""
     trajectory, vehicle = simulation.trajectory, scene.vehicle
-
-    def write_mounted(name: str, sensor, time_ns: np.ndarray) -> None:
+    write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
+    files.write_csv(layout.states, [TIME, *itertools.chain(*STATES.values())], trajectory.time_ns,
+                    *(getattr(trajectory, quantity) for quantity in STATES))
+    for name, block in SENSOR_BLOCKS.items():
+        if (sensor := getattr(vehicle, block)) is None:
+            continue
+        reading, truth, bias = vars(getattr(simulation, block)), None, None
+        if getattr(sensor, "noise", None) is not None:
+            truth, bias = ({quantity: reading[key.format(quantity)] for quantity in READINGS[name]}
+                           for key in ("true_{}", "{}_bias"))
+        write_readings(layout, name, reading, truth, bias)
+        time_ns = reading["time_ns"]
         write_poses(layout, name, time_ns, trajectory.at(time_ns).poses() @ pose_matrix(sensor))
 
-    write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
-    quaternion = ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"]
-    files.write_csv(
-        layout.states,
-        [TIME, *_xyz("p_wv", "m"), *_xyz("v_wv", "m s^-1"), *_xyz("a_wv", "m s^-2"), *quaternion,
-         *_xyz("w_wv_v", "rad s^-1"), *_xyz("alpha_wv_v", "rad s^-2")],
-        trajectory.time_ns, trajectory.position, trajectory.velocity, trajectory.acceleration, trajectory.quaternion,
-        trajectory.angular_velocity, trajectory.angular_acceleration)
-    if vehicle.imu is not None:
-        imu, truth, bias = simulation.imu, None, None
-        if vehicle.imu.noise is not None:
-            truth = imu.true_acceleration, imu.true_angular_velocity
-            bias = imu.acceleration_bias, imu.angular_velocity_bias
-        write_imu(layout, imu.time_ns, (imu.acceleration, imu.angular_velocity), truth, bias)
-        write_mounted("imu0", vehicle.imu, imu.time_ns)
-    if vehicle.depth_gauge is not None:
-        write_depth_gauge(layout, simulation.depth_gauge.time_ns, simulation.depth_gauge.depth)
-        write_mounted("depth0", vehicle.depth_gauge, simulation.depth_gauge.time_ns)
-    if vehicle.magnetometer is not None:
-        write_magnetometer(layout, simulation.magnetometer.time_ns, simulation.magnetometer.field)
-        write_mounted("mag0", vehicle.magnetometer, simulation.magnetometer.time_ns)
-    if vehicle.dvl is not None:
-        write_dvl(layout, simulation.dvl)
-        write_mounted("dvl0", vehicle.dvl, simulation.dvl.time_ns)
 
-
-def write_imu(layout: Layout, time_ns: np.ndarray, reading, truth=None, bias=None) -> None:
-    """Readings of the IMU; where they have noise, what they would be without it beside them, and its bias.
+def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples | None = None,
+                   bias: Samples | None = None) -> None:
+    """Readings of a sensor; where they have noise, what they would be without it beside them, and its bias.
 
     Args:
         layout: Of the dataset.
-        time_ns: int64 [N].
-        reading: Specific force [m/s^2] and angular velocity [rad/s], each [N, 3].
+        name: Of the sensor, as in `READINGS`.
+        reading: ``time_ns`` int64 [N] and the quantities of `READINGS`, [N] or [N, k].
         truth: The same without noise.
         bias: The slowly varying part of the noise.
     """
-    def header(prefix: str) -> list[str]:
-        return [*_xyz(f"{prefix}a_RS_S", "m s^-2"), *_xyz(f"{prefix}w_RS_S", "rad s^-1")]
+    def write(path: Path, **parts: Samples | None) -> None:
+        there = {prefix: part for prefix, part in parts.items() if part is not None}
+        header = [prefix + column for prefix in there for columns in READINGS[name].values() for column in columns]
+        files.write_csv(path, [TIME, *header], reading["time_ns"],
+                        *(part[quantity] for part in there.values() for quantity in READINGS[name]))
 
-    names = [TIME, *header(""), *(header("true_") if truth else ())]
-    files.write_csv(layout.sensor("imu0"), names, time_ns, *reading, *(truth or ()))
-    if bias:
-        files.write_csv(layout.imu_bias, [TIME, *header("b_")], time_ns, *bias)
-
-
-def write_depth_gauge(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, truth: np.ndarray | None = None,
-                      bias: np.ndarray | None = None) -> None:
-    """Readings of the depth gauge [N] [m]; where they have noise, the true depth and the bias beside them."""
-    more = [] if truth is None else [truth, bias]
-    names = [TIME, "d_v_w [m]", "true_d_v_w [m]", "b_d_v_w [m]"]
-    files.write_csv(layout.sensor("depth0"), names[:2 + len(more)], time_ns, reading, *more)
-
-
-def write_magnetometer(layout: Layout, time_ns: np.ndarray, reading: np.ndarray, truth: np.ndarray | None = None,
-                       bias: np.ndarray | None = None) -> None:
-    """Readings of the magnetometer [N, 3] [T]; where they have noise, the true field and the bias beside them."""
-    more = [] if truth is None else [("true_", truth), ("b_", bias)]
-    names = [name for prefix, _ in [("", reading), *more] for name in _xyz(f"{prefix}B_S", "T")]
-    files.write_csv(layout.sensor("mag0"), [TIME, *names], time_ns, reading, *(columns for _, columns in more))
-
-
-def write_dvl(layout: Layout, reading: Dvl, truth: Dvl | None = None) -> None:
-    """Readings of the DVL; where they have noise, what they would be without it beside them."""
-    def header(prefix: str) -> list[str]:
-        return [*_xyz(f"{prefix}v_RS_S", "m s^-1"), f"{prefix}altitude [m]",
-                *(f"{prefix}range_{i} [m]" for i in range(1, 5)),
-                *(f"{prefix}beam_velocity_{i} [m s^-1]" for i in range(1, 5))]
-
-    both = [("", reading)] if truth is None else [("", reading), ("true_", truth)]
-    files.write_csv(layout.sensor("dvl0"), [TIME, *(name for prefix, _ in both for name in header(prefix))],
-                    reading.time_ns, *(columns for _, dvl in both for columns in (
-                        dvl.velocity, dvl.altitude, dvl.range, dvl.beam_velocity)))
+    if name == "imu0" and bias is not None:
+        write(layout.imu_bias, b_=bias)
+        bias = None
+    write(layout.sensor(name), **{"": reading, "true_": truth, "b_": bias})
 
 
 _PIXELS = "# The centre of the top left pixel is (0, 0) in K_opencv and (0.5, 0.5) in K_center_half.\n"
@@ -168,7 +121,7 @@ def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, 
         return
     T = (T_w_v[:, None] @ np.array([light_pose(light) for light in lights])).reshape(-1, 4, 4)
     direction = ["direction_w_x", "direction_w_y", "direction_w_z"]
-    files.write_csv(layout.lights, [TIME, "frame", "light", *_xyz("p_wl", "m"), *direction],
+    files.write_csv(layout.lights, [TIME, "frame", "light", *xyz("p_wl", "m"), *direction],
                     np.repeat(time_ns, len(lights)), np.repeat(frames, len(lights)),
                     np.tile(np.arange(len(lights)), len(frames)), T[:, :3, 3], T[:, :3, 2])
 
@@ -309,16 +262,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
 _RAYS = {"z": "# z = 1: D is planar",
          "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
-
 _PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
-_BENT = """Not all are pinholes: camXX.yaml names the port and the lens's distortion, coefficients in OpenCV's order.
-  camXX_rays.exr has the ray in the water of every pixel's centre: float32 channels green.ox, oy, oz (its origin on the
-  port [m]), green.dx, dy, dz (its unit direction), both in camera axes, and green.weight (radiance at the sensor over
-  that in the water); NaN where no water is seen. red and blue have theirs where their index differs, else green's.
-  What a pixel sees lies at o + D d if D is the range, at o + (D - oz) / dz d if it is along the axis.
-  varos_warp.Dataset(".").camera_model("M0").rays(points) gives those of any point; the code below is for pinholes.
-  B, C, D and S follow the rays of green. D along the ray is the path in the water; D along the axis is from the lens.
-  Intrinsics in both conventions of pixels:"""
 
 
 def _text(name: str) -> str:
@@ -331,7 +275,7 @@ def write_readme(layout: Layout, scene) -> None:
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     bent = any(map(has_twin, scene.vehicle.cameras))
-    words = {"LENS": _BENT if bent else _PINHOLES,
+    words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),

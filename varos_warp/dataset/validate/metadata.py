@@ -1,19 +1,14 @@
-"""Files against dataset.json, dataset.json against the scene in it, time stamps, checksums."""
+"""dataset.json against the scene in it, and against files that state the same: YAML, segments, rays, time stamps."""
 
-import itertools
-import os
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import POSE_FORMS
+from varos_warp.dataset.layout import POSE_FORMS, TIME
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.validate.completeness import Pending, exposure_tables
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.validate.pending import Pending, check_complete, exposure_tables, images
-from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.rays import ray_channels
 from varos_warp.errors import InputError
@@ -29,67 +24,6 @@ RELATIVE = 1e-9
 """Numbers that differ by less are the same."""
 ROUNDING = 2.0**-23
 """Two roundings to float32, for another machine may round otherwise before."""
-
-
-def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
-    """Every file that dataset.json asks for is there, and none that it does not account for."""
-    required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
-    # what an earlier run may have been asked for
-    optional = {data.layout.exr(camera, "D", frame) for camera in data.cameras for frame in data.frames}
-    optional |= {data.layout.linear(camera, frame, output) for camera in data.cameras for frame in data.frames
-                 for output in data.outputs if output in "AP"}
-    missing = sorted(path for path in required - pending.files if not path.is_file())
-    found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
-    strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
-    remains = [] if pending.files else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
-    for paths, problem in ((missing, "there is no such file"), (strays, "dataset.json does not account for it"),
-                           (remains, "remains of an interrupted run")):
-        result.add_all([f"{result.name(path)}: {problem}" for path in paths], "files")
-
-
-def _texts(data: Dataset) -> Iterator[Path]:
-    layout = data.layout
-    yield data.root / "README.txt"
-    for name in (*data.recorded, *data.cameras):
-        yield from (layout.poses(name, form) for form in POSE_FORMS)
-    for camera in data.cameras:
-        yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))
-        if "rays" in data.camera(camera):
-            yield layout.rays(camera)
-    yield from exposure_tables(data)
-    if data.meta["lights"]:
-        yield layout.lights
-    if data.recorded:
-        yield layout.states
-        yield from map(layout.sensor, data.meta["sensors"])
-        if "imu0" in data.recorded and data.has_noise("imu0"):
-            yield layout.imu_bias
-    if "S" in data.outputs:
-        yield layout.segments
-
-
-def check_checksums(data: Dataset, result: Validation, pending: Pending) -> None:
-    """Every file is as it was written; of a dataset that is still made only images, since all else is written anew."""
-    known, growing = checksums.read_checksums(data.root), bool(pending.files)
-    if growing:
-        known = {name: value for name, value in known.items() if Path(name).suffix in (".png", ".exr")}
-    if not known:
-        return
-
-    def compare(name: str) -> str | None:
-        if not (data.root / name).is_file():
-            return f"{name}: there is no such file"
-        same = checksums.sha256(data.root / name) == known[name]
-        return None if same else f"{name}: is not as it was written: its checksum differs"
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = [problem for problem in pool.map(compare, known) if problem]
-    added = [] if growing else map(result.name, checksums.listed_files(data.root))
-    result.add_all(found + [f"{name}: is not in checksums" for name in added if name not in known], "files")
-    result.files_hashed = len(known)
-
-
-# ------------------------------------------------------------------------------------------------------- dataset.json
 
 
 def check_metadata(data: Dataset, result: Validation) -> None:
@@ -210,15 +144,11 @@ def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
 
 def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expected: np.ndarray) -> bool:
     """Whether the rows of a table are at the times expected."""
-    time_ns = table[writers.TIME]
+    time_ns = table[TIME]
     if len(time_ns) != len(expected):
         result.add(f"{result.name(path)}: {len(time_ns)} rows, not {len(expected)}")
         return False
     wrong = np.flatnonzero(time_ns != expected)
     if wrong.size:
-        result.add(f"{result.cell(path, wrong[0], writers.TIME)}: is not {expected[wrong[0]]} ns")
+        result.add(f"{result.cell(path, wrong[0], TIME)}: is not {expected[wrong[0]]} ns")
     return not wrong.size
-
-
-CHECKS = (check_complete, check_files, check_checksums, check_times)
-"""Those that know what is still to be made."""
