@@ -15,16 +15,19 @@ from varos_warp.kernels.film.film import CORRECTION_SUMS, SUMS, Film, develop, t
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
+from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
+from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.render.field.open_water import OpenWater, along_camera, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
 from varos_warp.render.launch import Steps
+from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -43,6 +46,12 @@ VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
 
+VIRTUAL_GROUPS = 32
+"""Groups of instants with virtual point lights of their own: of how the vehicle moves within one, only the error of
+light of two and more reflections tells, and that falls with its square."""
+MOMENTS_SEED = 7
+"""Tells the random numbers of places on disks from others."""
+
 COLOUR_CYCLE = 6
 """Where each channel has its own rays, samples are a multiple of this, and all channels have equally many."""
 
@@ -58,6 +67,16 @@ class Shot(NamedTuple):
     """Of its random numbers."""
     guides: Callable[[], dict[str, wp.array]]
     """Albedo and normals, traced once for all images of a frame."""
+    motion: Motion | None = None
+    """Of the vehicle while the shutter is open; None: it stands still."""
+
+
+class Seen(NamedTuple):
+    """What kernels get of a shot, and whether they are compiled for moments."""
+
+    camera: CameraData
+    moments: Moments
+    varies: bool
 
 
 class SampleKind(NamedTuple):
@@ -124,9 +143,10 @@ class RadianceRenderer:
         options, world = shot.options, self.world
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
+        seen = self._seen(shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view),
-                                       world.lights.disks)
-        before = [world.lit(shot.T_w_v), world.camera(shot.view, shot.T_w_v)]
+                                       seen.varies)
+        before = [world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
                         share=self._vignette(shot.view))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
@@ -137,9 +157,10 @@ class RadianceRenderer:
         scene = world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
-        before = [scene, world.camera(view, shot.T_w_v)]
-        kinds = self._kinds_of_samples(shot, bounds, with_field)
-        lights = [self._virtual_lights(scene, view, keys[2])] if any(kind.subpaths for kind in kinds) else []
+        seen = self._seen(view, shot.T_w_v, shot.motion, key=shot.key)
+        before = [scene, seen.camera, seen.moments]
+        kinds = self._kinds_of_samples(shot, bounds, with_field, seen.varies)
+        lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
@@ -163,11 +184,11 @@ class RadianceRenderer:
         guides = shot.guides() if guided else {}
         return (yield from self._develop(films, shot, options.layers, options.denoise, guides, kinds))
 
-    def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool) -> list[SampleKind]:
+    def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool, varies: bool) -> list[SampleKind]:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
         spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
                         world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view),
-                        optics_spec(shot.view), world.lights.disks)
+                        optics_spec(shot.view), varies)
         kinds = []
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
@@ -175,15 +196,26 @@ class RadianceRenderer:
             kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, CORRECTION_SUMS))
         return kinds
 
-    def _virtual_lights(self, scene, view, key: int) -> wp.array:
-        """Virtual point lights of a frame."""
+    def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
+        """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
+        groups = min(seen.moments.cameras.shape[0], VIRTUAL_GROUPS) if seen.varies else 1
         if not self.world.has_surfaces:
-            return wp.empty(0, dtype=VirtualLight, device=self.device)
+            return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
-        lights = wp.empty(count, dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, self.world.lights.disks)
-        self.launcher.rows(kernel, lights.shape, [scene], [wp.uint32(key), lights], tile_rows=1024)
+        lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
+        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, seen.varies)
+        self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
+
+    def _seen(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0, pinhole: bool = False
+              ) -> Seen:
+        """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only."""
+        camera = self.world.camera(view, T_w_v, pinhole=pinhole)
+        moves = motion is not None and view.shutter is not None
+        if not moves and (pinhole or not self.world.lights.vary):
+            return Seen(camera, Moments(), False)
+        rng = np.random.default_rng([key, MOMENTS_SEED])
+        return Seen(camera, moments_of(self.world, view, T_w_v, motion if moves else None, rng, pinhole), True)
 
     def ambient(self, shot: Shot) -> Steps[RadianceImage]:
         """Render B."""
@@ -192,19 +224,21 @@ class RadianceRenderer:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
-        kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view))
-        before = [world.data, world.camera(shot.view, shot.T_w_v, pinhole=True)]
+        seen = self._seen(shot.view, shot.T_w_v, shot.motion, pinhole=True)
+        kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view), seen.varies)
+        before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop([film], shot, (), method, shot.guides() if guided else {}))
 
-    def trace_guides(self, view, T_w_v) -> dict[str, wp.array]:
-        """Albedo and normals at the centres of the pixels."""
+    def trace_guides(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> dict[str, wp.array]:
+        """Albedo and normals at the centres of the pixels; means over an exposure."""
+        seen = self._seen(view, T_w_v, motion, pinhole=True)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures, optics_spec(view))
-        camera = self.world.camera(view, T_w_v, pinhole=True)
-        self.launcher.rows(kernel, shape, [self.world.data, camera], list(guides.values()))
+        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures, optics_spec(view),
+                                    seen.varies)
+        self.launcher.rows(kernel, shape, [self.world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 
     def _develop(self, films: list[Film], shot: Shot, wanted_layers, method: str | None, guides=None,

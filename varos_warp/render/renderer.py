@@ -3,7 +3,7 @@
 import copy
 import functools
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -11,22 +11,25 @@ from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_hidden_kernel
+from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.render.image.films import Films
-from varos_warp.render.image.flow import flow_of
+from varos_warp.render.image.flow import flow_by_rows, flow_of
 from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
+from varos_warp.render.moments import Motion, poses_of_rows
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, optics_spec, resolve_device
+from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
 from varos_warp.scene.frames import camera_pose, inverse
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
+from varos_warp.scene.optics.shutter import is_rolling
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
            "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
@@ -41,6 +44,23 @@ def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
 def _centre_rays(view: Camera) -> Rays:
     """Rays of the pixels' centres in camera axes, kept from frame to frame: a second at 1280 x 720 with distortion."""
     return camera_model(view).rays(pixel_centres(*view.resolution))
+
+
+class Exposed(NamedTuple):
+    """A camera, and the vehicle while its shutter is open."""
+
+    view: Camera
+    T_w_v: np.ndarray
+    motion: Motion | None
+
+    @property
+    def rolls(self) -> bool:
+        """Whether rows are of different instants."""
+        return self.motion is not None and is_rolling(self.view)
+
+    def poses_of_rows(self) -> np.ndarray:
+        """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
+        return poses_of_rows(self.view, self.T_w_v, self.motion)
 
 
 class FrameRenderer:
@@ -84,7 +104,8 @@ class FrameRenderer:
         return self.launcher.compile_seconds
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
+               motion: Motion | None = None, motion_next: Motion | None = None, seed: int | None = None,
                frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
@@ -94,6 +115,9 @@ class FrameRenderer:
             outputs: Any of A, B, C, D, S, P and F.
             T_w_v_next: Pose [4, 4] of the vehicle at the next frame, to which F is the flow.
             camera_next: That of the next frame, if it is another: with the same pose, F is the disparity of a pair.
+            motion: Of the vehicle around this frame, for cameras with a shutter (`Simulation.motion`); absent: it
+                stands still, and nothing is blurred.
+            motion_next: Around the next frame, for F with a rolling shutter.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
@@ -102,11 +126,12 @@ class FrameRenderer:
             InputError: If something unknown is asked for, or F without ``T_w_v_next``.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next, seed=seed,
-                                 frame=frame, **options))
+        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next,
+                                 motion=motion, motion_next=motion_next, seed=seed, frame=frame, **options))
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None, seed: int | None = None,
+              T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
+              motion: Motion | None = None, motion_next: Motion | None = None, seed: int | None = None,
               frame: int = 0, **options: Any) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
@@ -116,20 +141,24 @@ class FrameRenderer:
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
-        guides = functools.cache(lambda seen: self.radiance.trace_guides(seen, T_w_v))
+        guides = functools.cache(lambda seen, moved: self.radiance.trace_guides(seen, T_w_v, moved))
         water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
-        for letter, make, seen in (("A", water, view), ("B", ambient, view), ("P", water, twin(view))):
+        for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
+                                          ("P", water, self._twin(view), None)):
             if letter == "P" and "P" in outputs and "A" in images and seen == view:
                 images["P"] = images["A"]
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
-                images[letter] = yield from make(Shot(seen, T_w_v, how, key, functools.partial(guides, seen)))
+                images[letter] = yield from make(
+                    Shot(seen, T_w_v, how, key, functools.partial(guides, seen, moved), moved))
+        here = Exposed(view, T_w_v, motion)
         if geometry := set("CDSF") & set(outputs):
-            images |= yield from self._render_first_hits(view, T_w_v, geometry | ({"D"} if "F" in geometry else set()))
+            images |= yield from self._render_first_hits(here, geometry | ({"D"} if "F" in geometry else set()))
         if "F" in geometry:
-            following = (self._camera(camera_next) if camera_next else view, np.asarray(T_w_v_next, np.float64))
-            images["F"] = yield from self._render_flow((view, T_w_v), following, images["D"].range)
+            following = Exposed(self._camera(camera_next) if camera_next else view, np.asarray(T_w_v_next, np.float64),
+                                motion_next)
+            images["F"] = yield from self._render_flow(here, following, images["D"].range)
         return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
@@ -175,15 +204,27 @@ class FrameRenderer:
             raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(cameras)}.")
         return cameras[name]
 
-    def _render_first_hits(self, view: Camera, T_w_v: np.ndarray, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
+    def _twin(self, view: Camera) -> Camera:
+        """The camera of P; strobes light it as they do A."""
+        strobes = any(light.strobe for light in self.scene.vehicle.lights)
+        return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
+
+    def _cameras_of_rows(self, here: Exposed) -> tuple[wp.array, bool]:
+        """Of a rolling shutter, and whether it is one."""
+        if not here.rolls:
+            return wp.empty(0, dtype=CameraData, device=self.device), False
+        return camera_records(here.view, here.poses_of_rows(), self.world.origin, self.device, pinhole=True), True
+
+    def _render_first_hits(self, here: Exposed, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
+        view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
         if self.world.has_surfaces:
-            camera = self.world.camera(view, T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view))
-            self.launcher.rows(kernel, shape, [self.world.data, camera], [normal, depth, distance, instance])
+            camera, (of_rows, rolls) = self.world.camera(view, here.T_w_v, pinhole=True), self._cameras_of_rows(here)
+            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view), rolls)
+            self.launcher.rows(kernel, shape, [self.world.data, camera, of_rows], [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
         wanted = [letter for letter in arrays if letter in outputs]
         fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
@@ -194,19 +235,23 @@ class FrameRenderer:
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
-    def _render_flow(self, here: tuple[Camera, np.ndarray], following: tuple[Camera, np.ndarray],
-                     distance: np.ndarray) -> Steps[FlowImage]:
-        """F from the range of D, with the vehicle's poses: in float64 on the host, and what hides on the device."""
-        T_w_next, (view, T_w_v) = camera_pose(*following), here
-        moved = flow_of(camera_model(following[0]), pixel_centres(*view.resolution), _centre_rays(view), distance,
-                        inverse(T_w_next) @ camera_pose(view, T_w_v))
+    def _render_flow(self, here: Exposed, following: Exposed, distance: np.ndarray) -> Steps[FlowImage]:
+        """F from the range of D: in float64 on the host, and what hides on the device."""
+        view = here.view
+        before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
+        if here.rolls or following.rolls:
+            moved = flow_by_rows(*before, *(camera_pose(at.view, at.poses_of_rows()) for at in (here, following)))
+            eye = moved.eye
+        else:
+            T_w_next = camera_pose(following.view, following.T_w_v)
+            moved = flow_of(*before, inverse(T_w_next) @ camera_pose(view, here.T_w_v))
+            eye = (moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T).reshape(moved.eye.shape) + T_w_next[:3, 3]
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
         if self.world.has_surfaces:
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
-            turned = moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T
-            self.launcher.upload(turned.reshape(eyes.shape + (3,)) + (T_w_next[:3, 3] - self.world.origin), eyes)
-            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view))
-            camera = self.world.camera(view, T_w_v, pinhole=True)
-            self.launcher.rows(kernel, distance.shape, [self.world.data, camera, eyes], [hidden])
+            self.launcher.upload(eye - self.world.origin, eyes)
+            camera, (of_rows, rolls) = self.world.camera(view, here.T_w_v, pinhole=True), self._cameras_of_rows(here)
+            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view), rolls)
+            self.launcher.rows(kernel, distance.shape, [self.world.data, camera, of_rows, eyes], [hidden])
         on_host, = yield from self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))

@@ -201,6 +201,17 @@ def camera_record(camera: Camera, T_w_v: np.ndarray, origin, *, pinhole: bool = 
     return record
 
 
+def camera_records(camera: Camera, T_w_v: np.ndarray, origin, device: str, *, pinhole: bool = False) -> wp.array:
+    """`camera_record` for poses [N, 4, 4] of the vehicle, as an array on a device."""
+    record = wp.array([camera_record(camera, T_w_v[0], origin, pinhole=pinhole)], dtype=CameraData, device="cpu")
+    records = np.repeat(record.numpy(), len(T_w_v))
+    T_w_c = np.broadcast_to(camera_pose(camera, T_w_v), (len(T_w_v), 4, 4))
+    records["position"] = T_w_c[:, :3, 3] - origin
+    for axis, name in enumerate(("right", "down", "forward")):
+        records[name] = T_w_c[:, :3, axis]
+    return wp.array(records, dtype=CameraData, device=device)
+
+
 def optics_spec(camera: Camera) -> OpticsSpec:
     """What kernels are compiled for, to see through a camera."""
     lens = "none" if camera.distortion is None else camera.distortion.model

@@ -79,12 +79,29 @@ class Trajectory:
                 mine[off] = theirs
         return there
 
+    def from_before(self, time_ns: np.ndarray) -> "Trajectory":
+        """The motion as `at` has it, and before the first row with the accelerations of that row."""
+        early = self.time_ns[0] - min(int(np.min(time_ns)), int(self.time_ns[0]))
+        return _with_start(self, early).at(time_ns) if early else self.at(time_ns)
+
     def _columns(self) -> Iterator[np.ndarray]:
         return (getattr(self, field.name) for field in fields(self))
 
     def rows(self, index: np.ndarray | slice) -> "Trajectory":
         """Some of the rows; of a slice they are not copied."""
         return Trajectory(*(column[index] for column in self._columns()))
+
+
+def _with_start(motion: Trajectory, early_ns: int) -> Trajectory:
+    """A motion with one more row so long before the first."""
+    first, t = motion.rows(slice(1)), 1e-9 * early_ns
+    turned = t * first.angular_velocity - t**2 / 2 * first.angular_acceleration
+    start = Trajectory(first.time_ns - early_ns,
+                       first.position - t * first.velocity + t**2 / 2 * first.acceleration,
+                       first.velocity - t * first.acceleration, first.acceleration,
+                       (first.rotation() * Rotation.from_rotvec(-turned)).as_quat(scalar_first=True),
+                       first.angular_velocity - t * first.angular_acceleration, first.angular_acceleration)
+    return Trajectory(*(np.concatenate(columns) for columns in zip(start._columns(), motion._columns(), strict=True)))
 
 
 def _between(start: Trajectory, end: Trajectory, time_ns: np.ndarray) -> Trajectory:

@@ -10,6 +10,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
+from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.sim import advice
 from varos_warp.sim.clock import (
     LONGEST_S,
@@ -65,6 +66,13 @@ class Simulation:
     """Index of the waypoint (or pose) that the reference heads for, int [N]."""
     magnetometer: Magnetometer | None = None
     dvl: Dvl | None = None
+
+    def motion(self, time_ns: int) -> Callable[[np.ndarray], np.ndarray]:
+        """Poses of the vehicle around a time: a function of times from there, int64 [N] [ns], to T_w_v [N, 4, 4].
+
+        Before the first row the accelerations are those of that row.
+        """
+        return lambda offset_ns: self.trajectory.from_before(time_ns + offset_ns).poses()
 
 
 class PathSamples(NamedTuple):
@@ -150,8 +158,9 @@ COLUMNS: list[tuple] = [
 
 
 def _rows(scene: Scene, frames: int) -> int:
-    """Rows up to what sensors read, and with F to a frame after the last, to which its flow is."""
-    after_ns = frame_time_ns(frames, scene.render.frame_rate_hz) if "F" in scene.render.outputs else 0
+    """Rows up to what sensors read, until shutters close, and with F to the frame after the last."""
+    last = frames if "F" in scene.render.outputs else frames - 1
+    after_ns = frame_time_ns(last, scene.render.frame_rate_hz) + open_ns(scene.vehicle.cameras)
     return max(_rows_read(scene, frames), -(-after_ns // TICK_NS) + 1)
 
 

@@ -66,7 +66,7 @@ both = pytest.mark.parametrize("at_once", [1, 2])
 
 
 def go(renderer, writer, jobs=JOBS, **options):
-    return Pipeline(renderer, writer, PLAN, lambda frame: np.eye(4), **options).run(jobs)
+    return Pipeline(renderer, writer, PLAN, lambda frame: np.eye(4), lambda frame: None, **options).run(jobs)
 
 
 def test_images_are_written_while_the_next_one_is_rendered():

@@ -22,6 +22,7 @@ from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.launch import finish
+from varos_warp.render.moments import Motion
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
 from varos_warp.scene.device import kind_of
@@ -89,6 +90,8 @@ class Pipeline:
     """Of the sequence, as `Plan.to_dict` has it."""
     T_w_v: Callable[[int], np.ndarray]
     """Pose [4, 4] of the vehicle at a frame, and for F at the one after the last."""
+    motion: Callable[[int], Motion]
+    """And around it, for shutters."""
     made: Rendered = field(default_factory=Rendered)
     """What is known already, to be added to; whole also when this is interrupted."""
     clock: Clock = field(default_factory=Clock)
@@ -155,6 +158,7 @@ class Pipeline:
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
             T_w_v_next=self.T_w_v(job.frame + 1) if "F" in job.letters else None,
+            motion=self.motion(job.frame), motion_next=self.motion(job.frame + 1),
             **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()

@@ -29,7 +29,8 @@ from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
-from varos_warp.scene.description.optics import has_twin
+from varos_warp.render.moments import Motion
+from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns
@@ -284,6 +285,10 @@ class _Run:
             return self.simulation.frames.T_w_v(frame)
         return self.simulation.trajectory.at([frame_time_ns(frame, self.scene.render.frame_rate_hz)]).T_w_v(0)
 
+    def motion(self, frame: int) -> Motion:
+        """Of the vehicle around a frame."""
+        return self.simulation.motion(frame_time_ns(frame, self.scene.render.frame_rate_hz))
+
     # -------------------------------------------------------------------------------------------------- preparing
 
     def find_work(self) -> None:
@@ -390,7 +395,7 @@ class _Run:
         time_ns = self.simulation.frames.time_ns[self.frames]
         for camera in self.scene.vehicle.cameras:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
-            if has_twin(camera) and not self.record.has(self.layout.rays(camera.id)):
+            if has_lens(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
 
@@ -405,8 +410,8 @@ class _Run:
         if not self.work:
             return
         with self.console.progress("rendering", len(self.work)) as progress:
-            Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.made, self.clock, progress.advance,
-                     self.say).run(self.work)
+            Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
+                     progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures

@@ -19,7 +19,7 @@ from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
-from varos_warp.scene.description.optics import has_twin
+from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
@@ -140,7 +140,7 @@ def describe_camera(layout: Layout, camera) -> dict:
         "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
         "width": width, "height": height, "resolution": {"width": width, "height": height},
         "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
-        **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_twin(camera) else {}),
+        **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
         "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
     }
@@ -233,7 +233,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     """
     vehicle, render = scene.vehicle, scene.render
     conventions = yaml.safe_load(_text("conventions.yaml"))
-    bent = any(map(has_twin, vehicle.cameras))
+    bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
     absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
@@ -274,7 +274,7 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
-    bent = any(map(has_twin, scene.vehicle.cameras))
+    bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",

@@ -8,6 +8,7 @@ from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
 from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
@@ -66,8 +67,8 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
 
 
 @cache
-def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> wp.Kernel:
-    """Image B, for scenes with or without instances and textures, through a lens and a port."""
+def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
+    """Image B, for scenes with or without instances and textures, through a lens, a port and a moments."""
     ambient_radiance = make_ambient_radiance(instances, textures)
     bent_ray = make_bent_ray(optics)
 
@@ -75,6 +76,7 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> 
     def trace_ambient(
         scene: SceneData,
         camera: Camera,
+        moments: Moments,
         first: int,
         max_bounces: int,
         key: wp.uint32,
@@ -88,6 +90,8 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> 
         sums = Sums()
         for sample in range(part.begin, part.end):
             u = uniforms(key, pixel, sample, 0)
+            if wp.static(varies):
+                camera = moments.cameras[moment_of(moments, part.row, key, pixel, sample).instant]
             if wp.static(optics.bends):
                 x, y = float(part.col) + u[0], float(part.row) + u[1]
                 ray, seen = bent_ray(camera, x, y, wp.vec2(0.0, 0.0), GREEN)

@@ -16,7 +16,8 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, lights_of_sample, make_segment
+from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -100,6 +101,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     def trace_camera_segments(
         scene: SceneData,
         camera: Camera,
+        moments: Moments,
         first: int,
         field: Field,
         bounds: PathBounds,
@@ -113,8 +115,10 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
-            if wp.static(spec.disks):
-                scene.lights = lights_of_sample(scene, key, pixel, sample)
+            if wp.static(spec.varies):
+                moment = moment_of(moments, part.row, key, pixel, sample)
+                scene.lights = moments.lights[moment.lights]
+                camera = moments.cameras[moment.instant]
             u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
             if wp.static(spec.optics.bends):

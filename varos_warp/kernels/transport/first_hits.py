@@ -5,6 +5,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.bsdf import surface_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
 from varos_warp.kernels.world.intersect import SceneData, corner_normal, make_hit_surface, make_rays, shading_normal
@@ -37,14 +38,15 @@ def make_centre_hit(instances: bool, optics: OpticsSpec) -> wp.Function:
 
 
 @cache
-def make_first_hits_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
-    """Images C, D and S, for scenes with or without instances, through a lens and a port."""
+def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp.Kernel:
+    """Images C, D and S, for scenes with or without instances, through a lens, a port and a shutter."""
     centre_hit = make_centre_hit(instances, optics)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_first_hits(
         scene: SceneData,
         camera: Camera,
+        of_rows: wp.array(dtype=Camera),  # of a rolling shutter
         first_row: int,
         # out
         normal: wp.array2d(dtype=wp.vec3),
@@ -58,6 +60,8 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
         """
         tile_row, col = wp.tid()
         row = first_row + tile_row
+        if wp.static(rolling):
+            camera = of_rows[row]
         ray, hit = centre_hit(scene, camera, row, col)
         if hit.face < 0:
             normal[row, col] = wp.vec3(0.0)
@@ -76,8 +80,8 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
 
 
 @cache
-def make_hidden_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
-    """What hides from another place, for scenes with or without instances, through a lens and a port."""
+def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp.Kernel:
+    """What hides from another place, for scenes with or without instances, through a lens, a port and a shutter."""
     centre_hit = make_centre_hit(instances, optics)
     _, visible = make_rays(instances)
 
@@ -85,6 +89,7 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
     def find_hidden(
         scene: SceneData,
         camera: Camera,
+        of_rows: wp.array(dtype=Camera),  # of a rolling shutter
         eyes: wp.array2d(dtype=wp.vec3),  # where the point is looked for from [m], NaN: nowhere; shape [height, width]
         first_row: int,
         # out
@@ -95,6 +100,8 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
         row = first_row + tile_row
         hidden[row, col] = wp.uint8(0)
         eye = eyes[row, col]
+        if wp.static(rolling):
+            camera = of_rows[row]
         _ray, hit = centre_hit(scene, camera, row, col)
         if hit.face >= 0 and wp.isfinite(eye):
             if not visible(scene, hit.start, eye):
@@ -103,16 +110,40 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec) -> wp.Kernel:
     return find_hidden
 
 
+INSTANTS = wp.constant(16)
+"""Of an exposure, over which guides are the mean."""
+
+
+@wp.struct
+class Guides:
+    """What a pixel's centre shows a denoiser; zeros where nothing is hit."""
+
+    albedo: wp.vec3
+    normal: wp.vec3
+
+
 @cache
-def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> wp.Kernel:
-    """Guides for a denoiser, for scenes with or without instances and textures, through a lens and a port."""
+def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
+    """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
     centre_hit = make_centre_hit(instances, optics)
     hit_surface = make_hit_surface(textures)
+
+    @wp.func
+    def centre_guides(scene: SceneData, camera: Camera, row: int, col: int):
+        guides = Guides()
+        ray, hit = centre_hit(scene, camera, row, col)
+        if hit.face >= 0:
+            n = shading_normal(scene, hit)
+            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
+            guides.albedo = wp.min(surface_albedo(surface), wp.vec3(1.0))
+            guides.normal = corner_normal(scene, scene.smooth_normals, hit)
+        return guides
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_guides(
         scene: SceneData,
         camera: Camera,
+        moments: Moments,
         first_row: int,
         # out
         albedo: wp.array2d(dtype=wp.vec3),
@@ -121,13 +152,17 @@ def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec) -> w
         """Albedo of the surface in [0, 1], and normal as in image C, both [height, width]; 0 where nothing is hit."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
-        ray, hit = centre_hit(scene, camera, row, col)
-        albedo[row, col] = wp.vec3(0.0)
-        normal[row, col] = wp.vec3(0.0)
-        if hit.face >= 0:
-            n = shading_normal(scene, hit)
-            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
-            albedo[row, col] = wp.min(surface_albedo(surface), wp.vec3(1.0))
-            normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
+        if wp.static(varies):
+            # blurred as the image is
+            sums = Guides()
+            for k in range(INSTANTS):
+                instant = instant_of_row(moments, row, (float(k) + 0.5) / float(INSTANTS))
+                seen = centre_guides(scene, moments.cameras[instant], row, col)
+                sums.albedo += seen.albedo / float(INSTANTS)
+                sums.normal += seen.normal / float(INSTANTS)
+        else:
+            sums = centre_guides(scene, camera, row, col)
+        albedo[row, col] = sums.albedo
+        normal[row, col] = sums.normal
 
     return trace_guides

@@ -26,8 +26,9 @@ from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, lights_of_sample, make_segment
+from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -45,7 +46,13 @@ from varos_warp.kernels.transport.subpath import (
     subpath_from_water,
     water_vertex,
 )
-from varos_warp.kernels.transport.virtual_lights import VirtualLight, found_weight, gather_virtual_light, may_have_lobe
+from varos_warp.kernels.transport.virtual_lights import (
+    VirtualLight,
+    found_weight,
+    gather_virtual_light,
+    group_of,
+    may_have_lobe,
+)
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.medium import transmittance
@@ -132,9 +139,9 @@ def make_leave_vertex(spec: PathSpec) -> wp.Function:
     visible = make_segment(spec).visible
 
     @wp.func
-    def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, half: int, u: wp.vec2):
+    def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, u: wp.vec2):
         """Light of virtual point lights at a subpath's vertex."""
-        found = gather_virtual_light(scene, lights, path.vertex, half, u)
+        found = gather_virtual_light(scene, lights, path.vertex, u)
         if brightest(found.L) > 0.0:
             if visible(scene, path.vertex.p, found.p):
                 return wp.cw_mul(path.throughput, found.L)
@@ -154,12 +161,12 @@ def make_leave_vertex(spec: PathSpec) -> wp.Function:
 
     @wp.func
     def leave_vertex(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, bounds: PathBounds,
-                     half: int, u: wp.vec4, v: wp.vec4):
+                     u: wp.vec4, v: wp.vec4):
         """The subpath with its next direction, and the light of virtual point lights at the vertex that it leaves."""
         L = wp.vec3(0.0)
         if wp.static(spec.surfaces):
             if path.bounces < bounds.bounces and not is_metal(path.vertex):
-                L = virtual_light(scene, lights, path, half, wp.vec2(v[2], v[3]))
+                L = virtual_light(scene, lights, path, wp.vec2(v[2], v[3]))
         share = float(0.0)
         if wp.static(spec.medium):
             if path.scatterings < bounds.scatterings:
@@ -253,11 +260,12 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
     def trace_subpaths(
         scene: SceneData,
         camera: Camera,
+        moments: Moments,
         first: int,
         field: Field,
         bounds: PathBounds,
         key: wp.uint32,
-        virtual_lights: wp.array(dtype=VirtualLight),
+        virtual_lights: wp.array2d(dtype=VirtualLight),
         # out
         film: Film,
     ):
@@ -271,11 +279,15 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         if wp.static(spec.optics.bends):
             share = wp.vec3(1.0)
         path = Subpath()
+        group = int(0)
         while i < film.parts.shape[0]:
             u = draw(key, pixel, sample, GROUPS * events(path))
             if events(path) == 0:
-                if wp.static(spec.disks):
-                    scene.lights = lights_of_sample(scene, key, pixel, sample)
+                if wp.static(spec.varies):
+                    moment = moment_of(moments, part.row, key, pixel, sample)
+                    scene.lights = moments.lights[moment.lights]
+                    camera = moments.cameras[moment.instant]
+                    group = group_of(moment.instant, moments, virtual_lights)
                 place = image_place(scene, camera, part.row, part.col, u)
                 if wp.static(spec.optics.bends):
                     ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
@@ -287,7 +299,8 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 weight = place[2]
             else:
                 v = draw(key, pixel, sample, GROUPS * events(path) + 1)
-                path, found = leave_vertex(scene, virtual_lights, path, bounds, sample & 1, u, v)
+                of_half = virtual_lights[2 * group + (sample & 1)]
+                path, found = leave_vertex(scene, of_half, path, bounds, u, v)
                 L += found
             if path.alive == 1:
                 path, found = follow_segment(scene, field, path, bounds, camera.pixel_angle, key, pixel, sample)

@@ -12,11 +12,12 @@ import warp as wp
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import get_light, light_count, light_sample, on_disks
+from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
@@ -82,19 +83,16 @@ def roulette(path: PlainPath, u: float):
 
 
 @cache
-def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]:
-    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances and disks."""
+def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances."""
     _, visible = make_rays(instances)
 
     @wp.func
-    def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3, u: wp.vec2):
+    def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3):
         """Light of all lights that water at ``p`` scatters into a ray along ``d``, per unit sigma_s."""
         L = wp.vec3(0.0)
-        lights = scene.lights
-        if wp.static(disks):
-            lights = on_disks(scene.lights, u)
-        for i in range(light_count(lights)):
-            sample = light_sample(get_light(lights, i), p)
+        for i in range(light_count(scene.lights)):
+            sample = light_sample(get_light(scene.lights, i), p)
             apart = d - sample.d
             arriving = phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart)) * irradiance(scene.medium, sample)
             if brightest(arriving) > 0.0:
@@ -103,14 +101,11 @@ def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]
         return L
 
     @wp.func
-    def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3, u: wp.vec2):
+    def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3):
         """Light of all lights that the surface at ``hit`` reflects back along a ray of direction ``d``."""
         L = wp.vec3(0.0)
-        lights = scene.lights
-        if wp.static(disks):
-            lights = on_disks(scene.lights, u)
-        for i in range(light_count(lights)):
-            sample = light_sample(get_light(lights, i), hit.p)
+        for i in range(light_count(scene.lights)):
+            sample = light_sample(get_light(scene.lights, i), hit.p)
             if wp.dot(sample.d, hit.n) > 0.0:
                 f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
                 arriving = wp.cw_mul(f, irradiance(scene.medium, sample))
@@ -123,13 +118,13 @@ def make_gather(instances: bool, disks: bool) -> tuple[wp.Function, wp.Function]
 
 
 @cache
-def make_events(instances: bool, textures: bool, disks: bool) -> tuple[wp.Function, wp.Function]:
-    """The functions ``scatter`` and ``reflect``, for scenes with or without instances, textures and disks."""
+def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
     hit_surface = make_hit_surface(textures)
-    scattered_light, reflected_light = make_gather(instances, disks)
+    scattered_light, reflected_light = make_gather(instances)
 
     @wp.func
-    def scatter(scene: SceneData, path: PlainPath, t: float, u: wp.vec4, v: wp.vec4):
+    def scatter(scene: SceneData, path: PlainPath, t: float, v: wp.vec4):
         """Scatter a path in the water after ``t``."""
         after = path
         after.scatterings += 1
@@ -137,12 +132,12 @@ def make_events(instances: bool, textures: bool, disks: bool) -> tuple[wp.Functi
         f = wp.cw_mul(scene.medium.sigma_s, T)
         after.throughput = balance(path.throughput, f, wp.cw_mul(scene.medium.sigma_t, T))
         after.p += t * path.d
-        after.L = wp.cw_mul(after.throughput, scattered_light(scene, after.p, path.d, wp.vec2(u[2], u[3])))
+        after.L = wp.cw_mul(after.throughput, scattered_light(scene, after.p, path.d))
         after.d = phase_sample(scene.medium.phase, path.d, v[0], v[1])
         return after
 
     @wp.func
-    def reflect(scene: SceneData, path: PlainPath, hit: Hit, angle: float, u: wp.vec4, v: wp.vec4):
+    def reflect(scene: SceneData, path: PlainPath, hit: Hit, angle: float, v: wp.vec4):
         """Reflect a path, whose ray stands for a cone of ``angle``, off a surface."""
         after = path
         after.bounces += 1
@@ -150,7 +145,7 @@ def make_events(instances: bool, textures: bool, disks: bool) -> tuple[wp.Functi
         throughput = balance(path.throughput, T, T)
         n = shading_normal(scene, hit)
         surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, path.d, hit.n))
-        after.L = wp.cw_mul(throughput, reflected_light(scene, hit, n, surface, path.d, wp.vec2(u[2], u[3])))
+        after.L = wp.cw_mul(throughput, reflected_light(scene, hit, n, surface, path.d))
         after.d = sample_surface(surface, n, -path.d, v[0], v[1], v[2])
         after.throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, -path.d, after.d))
         after.alive = wp.where(wp.dot(after.d, hit.n) > 0.0, 1, 0)
@@ -162,7 +157,7 @@ def make_events(instances: bool, textures: bool, disks: bool) -> tuple[wp.Functi
 
 @cache
 def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool,
-                          optics: OpticsSpec, disks: bool) -> wp.Kernel:
+                          optics: OpticsSpec, varies: bool) -> wp.Kernel:
     """The kernel that renders a film's parts from ``first`` on.
 
     Args:
@@ -172,16 +167,17 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         instances: whether there are instances.
         textures: whether some material is more than one constant reflectance.
         optics: the camera's lens and port.
-        disks: whether some light is a disk.
+        varies: whether camera or lights differ from sample to sample.
     """
     first_hit, _ = make_rays(instances)
     sample_ray = make_sample_ray(optics)
-    scatter, reflect = make_events(instances, textures, disks)
+    scatter, reflect = make_events(instances, textures)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(
         scene: SceneData,
         camera: Camera,
+        moments: Moments,
         first: int,
         max_scatterings: int,
         max_bounces: int,
@@ -198,6 +194,10 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
+            if wp.static(varies):
+                moment = moment_of(moments, part.row, key, pixel, sample)
+                scene.lights = moments.lights[moment.lights]
+                camera = moments.cameras[moment.instant]
             if wp.static(optics.bends):
                 x, y = float(part.col) + u[0], float(part.row) + u[1]
                 ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)
@@ -219,12 +219,12 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 if in_water:
                     if path.scatterings == max_scatterings:
                         break
-                    path = scatter(scene, path, t, u, v)
+                    path = scatter(scene, path, t, v)
                 else:
                     if hit.face < 0 or path.bounces == max_bounces:
                         break
                     angle = wp.where(events == 0, camera.pixel_angle, SUBPATH_ANGLE)
-                    path = reflect(scene, path, hit, angle, u, v)
+                    path = reflect(scene, path, hit, angle, v)
 
                 # the layer to which its light belongs
                 if events > 0:

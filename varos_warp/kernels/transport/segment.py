@@ -11,13 +11,12 @@ import warp as wp
 
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, uniforms
+from varos_warp.kernels.sobol import sobol4
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import sample_pixel
-from varos_warp.kernels.transport.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.light import on_disks
 from varos_warp.kernels.world.optics import STRAIGHT, OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
@@ -25,9 +24,6 @@ wp.set_module_options({"enable_backward": False})
 
 LOW_DIMENSIONS = wp.constant(14)
 """Number of groups of four numbers that are low-discrepancy points; later vertices hardly benefit."""
-
-ON_DISKS = wp.constant(wp.uint32(0x85EBCA6B))
-"""Difference between the key of a sample's random numbers and that of its points on disks."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +48,8 @@ class PathSpec:
     """It is also known along this camera's rays."""
     optics: OpticsSpec = STRAIGHT
     """The camera's lens and port."""
-    disks: bool = False
-    """Some light is a disk."""
+    varies: bool = False
+    """Camera or lights differ from sample to sample."""
 
     def camera(self) -> "PathSpec | None":
         """What the camera's own segments need; None if no layer does."""
@@ -93,12 +89,6 @@ def draw(key: wp.uint32, pixel: int, sample: int, group: int):
     if group < LOW_DIMENSIONS:
         return sobol4(half, pixel, sample >> 1, 2 * group)
     return uniforms(half, pixel, sample >> 1, group)
-
-
-@wp.func
-def lights_of_sample(scene: SceneData, key: wp.uint32, pixel: int, sample: int):
-    """The lights of one sample: each of its vertices sees the same point of a disk."""
-    return on_disks(scene.lights, sobol2(half_key(key + ON_DISKS, sample & 1), pixel, sample >> 1, 0))
 
 
 class Segment(NamedTuple):

@@ -13,8 +13,9 @@ import warp as wp
 
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
+from varos_warp.kernels.sobol import sobol2, sobol4
+from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.next_event import irradiance
-from varos_warp.kernels.transport.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import (
@@ -25,7 +26,6 @@ from varos_warp.kernels.world.light import (
     light_flux,
     light_sample,
     light_solid_angle,
-    on_disks,
     total_flux,
 )
 from varos_warp.kernels.world.medium import transmittance
@@ -68,8 +68,24 @@ def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
     return light_flux(light) / total_flux(scene.lights) * facing / solid_angle
 
 
+@wp.func
+def group_of(instant: int, moments: Moments, points: wp.array2d(dtype=VirtualLight)):
+    """Group of virtual point lights for the samples of an instant."""
+    return instant * (points.shape[0] / 2) / moments.cameras.shape[0]
+
+
+@wp.func
+def lights_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
+    """Row of the moments' lights for a virtual point light: one of the group's instants, and a place on the disks."""
+    instants = moments.cameras.shape[0]
+    first = (group * instants + groups - 1) / groups
+    after = ((group + 1) * instants + groups - 1) / groups
+    instant = first + int(u[0] * float(after - first))
+    return instant * moments.places + int(u[1] * float(moments.places))
+
+
 @cache
-def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> wp.Kernel:
+def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures)
@@ -77,16 +93,20 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> 
     @wp.kernel(module="unique", enable_backward=False)
     def find_virtual_lights(
         scene: SceneData,
+        moments: Moments,
         first: int,
         key: wp.uint32,
         # out
-        points: wp.array(dtype=VirtualLight),
+        points: wp.array2d(dtype=VirtualLight),
     ):
+        """Of each group of instants and half of the samples: [2 * group + half, point]."""
         k = first + wp.tid()
-        in_half = points.shape[0] / 2
-        u = sobol4(half_key(key, k / in_half), -1, k % in_half, 0)
-        if wp.static(disks):
-            scene.lights = on_disks(scene.lights, sobol2(half_key(key, k / in_half), -1, k % in_half, 2))
+        row = k / points.shape[1]
+        col = k % points.shape[1]
+        u = sobol4(half_key(key, row), -1, col, 0)
+        if wp.static(varies):
+            v = sobol2(half_key(key, row), -1, col, 2)
+            scene.lights = moments.lights[lights_of_group(moments, row / 2, points.shape[0] / 2, v)]
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])
@@ -102,7 +122,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, disks: bool) -> 
                 E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
-        points[k] = point
+        points[row, col] = point
 
     return find_virtual_lights
 
@@ -116,19 +136,19 @@ class VirtualConnection:
 
 
 @wp.func
-def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, half: int, u: wp.vec2):
+def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
     """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
 
-    Each of the CANDIDATES is drawn from its own stratum of one half of the points. Even and odd samples of a pixel use
-    different halves, so their difference shows the error that all pixels share.
+    Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use different
+    points, so their difference shows the error that all pixels share.
     """
     chosen = make_reservoir(u[1])
     best = VirtualConnection()
-    in_half = points.shape[0] / 2
+    count = points.shape[0]
     candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
     for k in range(candidates):
-        at = int((float(k) + u[0]) / float(CANDIDATES) * float(in_half))
-        point = points[half * in_half + wp.min(at, in_half - 1)]
+        at = int((float(k) + u[0]) / float(CANDIDATES) * float(count))
+        point = points[wp.min(at, count - 1)]
         offset = point.p - vertex.p
         r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
         r = wp.sqrt(r2)

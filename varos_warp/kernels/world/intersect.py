@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
-from varos_warp.kernels.world.light import Lights
+from varos_warp.kernels.world.light import Light
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.kernels.world.texture import MAPPED, Material, Surface, surface_at
 
@@ -53,7 +53,7 @@ class SceneData:
     lobe_albedo: wp.array2d(dtype=float)
     """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
     medium: Medium
-    lights: Lights
+    lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
     """Counter of rays, shape [1]; empty except in benchmarks."""
 

@@ -1,18 +1,18 @@
-"""Lights: points that shine in a cone, by a profile or in a sheet, and disks. Kernels use them only through this file.
+"""Lights: points that shine in a cone, by a profile or in a sheet. Other kernels use them only through this file.
 
-`light_count` and `get_light` give the lights of a scene. Every point of a disk shines as a point light there would:
-kernels draw one for each sample (`on_disks`), and all else takes every light for a point. `light_sample` evaluates what
-a light sends to a given point, `light_towards` to one in its beam. `light_beam` and `light_core` give the lit part of a
-ray, `light_importance` and `light_strength` its importance near a point and overall. `light_emit` draws a ray
-that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with
-`light_axis` and `light_intensity`, for the field of open water, which is precomputed for lights with an axis.
+`light_count` and `get_light` give the lights of a scene; of a disk, that is one of its points (transport/moments.py).
+`light_sample` evaluates what a light sends to a given point, `light_towards` to one in its beam. `light_beam` and
+`light_core` give the lit part of a ray, `light_importance` and `light_strength` its importance near a point and
+overall. `light_emit` draws a ray that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling
+pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
+precomputed for lights with an axis.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, NEAR
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import equiangular_angle, from_polar, make_reservoir, offer, sample_disk
+from varos_warp.kernels.sampling import equiangular_angle, from_polar, make_reservoir, offer
 from varos_warp.kernels.world.camera import Ray
 
 wp.set_module_options({"enable_backward": False})
@@ -33,46 +33,24 @@ class Light:
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
-    radius: float
-    """Of a disk across the axis [m]; 0 for a point."""
     sheet: int
     """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
     from the light."""
     right: wp.vec3
     up: wp.vec3
-    """Perpendicular to the axis and to each other: of a disk unit vectors, of a sheet as long as the cotangents of its
-    half angles."""
-
-
-@wp.struct
-class Lights:
-    """The lights of a scene."""
-
-    records: wp.array(dtype=Light)
-    place: wp.vec2
-    """Point of the unit disk where each disk shines now."""
+    """Perpendicular to the axis and to each other, and as long as the cotangents of a sheet's half angles."""
 
 
 @wp.func
-def on_disks(lights: Lights, u: wp.vec2):
-    """The lights with each disk at one of its points, uniformly distributed."""
-    after = lights
-    after.place = sample_disk(u[0], u[1])
-    return after
-
-
-@wp.func
-def light_count(lights: Lights):
+def light_count(lights: wp.array(dtype=Light)):
     """Number of lights of a scene."""
-    return lights.records.shape[0]
+    return lights.shape[0]
 
 
 @wp.func
-def get_light(lights: Lights, i: int):
-    """One of the lights of a scene; a disk as the point light at a place on it. A branch would take longer."""
-    light = lights.records[i]
-    light.position += light.radius * (lights.place[0] * light.right + lights.place[1] * light.up)
-    return light
+def get_light(lights: wp.array(dtype=Light), i: int):
+    """One of the lights of a scene."""
+    return lights[i]
 
 
 @wp.func
@@ -317,7 +295,7 @@ def light_emit(light: Light, u: float, v: float):
 
 
 @wp.func
-def nearest_light(lights: Lights, p: wp.vec3):
+def nearest_light(lights: wp.array(dtype=Light), p: wp.vec3):
     """Distance to the nearest light [m]."""
     nearest = FAR
     for i in range(light_count(lights)):
@@ -326,7 +304,7 @@ def nearest_light(lights: Lights, p: wp.vec3):
 
 
 @wp.func
-def total_flux(lights: Lights):
+def total_flux(lights: wp.array(dtype=Light)):
     """Sum of `light_flux` [W]."""
     total = float(0.0)
     for i in range(light_count(lights)):
@@ -335,7 +313,7 @@ def total_flux(lights: Lights):
 
 
 @wp.func
-def choose_by_flux(lights: Lights, u: float):
+def choose_by_flux(lights: wp.array(dtype=Light), u: float):
     """Index of a light, drawn in proportion to its flux; 0 if all are dark."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):
@@ -344,7 +322,7 @@ def choose_by_flux(lights: Lights, u: float):
 
 
 @wp.func
-def choose_by_importance(lights: Lights, p: wp.vec3, u: float):
+def choose_by_importance(lights: wp.array(dtype=Light), p: wp.vec3, u: float):
     """Index of a light, drawn in proportion to `light_importance` at ``p``."""
     chosen = make_reservoir(u)
     for i in range(light_count(lights)):

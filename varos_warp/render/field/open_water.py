@@ -56,6 +56,8 @@ def unavailable(scene: Scene) -> str | None:
     for light in lights:
         if light.kind not in LIGHT_KINDS:
             return f"a light is of kind {light.kind!r}, and the field is known for {', '.join(LIGHT_KINDS)} only"
+        if light.strobe:
+            return "a light is a strobe, and the field is known for lights that shine all the time"
         if radius_of(light):
             return "a lamp is a disk (radius_m), and the field is known for points only"
     if not lights:
@@ -174,4 +176,4 @@ def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
     view = view.model_copy(update={"resolution": CAMERA_PIXELS})
-    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting"})
+    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})

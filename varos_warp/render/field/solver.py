@@ -173,7 +173,7 @@ class LightFieldSolver:
         scene = SceneData()
         scene.medium = medium_record(self.water, self.device)
         record = light_record(self.light, np.ones(3) / self.light.gain, profile=self._profile)
-        scene.lights.records = self._lights = wp.array([record], dtype=LightData, device=self.device)
+        scene.lights = self._lights = wp.array([record], dtype=LightData, device=self.device)
         return scene
 
 

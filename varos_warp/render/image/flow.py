@@ -26,10 +26,46 @@ def flow_of(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.nda
         points: Image points [..., 2] [pixels], the centres of pixels.
         rays: Of them [...], in the axes of the camera.
         distance: Of what they see, along the rays [...] [m], as `DepthImage.range`; inf for none.
-        T_next_c: From the axes of the camera to those of its next place, [4, 4].
+        T_next_c: From the axes of the camera to those of its next place, [4, 4], or [..., 4, 4] of each pixel.
     """
     here = rays.origin + np.where(np.isfinite(distance), distance, np.nan)[..., None] * rays.direction
-    there = (here.reshape(-1, 3) @ T_next_c[:3, :3].T + T_next_c[:3, 3]).reshape(here.shape)  # one product is quick
+    if T_next_c.ndim == 2:
+        there = (here.reshape(-1, 3) @ T_next_c[:3, :3].T + T_next_c[:3, 3]).reshape(here.shape)  # one product is quick
+    else:
+        there = np.einsum("...ij,...j", T_next_c[..., :3, :3], here) + T_next_c[..., :3, 3]
     seen = model.project(there)
     eye = model.rays(seen).origin if model.port else np.where(np.isnan(seen[..., :1]), np.nan, np.zeros(3))
     return Moved(seen - points, there - here, eye)
+
+
+CONVERGED = 1e-6
+"""Rows; to find the row at which a moving camera sees a point, which tells when, and so where, it sees it."""
+MOST_TRIES = 50
+
+
+def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,
+                 T_w_next: np.ndarray) -> Moved:
+    """The flow as `flow_of` has it, between images with a rolling shutter; ``eye`` is in world axes.
+
+    Args:
+        model, points, rays, distance: As for `flow_of`, of a whole image [height, width].
+        T_w_c: Pose of the camera for each row [height, 4, 4].
+        T_w_next: And in the next frame.
+    """
+    T_c_w = np.linalg.inv(T_w_next)
+    row = points[..., 1]
+    for _ in range(MOST_TRIES):
+        found = flow_of(model, points, rays, distance, at_row(T_c_w, row) @ T_w_c[:, None])
+        before, row = row, np.where(np.isfinite(found.flow[..., 1]), points[..., 1] + found.flow[..., 1], row)
+        if np.abs(row - before).max() < CONVERGED:
+            break
+    T = at_row(T_w_next, row)
+    return found._replace(eye=np.einsum("...ij,...j", T[..., :3, :3], found.eye) + T[..., :3, 3])
+
+
+def at_row(T: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Poses [..., 4, 4] at image rows [pixels], between those [H, 4, 4] of the rows' middles."""
+    place = np.clip(row - 0.5, 0.0, len(T) - 1.0)
+    before = np.minimum(place.astype(int), max(len(T) - 2, 0))
+    share = (place - before)[..., None, None]
+    return (1.0 - share) * T[before] + share * T[np.minimum(before + 1, len(T) - 1)]

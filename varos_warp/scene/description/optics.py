@@ -98,14 +98,23 @@ class Vignetting(Block):
         return self
 
 
+LENS = ("distortion", "port", "n_water", "vignetting")
+"""What bends or dims a camera's rays."""
+
+
 def twin(camera: Any) -> Any:
-    """The same camera as a pinhole or thin lens in the water: without what bends or dims its rays."""
-    return camera.model_copy(update=dict.fromkeys(("distortion", "port", "n_water", "vignetting")))
+    """The same camera as a pinhole or thin lens in the water: without what bends, dims or blurs what it sees."""
+    return camera.model_copy(update=dict.fromkeys((*LENS, "shutter")))
 
 
 def has_twin(camera: Any) -> bool:
-    """Whether its `twin` is another camera: it has something that bends or dims its rays."""
+    """Whether its `twin` is another camera: it has a port, distortion, vignetting or a shutter."""
     return bool(twin(camera) != camera)
+
+
+def has_lens(camera: Any) -> bool:
+    """Whether something bends or dims its rays."""
+    return any(getattr(camera, name) is not None for name in LENS)
 
 
 def check_optics(camera: Any) -> Any:

@@ -22,6 +22,7 @@ from varos_warp.scene.description.block import (
 )
 from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting, WaterIndex, check_optics
 from varos_warp.scene.description.patterns import Pattern
+from varos_warp.scene.description.shutter import Shutter, Strobe
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -65,9 +66,11 @@ class SpotLight(Block):
     """With one, cone and intensity are those in air."""
     radius_m: Radius | None = None
     """Absent: a point."""
+    strobe: Strobe | None = None
+    """Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
-    _written = unwritten_if_absent("port", "radius_m")
+    _written = unwritten_if_absent("port", "radius_m", "strobe")
 
 
 class ProfileLight(Block):
@@ -84,9 +87,11 @@ class ProfileLight(Block):
     """With one, profile and intensity are those in air."""
     radius_m: Radius | None = None
     """Absent: a point."""
+    strobe: Strobe | None = None
+    """Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
-    _written = unwritten_if_absent("radius_m")
+    _written = unwritten_if_absent("radius_m", "strobe")
 
 
 class PointLight(Block):
@@ -95,6 +100,10 @@ class PointLight(Block):
     kind: Literal["point"]
     position: Position = (0.0, 0.0, 0.0)
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    strobe: Strobe | None = None
+    """Absent: it shines all the time."""
+
+    _written = unwritten_if_absent("strobe")
 
 
 class SheetLight(Block):
@@ -113,6 +122,8 @@ class SheetLight(Block):
     thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)]
     """Single precision cannot represent much thinner sheets."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    strobe: Strobe | None = None
+    """Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 
@@ -124,6 +135,8 @@ class SheetLight(Block):
         if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
             raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
         return value
+
+    _written = unwritten_if_absent("strobe")
 
 
 Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),
@@ -174,10 +187,12 @@ class Camera(Block):
     distortion: Distortion | None = None
     vignetting: Vignetting | None = None
     """Of A; B, C, D and S have none."""
+    shutter: Shutter | None = None
+    """Absent: each image is of one instant."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
-    _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting")
+    _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting", "shutter")
 
 
 class Mounted(Block):

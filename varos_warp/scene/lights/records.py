@@ -5,11 +5,14 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from varos_warp.kernels.world.light import Light as LightData
-from varos_warp.kernels.world.light import Lights as LightsData
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Light
 from varos_warp.scene.frames import R_V_C, look_at_matrix
 from varos_warp.scene.lights.distribution import Distribution, distribution
+from varos_warp.scene.optics.shutter import Instants, on_share
+
+MOST_PLACES, PLACE_BITS = 1 << 15, (2, 6)
+"""Points on disks at all instants, about; of each instant they are a power of four, of one of so many bits."""
 
 
 def light_record(shape: Distribution, intensity: ArrayLike, position=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0),
@@ -34,31 +37,68 @@ class Lights:
         self.distributions = [distribution(light, scene) for light in self.lights]
         self._profiles = {shape: wp.array(shape.profile, dtype=float, device=device)
                           for shape in self.distributions if shape.profile}
+        records = [self._record(light, shape) for light, shape in zip(self.lights, self.distributions, strict=True)]
+        self._records = wp.array(records, dtype=LightData, device=device).numpy()
 
     @property
-    def disks(self) -> bool:
-        """Whether some light is a disk."""
-        return any(map(radius_of, self.lights))
+    def vary(self) -> bool:
+        """Whether they differ from sample to sample, though vehicle and camera stand still."""
+        return any(radius_of(light) or light.strobe for light in self.lights)
 
-    def at(self, T_w_v: np.ndarray, origin) -> LightsData:
-        """Their records for a pose of the vehicle, relative to ``origin``."""
-        lights = LightsData()
-        lights.records = wp.array([self._record(light, shape, T_w_v, origin) for light, shape
-                                   in zip(self.lights, self.distributions, strict=True)],
-                                  dtype=LightData, device=self.device)
-        return lights
+    def at(self, T_w_v: np.ndarray, origin) -> wp.array:
+        """Their records [n] for a pose of the vehicle, relative to ``origin``."""
+        return wp.array(self._placed(T_w_v[None], origin)[0], dtype=LightData, device=self.device)
 
-    def _record(self, light: Light, shape: Distribution, T_w_v: np.ndarray, origin) -> LightData:
-        record = light_record(shape, light.intensity, light_position(light, T_w_v) - origin, _axis(light, T_w_v),
-                              self._profiles.get(shape))
-        right, up, _ = (T_w_v[:3, :3] @ light_axes(light)).T
-        record.radius = radius_of(light)
-        if light.kind == "sheet":
-            record.sheet = 1
-            tangents = np.tan(np.radians([light.fan_deg, light.thickness_deg]) / 2.0)
-            right, up = right / tangents[0], up / tangents[1]
-        record.right, record.up = wp.vec3(*right), wp.vec3(*up)
+    def over(self, T_w_v: np.ndarray, origin, when: Instants, rng: np.random.Generator) -> tuple[wp.array, int]:
+        """Their records [instant * places + place, n] for poses [N, 4, 4] of the vehicle at instants, and the places.
+
+        Disks are points there, drawn at random from as many equal parts, so that the mean over places is that over
+        the disk.
+        """
+        placed = self._placed(T_w_v, origin)[:, None]
+        radius = np.array([radius_of(light) for light in self.lights])
+        if radius.any():
+            on_disk = places_on_disk(len(T_w_v), rng)
+            placed = np.repeat(placed, on_disk.shape[1], axis=1)
+            right, up = placed["right"], placed["up"]
+            offset = on_disk[:, :, None, :1] * right + on_disk[:, :, None, 1:] * up
+            placed["position"] += (radius[:, None] * offset).astype(np.float32)
+        for i, light in enumerate(self.lights):
+            placed["intensity"][..., i, :] *= np.reshape(on_share(light.strobe, when), (-1, 1, 1))
+        table = placed.reshape(-1, len(self.lights))
+        return wp.array(table, dtype=LightData, device=self.device), placed.shape[1]
+
+    def _record(self, light: Light, shape: Distribution) -> LightData:
+        """All but where it is."""
+        record = light_record(shape, light.intensity, profile=self._profiles.get(shape))
+        record.sheet = int(light.kind == "sheet")
         return record
+
+    def _placed(self, T_w_v: np.ndarray, origin) -> np.ndarray:
+        """Records [N, n] for poses [N, 4, 4] of the vehicle, relative to ``origin``."""
+        records = np.repeat(self._records[None], len(T_w_v), axis=0)
+        for i, light in enumerate(self.lights):
+            record, R = records[:, i], T_w_v[:, :3, :3]
+            record["position"] = light_position(light, T_w_v) - origin
+            axis = np.array([0.0, 0.0, 1.0]) if light.kind == "point" else R @ np.asarray(light.direction)
+            record["axis"] = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+            lengths = 1.0
+            if light.kind == "sheet":
+                lengths = 1.0 / np.tan(np.radians([light.fan_deg, light.thickness_deg, 90.0]) / 2.0)
+            record["right"], record["up"], _ = np.moveaxis(R @ (lengths * light_axes(light)), -1, 0)
+        return records
+
+
+def places_on_disk(instants: int, rng: np.random.Generator) -> np.ndarray:
+    """Points [instants, P, 2] of the unit disk for each instant, one at random in each of P parts of equal area.
+
+    They follow a curve of Morton's (1966), so points close in number are close on the disk.
+    """
+    bits = int(np.clip(np.log2(MOST_PLACES / instants) // 2, *PLACE_BITS))
+    number = np.arange(4**bits)
+    cell = np.stack([sum((number >> (2 * bit + axis) & 1) << bit for bit in range(bits)) for axis in range(2)], -1)
+    u, v = np.moveaxis((cell + rng.random((instants, len(number), 2))) / 2**bits, -1, 0)
+    return np.sqrt(u)[..., None] * np.stack([np.cos(2.0 * np.pi * v), np.sin(2.0 * np.pi * v)], axis=-1)
 
 
 def radius_of(light: Light) -> float:
@@ -67,8 +107,8 @@ def radius_of(light: Light) -> float:
 
 
 def light_position(light: Light, T_w_v: np.ndarray) -> np.ndarray:
-    """Where a light of the vehicle at ``T_w_v`` is in the world [3] [m]."""
-    return T_w_v[:3, :3] @ light.position + T_w_v[:3, 3]
+    """Where a light of the vehicle at ``T_w_v`` [..., 4, 4] is in the world [..., 3] [m]."""
+    return T_w_v[..., :3, :3] @ light.position + T_w_v[..., :3, 3]
 
 
 def light_axes(light: Light) -> np.ndarray:
@@ -81,7 +121,3 @@ def light_axes(light: Light) -> np.ndarray:
     y = light.normal - (z @ light.normal) * z
     y /= np.linalg.norm(y)
     return np.column_stack([np.cross(y, z), y, z])
-
-
-def _axis(light: Light, T_w_v: np.ndarray) -> np.ndarray:
-    return np.array([0.0, 0.0, 1.0]) if light.kind == "point" else T_w_v[:3, :3] @ np.asarray(light.direction)

@@ -1,0 +1,57 @@
+"""Moments: what differs from sample to sample of one image, tabulated before it is rendered.
+
+While a shutter is open, the camera and the lights move with the vehicle, and strobes flash; and every point of a disk
+shines as a point light there would. A sample sees the camera and the lights of one instant and one place on the disks,
+so the image is the mean over all of them. Kernels are compiled for moments only where an image has them.
+"""
+
+import warp as wp
+
+from varos_warp.kernels.sampling import half_key
+from varos_warp.kernels.sobol import sobol2
+from varos_warp.kernels.world.camera import Camera
+from varos_warp.kernels.world.light import Light
+
+wp.set_module_options({"enable_backward": False})
+
+TIME = wp.constant(wp.uint32(0x85EBCA6B))
+"""Difference between the key of a sample's other random numbers and that of its moment."""
+
+
+@wp.struct
+class Moments:
+    """Camera and lights by instant, and of each instant lights by place on the disks."""
+
+    cameras: wp.array(dtype=Camera)
+    lights: wp.array2d(dtype=Light)
+    """[instant * places + place, light]"""
+    places: int
+    per_row: float
+    """Instants between the beginnings of the exposures of one row and the next; 0 for a global shutter."""
+    open: float
+    """Length of a row's exposure, in instants."""
+
+
+@wp.struct
+class Moment:
+    """Where in the tables a sample looks."""
+
+    instant: int
+    lights: int
+
+
+@wp.func
+def instant_of_row(moments: Moments, row: int, u: float):
+    """Number of the instant at a share ``u`` of a row's exposure."""
+    start = wp.floor(float(row) * moments.per_row + 1.0e-3)  # whole but for rounding where rows are apart
+    return wp.min(int(start + u * moments.open), moments.cameras.shape[0] - 1)
+
+
+@wp.func
+def moment_of(moments: Moments, row: int, key: wp.uint32, pixel: int, sample: int):
+    """The moment of a sample in a row of the image; even and odd samples have sequences of their own."""
+    u = sobol2(half_key(key + TIME, sample & 1), pixel, sample >> 1, 0)
+    moment = Moment()
+    moment.instant = instant_of_row(moments, row, u[0])
+    moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
+    return moment

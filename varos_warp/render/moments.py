@@ -1,0 +1,45 @@
+"""What differs from sample to sample of an image, as kernels get it: camera and lights at instants of the exposure."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from varos_warp.kernels.transport.moments import Moments
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import DeviceScene, camera_records
+from varos_warp.scene.optics.shutter import STILL, instants, row_offsets_s
+
+Motion = Callable[[np.ndarray], np.ndarray]
+"""Poses [N, 4, 4] of the vehicle at times from the frame's stamp, int64 [N] [ns] (`Simulation.motion`)."""
+
+
+def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, rng: np.random.Generator,
+               pinhole: bool) -> Moments:
+    """The moments of an image.
+
+    Args:
+        world: The scene on its device.
+        view: The camera.
+        T_w_v: Pose of the vehicle at the frame's time.
+        motion: Around it; None: the vehicle stands still.
+        rng: For places on disks.
+        pinhole: Whether the camera has no depth of field.
+    """
+    lights, moments = world.scene.vehicle.lights, Moments()
+    when = STILL if view.shutter is None else instants(view, lights)
+    poses = np.broadcast_to(T_w_v, (len(when.offset_s), 4, 4)) if motion is None else motion(in_ns(when.offset_s))
+    moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
+    moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng)
+    moments.per_row, moments.open = when.per_row, when.open
+    return moments
+
+
+def poses_of_rows(view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> np.ndarray:
+    """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
+    offset_s = row_offsets_s(view)
+    return np.broadcast_to(T_w_v, (len(offset_s), 4, 4)) if motion is None else motion(in_ns(offset_s))
+
+
+def in_ns(seconds: np.ndarray) -> np.ndarray:
+    """Whole nanoseconds, int64."""
+    return np.rint(1e9 * seconds).astype(np.int64)

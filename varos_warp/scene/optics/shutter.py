@@ -1,0 +1,94 @@
+"""When the rows of an image are exposed: instants of its exposure, and how long strobes shine in each."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+MOST_INSTANTS = 512
+"""Of an exposure: a streak has no steps until it is longer than so many pixels."""
+MOST_IN_ALL = 4096
+"""Of exposure and readout together, where rows allow."""
+
+
+class Instants(NamedTuple):
+    """Instants over the exposures of all rows, each the middle of a stretch of time."""
+
+    offset_s: np.ndarray
+    """From the frame's time stamp [N] [s]."""
+    length_s: float
+    """Of each stretch."""
+    per_row: float
+    """Instants between the beginnings of the exposures of one row and the next."""
+    open: float
+    """Length of a row's exposure, in instants."""
+    share: float = 1.0
+    """Of the exposure, which the instants cover: elsewhere no light is on."""
+
+
+STILL = Instants(np.zeros(1), 0.0, 0.0, 0.0)
+"""Without a shutter."""
+
+
+def row_offsets_s(camera: Any) -> np.ndarray:
+    """From a frame's time stamp to the middle of the exposure of each row [H] [s]."""
+    rows = camera.resolution[1]
+    return ((np.arange(rows) + 0.5) / rows - 0.5) * (camera.shutter.readout_s if camera.shutter else 0.0)
+
+
+def is_rolling(camera: Any) -> bool:
+    """Whether the rows of a camera's images are of different instants."""
+    return bool(camera.shutter and camera.shutter.readout_s)
+
+
+def instants(camera: Any, lights: Any = ()) -> Instants:
+    """The instants that samples of a camera's image are of; one only without a shutter.
+
+    The mean over them is that over the exposure by the midpoint rule: its error falls with the square of their length.
+    A global shutter leaves out what is dark before the first strobe and after the last.
+    """
+    if camera.shutter is None:
+        return STILL
+    exposure, readout, rows = camera.shutter.exposure_s, camera.shutter.readout_s, camera.resolution[1]
+    if readout == 0.0:
+        begin, end = _lit(-0.5 * exposure, 0.5 * exposure, lights)
+        length = (end - begin) / MOST_INSTANTS
+        return Instants(begin + (np.arange(MOST_INSTANTS) + 0.5) * length, length, 0.0, float(MOST_INSTANTS),
+                        (end - begin) / exposure)
+    line = readout / rows
+    length = max(exposure / MOST_INSTANTS, (exposure + readout) / MOST_IN_ALL)
+    if length < line:
+        length = line / round(line / length)  # rows begin with an instant
+    else:
+        length = length if exposure else line
+    per_row, opened = line / length, exposure / length
+    count = int(np.ceil((rows - 1) * per_row)) + max(1, int(np.ceil(opened)))
+    first = row_offsets_s(camera)[0] - 0.5 * exposure + 0.5 * min(length, exposure)
+    return Instants(first + np.arange(count) * length, length, per_row, opened)
+
+
+def _lit(begin: float, end: float, lights: Any) -> tuple[float, float]:
+    """The part of an exposure in which some light is on; all of it if none ever is."""
+    strobes = [getattr(light, "strobe", None) for light in lights]
+    if not strobes or None in strobes:
+        return begin, end
+    first = max(begin, min(strobe.delay_s - 0.5 * strobe.on_s for strobe in strobes))
+    last = min(end, max(strobe.delay_s + 0.5 * strobe.on_s for strobe in strobes))
+    return (first, last) if first < last else (begin, end)
+
+
+def on_share(strobe: Any, when: Instants) -> np.ndarray | float:
+    """How long a light shines in each instant, of the time that this stands for; 1 without a strobe."""
+    if strobe is None:
+        return when.share
+    begin, end = strobe.delay_s - 0.5 * strobe.on_s, strobe.delay_s + 0.5 * strobe.on_s
+    if when.length_s == 0.0:
+        return ((begin <= when.offset_s) & (when.offset_s < end)).astype(float)
+    half = 0.5 * when.length_s
+    on = np.minimum(when.offset_s + half, end) - np.maximum(when.offset_s - half, begin)
+    return when.share * np.maximum(on, 0.0) / when.length_s
+
+
+def open_ns(cameras: Any) -> int:
+    """Longest time from a frame's stamp until a shutter of these cameras closes [ns]."""
+    shutters = [camera.shutter for camera in cameras if camera.shutter]
+    return int(np.ceil(max((0.5e9 * (shutter.exposure_s + shutter.readout_s) for shutter in shutters), default=0.0)))
