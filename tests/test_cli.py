@@ -219,6 +219,13 @@ def test_schema_is_json_schema():
     assert "water" in content["properties"]
 
 
+def test_schema_explains_one_key_in_words_or_as_json():
+    assert "  default: 3.0" in call("schema", "vehicle.cameras.focus_m").stdout
+    entry, = json.loads(call("schema", "vehicle.cameras.focus_m", "--json").stdout)
+    assert (entry["schema"]["x-unit"], entry["schema"]["minimum"], entry["required"]) == ("m", 0.001, False)
+    assert "Did you mean 'cameras'?" in refused("schema", "vehicle.camera")
+
+
 def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     path = tmp_path / "mine.yaml"
     assert call("init", path).exit_code == 0
@@ -226,6 +233,23 @@ def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     before = path.read_text()
     assert "is there already" in refused("init", path)
     assert path.read_text() == before
+
+
+def test_editors_find_the_schema_beside_a_new_scene_without_a_network(tmp_path):
+    path = tmp_path / "mine.yaml"
+    call("init", path)
+    name = path.read_text().splitlines()[0].removeprefix("# yaml-language-server: $schema=")
+    assert json.loads((tmp_path / name).read_text()) == json.loads(call("schema").stdout)
+
+
+def test_init_begins_with_a_template_by_its_name(tmp_path):
+    assert call("init", tmp_path / "a.yaml", "--template", "harbour-wall").exit_code == 0
+    assert "name: harbour_wall" in (tmp_path / "a.yaml").read_text()
+    assert "Did you mean 'hull'?" in refused("init", tmp_path / "b.yaml", "--template", "hul")
+    assert not (tmp_path / "b.yaml").exists()
+    listing = call("init", tmp_path / "b.yaml", "--list").stdout
+    assert "stereo_survey" in listing
+    assert not (tmp_path / "b.yaml").exists()
 
 
 def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
