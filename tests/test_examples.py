@@ -25,12 +25,12 @@ SMALL = {
     "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
                     "scatter.0.count=5"],
     **{pattern: ["terrain.resolution=33"] for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back")},
-    **dict.fromkeys(("pipeline_inspection", "stereo_survey"), ["terrain.resolution=65", "scatter.0.count=3",
-                                                               "scatter.1.count=3"]),
+    **{survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
+       for survey in ("pipeline_inspection", "stereo_survey")},
     "harbour_wall": ["terrain.resolution=65", "scatter.0.count=3"],
     "hull": ["objects.0.chord_error_m=0.02"],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],  # other tests render through ports
-    **dict.fromkeys(("static_observer", "turbid_water"), ["terrain.resolution=65", "scatter.0.count=3"]),
+    **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3"],
 }
 """What makes each scene cheap, by file or folder; no block goes."""

@@ -16,18 +16,22 @@ from varos_warp.errors import InputError
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
+    from varos_warp.dataset.run.expect import dataset_facts
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
+    from varos_warp.scene.named_files import require_files
     from varos_warp.sim.trajectory import course_facts, path_samples
 
     loaded = load_scene(scene, set_ or ())
+    require_files(loaded)
     parts = build_parts(loaded)
     simulation = simulated(loaded, quiet, parts)
     facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulation))
     found += simulation.messages
     facts["trajectory"] |= course_facts(simulation)
+    facts["dataset"] = dataset_facts(loaded, len(simulation.frames))
     if json_:
         print_json({**facts, "warnings": found})
         return
@@ -51,9 +55,16 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
     show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=set_ or (), once=once, quiet=quiet)
 
 
+def _complete_key(typed: str) -> list[str]:
+    from varos_warp.scene.schema import keys_like
+
+    return keys_like(typed)
+
+
 @verb
 def schema(key: Annotated[str | None, typer.Argument(
-        metavar="[KEY]", help="Explain this key instead, such as vehicle.cameras.port.")] = None, json_: Json = False):
+        metavar="[KEY]", help="Explain this key instead, such as vehicle.cameras.port.",
+        autocompletion=_complete_key)] = None, json_: Json = False):
     """Print the JSON Schema of scene files, or explain one key in plain words: meaning, unit, range, default, example.
 
     Items of lists need no number, and materials no name. A part may name a kind of block: objects.pipe.radius.

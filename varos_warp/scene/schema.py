@@ -89,6 +89,18 @@ def find_key(key: str) -> list[Entry]:
     return found
 
 
+def keys_like(typed: str) -> list[str]:
+    """Keys that go on from what was typed so far: ``vehicle.cam`` may become ``vehicle.cameras``."""
+    above, dot, _ = typed.rpartition(".")
+    try:
+        blocks = [block for entry in find_key(above) for block in _blocks(entry.schema, json_schema())] if dot else [
+            json_schema()]
+    except InputError:
+        return []
+    names = dict.fromkeys(name for block in blocks for name in block.get("properties", {}))
+    return [key for key in (above + dot + name for name in names) if key.startswith(typed)]
+
+
 def _entries(key, holders) -> list[Entry]:
     """One entry for each way in which blocks describe a key."""
     alike: dict[str, list] = {}

@@ -78,7 +78,8 @@ def _preprocessed(vertices, faces, options):
         return {"vertices": mesh[0], "faces": mesh[1], "warnings": np.array(log.warnings, dtype=str)}
 
     code = code_hash(terrain.__name__, ("varos_warp.kernels", "varos_warp.scene.geometry"))
-    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess)
+    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess,
+                  what="the sea floor by terrain.preprocess")
     for text in kept["warnings"]:
         warn(f"{key}: {text}")
     return kept["vertices"], kept["faces"]
