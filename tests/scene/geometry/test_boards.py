@@ -1,11 +1,15 @@
 """Calibration boards: what detectors count on."""
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 
+from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import CalibrationBoard
+from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry.boards import BLACK, WHITE, checkerboard
+from varos_warp.scene.load import scene_from_dict
 
 
 @pytest.fixture(scope="module")
@@ -32,3 +36,24 @@ def test_colours_change_at_each_inner_corner_and_nowhere_else(board):
     np.testing.assert_array_equal(colours[front], np.where(black, np.float32(BLACK), np.float32(WHITE)))
     assert (colours[~front] == np.float32(WHITE)).all()
     assert black.sum() == 2 * 35
+
+
+def test_opencv_finds_the_inner_corners_where_the_scene_has_them():
+    """Each is nearest to another true corner, and their mean offset is noise: nothing is shifted by half a pixel."""
+    scene = scene_from_dict({
+        "objects": [{"kind": "calibration_board", "square_m": 0.05, "position": [0, 1.0, 0]}],
+        "vehicle": {"cameras": [{"resolution": [320, 180]}]},
+        "trajectory": {"poses": [{"position": [0.1, 0.1, 0.1], "look_at": [0, 1.0, 0]}]}})
+    T_w_v, renderer = pose_matrix(scene.trajectory.poses[0]), FrameRenderer(scene, "cpu")
+    image = renderer.render(T_w_v, outputs="B", spp_b=16, denoise_b="none").B.radiance.mean(axis=-1)
+    grey = np.rint(255.0 * image / image.max()).astype(np.uint8)
+    there, corners = cv2.findChessboardCorners(grey, (9, 6))
+    assert there
+    found = cv2.cornerSubPix(grey, corners, (4, 4), (-1, -1), (3, 100, 1e-5)).reshape(-1, 2) + 0.5
+    x, z = np.meshgrid((np.arange(9) - 4.0) * 0.05, (np.arange(6) - 2.5) * 0.05)
+    points = np.stack([x.ravel(), np.full(54, 1.0), z.ravel()], axis=-1)
+    true = renderer.project(points, T_w_v)
+    nearest = np.linalg.norm(found[:, None] - true, axis=-1).argmin(axis=1)
+    assert sorted(nearest) == list(range(54))
+    offset = found - true[nearest]
+    assert (np.abs(offset.mean(axis=0)) < 3.0 * offset.std(axis=0) / np.sqrt(54)).all()
