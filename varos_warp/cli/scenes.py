@@ -63,7 +63,7 @@ def _complete_key(typed: str) -> list[str]:
 
 @verb
 def schema(key: Annotated[str | None, typer.Argument(
-        metavar="[KEY]", help="Explain this key instead, such as vehicle.cameras.port.",
+        metavar="KEY", help="Explain this key instead, such as vehicle.cameras.port.",
         autocompletion=_complete_key)] = None, json_: Json = False):
     """Print the JSON Schema of scene files, or explain one key in plain words: meaning, unit, range, default, example.
 
@@ -86,7 +86,7 @@ def _complete_template(typed: str) -> list[str]:
 
 
 @verb
-def init(file: Annotated[Path, typer.Argument(metavar="[FILE]")] = Path("scene.yaml"),
+def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
          template: Annotated[str, typer.Option(metavar="NAME", help="Scene to begin with; --list names them.",
                                                autocompletion=_complete_template)] = "starter",
          list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):

@@ -67,7 +67,7 @@ def _meshes(scene: Scene) -> Iterator[tuple[str, Path, bool]]:
 def _problems(path: Path) -> Iterator[str]:
     """What is wrong with the textures that a mesh file names."""
     kind = path.suffix.lower()
-    if kind == ".dae" and b"<init_from" in path.read_bytes()[:MOST_BYTES]:
+    if kind == ".dae" and b"<init_from" in _beginning(path):
         yield "names textures, but those of DAE files are not read: it is grey; give a material, or export it as GLB"
     names = _of_obj(path) if kind == ".obj" else _of_gltf(path) if kind in (".gltf", ".glb") else []
     for name in dict.fromkeys(names):
@@ -87,16 +87,19 @@ def _values(path: Path, keyword: str) -> list[str]:
     """What follows a keyword in the lines of a text file; nothing where there is no file."""
     if not is_file(path):
         return []
-    with path.open("rb") as file:
-        lines = file.read(MOST_BYTES).decode("utf-8", "replace").splitlines()
+    lines = _beginning(path).decode("utf-8", "replace").splitlines()
     rows = [line.split(maxsplit=1) for line in lines if line.lstrip().startswith(keyword)]
     return [row[1].strip() for row in rows if len(row) == 2 and row[0] == keyword]
 
 
+def _beginning(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(MOST_BYTES)
+
+
 def _of_gltf(path: Path) -> list[str]:
     """Images beside a glTF file; what is embedded needs none."""
-    with path.open("rb") as file:
-        data = file.read(MOST_BYTES)
+    data = _beginning(path)
     with contextlib.suppress(ValueError, struct.error, AttributeError, TypeError):  # a damaged one is refused elsewhere
         if data[:4] == b"glTF":
             data = data[20:20 + struct.unpack_from("<I", data, 12)[0]]
