@@ -9,7 +9,7 @@ SCHEMA_FILE = "varos-warp.schema.json"
 """What the JSON Schema is called that `varos-warp init` writes beside a scene."""
 TEMPLATES = {
     "starter": "a pipe on supports over sand; every block with comments",
-    "pipeline_inspection": "along a pipeline with field joints, anodes and a free span",
+    "pipeline_inspection": "along a pipeline with field joints, an anode, a flange and boulders",
     "harbour_wall": "up and down a wall of piles with fenders, a ladder and rubble, in coastal water",
     "hull": "under a ship's hull with weld seams, anodes and growth, in harbour water",
     "calibration": "a checkerboard before a stereo pair behind flat ports, in poses that a calibration needs",
