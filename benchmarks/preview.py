@@ -18,7 +18,7 @@ import yaml
 from benchmarks.machine import machine
 from varos_warp.dataset.preview import Viewpoint, preview
 from varos_warp.scene.device import resolve_device
-from varos_warp.scene.load import starter_scene
+from varos_warp.scene.templates import template_text
 
 JERLOV = ("IB", "II", "III", "1C", "3C")
 
@@ -85,7 +85,7 @@ def main() -> None:
             shutil.copytree(args.scene.parent, path.parent)
         else:
             path.parent.mkdir()
-            path.write_text(starter_scene())
+            path.write_text(template_text())
         editor = Editor(path, ["light", "water", "course", "object"] * args.rounds)
         try:
             preview(path, editor, Viewpoint(frame=args.frame, width=args.width), spp=1, device=args.device)

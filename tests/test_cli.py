@@ -213,10 +213,86 @@ def test_info_tells_by_how_much_a_measured_phase_function_was_normalised(scene_f
     assert "vsf.csv:3: water.coefficients.phase.file = -1.0: p is negative" in said
 
 
+def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
+    """In proportion to what is rendered, whatever the factors."""
+    changes = ("seed=3", "vehicle.cameras.1.resolution=[96,54]", "render.outputs=[A]")
+    once, more, less = (json.loads(call("info", scene_file, "--json", "--set", change).stdout)["dataset"]
+                        for change in changes)
+    assert (once["frames"], once["images"], once["spp"]) == (10, 10 * 2 * 4, 8)
+    assert more["bytes"] == pytest.approx(once["bytes"] * (1 + 4) / 2, abs=1)
+    assert more["seconds"] >= once["seconds"] >= less["seconds"] > 0.0
+    assert less["bytes"] < once["bytes"]
+    text = call("info", scene_file).output
+    assert "dataset: 10 frames, 80 images, about " in text
+    assert "with 8 samples per pixel of A; varos-warp plan measures it" in text
+
+
+def test_info_and_run_refuse_missing_files_before_anything_is_made(scene_file, tmp_path):
+    lost = "materials={wall: {kind: slope_blend, flat: {texture: lost.png}}}"
+    for verb in (("info",), ("run", "-o", tmp_path / "out", "--device", "cpu")):
+        said = refused(*verb, scene_file, "--set", lost, "-q")
+        assert "lost.png: materials.wall.flat.texture: there is no such image file" in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("verb", [[], ["run"], ["noise"], ["cache"]])
+def test_help_shows_no_type_for_flags(verb):
+    assert "bool" not in call(*verb, "--help").output
+
+
+def test_frames_may_have_a_step(scene_file, tmp_path):
+    out = tmp_path / "out"
+    assert call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--outputs", "C", "--frames",
+                "1:9:3").exit_code == 0
+    assert Dataset(out).frames == [1, 4, 7]
+    assert call("validate", out, "-q").exit_code == 0
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_what_is_made_once_is_told_but_not_when_quiet(scene_file, monkeypatch, quiet):
+    from varos_warp import cache
+
+    def scene_info(*_):
+        cache.cached("x", {}, dict, tmp, "the field of a lamp")
+        raise InputError("enough")
+
+    tmp = scene_file.parent / "kept"
+    monkeypatch.setattr("varos_warp.scene.checks.scene_info", scene_info)
+    result = call("info", scene_file, *["-q"] * quiet)
+    assert ("making the field of a lamp, once" in result.stderr) is not quiet
+    assert result.stderr.splitlines()[-1] == "varos-warp: enough"
+
+
+def test_a_machine_without_a_gpu_is_not_warned_of_by_the_driver():
+    """Neither on stdout nor stderr, whoever loads Warp first."""
+    code = "import varos_warp.scene.device as d; print(d.resolve_device('cpu'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("cpu\n", "")
+
+
+@pytest.mark.parametrize(("words", "offered"), [("varos-warp val", "validate"), ("varos-warp run --work", "--workers"),
+                                                ("varos-warp init --template hul", "hull"),
+                                                ("varos-warp schema vehicle.cameras.foc", "vehicle.cameras.focus_m")])
+def test_the_shell_completes_verbs_options_templates_and_keys(words, offered):
+    words = words.split()
+    environment = os.environ | {"_VAROS_WARP_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words),
+                                "COMP_CWORD": str(len(words) - 1)}
+    code = "from varos_warp.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert offered in done.stdout.split()
+
+
 def test_schema_is_json_schema():
     content = json.loads(call("schema").stdout)
     assert content["additionalProperties"] is False
     assert "water" in content["properties"]
+
+
+def test_schema_explains_one_key_in_words_or_as_json():
+    assert "  default: 3.0" in call("schema", "vehicle.cameras.focus_m").stdout
+    entry, = json.loads(call("schema", "vehicle.cameras.focus_m", "--json").stdout)
+    assert (entry["schema"]["x-unit"], entry["schema"]["minimum"], entry["required"]) == ("m", 0.001, False)
+    assert "Did you mean 'cameras'?" in refused("schema", "vehicle.camera")
 
 
 def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
@@ -226,6 +302,23 @@ def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     before = path.read_text()
     assert "is there already" in refused("init", path)
     assert path.read_text() == before
+
+
+def test_editors_find_the_schema_beside_a_new_scene_without_a_network(tmp_path):
+    path = tmp_path / "mine.yaml"
+    call("init", path)
+    name = path.read_text().splitlines()[0].removeprefix("# yaml-language-server: $schema=")
+    assert json.loads((tmp_path / name).read_text()) == json.loads(call("schema").stdout)
+
+
+def test_init_begins_with_a_template_by_its_name(tmp_path):
+    assert call("init", tmp_path / "a.yaml", "--template", "harbour-wall").exit_code == 0
+    assert "name: harbour_wall" in (tmp_path / "a.yaml").read_text()
+    assert "Did you mean 'hull'?" in refused("init", tmp_path / "b.yaml", "--template", "hul")
+    assert not (tmp_path / "b.yaml").exists()
+    listing = call("init", tmp_path / "b.yaml", "--list").stdout
+    assert "stereo_survey" in listing
+    assert not (tmp_path / "b.yaml").exists()
 
 
 def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
@@ -342,7 +435,8 @@ def test_an_unknown_device_is_refused_with_those_that_exist(scene_file, tmp_path
 
 
 @pytest.mark.parametrize("arguments", [
-    "--frames a:b", "--frames 1:2:3", "--frames -3:", "--frames 50:", "--shard 2/2", "--shard x", "--spp 0",
+    "--frames a:b", "--frames 1:2:3:4", "--frames 0:9:0", "--frames 0:9:-1",
+    "--frames -3:", "--frames 50:", "--shard 2/2", "--shard x", "--spp 0",
     "--spp 4 --tolerance 0.1", "--outputs AX", "--layers all", "--integrator magic", "--denoise magic", "--seed -1",
     "--tolerance 0", "--max-scatterings -1", "--set nonsense", "--set render.what=1"])
 def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):

@@ -11,11 +11,13 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import load_scene
+from varos_warp.scene.templates import TEMPLATES
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = [*sorted((ROOT / "examples").rglob("*.yaml")),
-           *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter"))]
+           *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter")),
+           *sorted((ROOT / "varos_warp" / "data" / "templates").glob("*.yaml"))]
 SMALL = {
     "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],
@@ -23,6 +25,12 @@ SMALL = {
     "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
                     "scatter.0.count=5"],
     **{pattern: ["terrain.resolution=33"] for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back")},
+    **{survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
+       for survey in ("pipeline_inspection", "stereo_survey")},
+    "harbour_wall": ["terrain.resolution=65", "scatter.0.count=3"],
+    "hull": ["objects.0.chord_error_m=0.02"],
+    "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],  # other tests render through ports
+    **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3"],
 }
 """What makes each scene cheap, by file or folder; no block goes."""
@@ -64,6 +72,10 @@ def models_in(annotation) -> set[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return {annotation}
     return set().union(*(models_in(inner) for inner in typing.get_args(annotation)))
+
+
+def test_every_template_is_listed_and_the_listing_names_no_other():
+    assert {path.stem for path in SHIPPED if path.parent.name == "templates"} | {"starter"} == set(TEMPLATES)
 
 
 def every_model(model: type[BaseModel] = Scene, found: frozenset = frozenset()) -> frozenset[type[BaseModel]]:

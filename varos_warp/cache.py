@@ -8,6 +8,7 @@ import contextlib
 import functools
 import hashlib
 import json
+import logging
 import os
 import re
 import tempfile
@@ -23,6 +24,7 @@ import numpy as np
 import varos_warp
 from varos_warp.errors import InputError, warn
 
+LOG = logging.getLogger("varos_warp")
 Arrays = dict[str, np.ndarray]
 LIMIT_MB = 2000.0
 """Size limit where ``$VAROS_WARP_CACHE_MB`` says nothing."""
@@ -83,7 +85,8 @@ def clear() -> int:
                if _delete(path))
 
 
-def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None) -> Arrays:
+def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None,
+           what: str | None = None) -> Arrays:
     """Arrays from disk, or built and kept there.
 
     A file that is damaged is built again, and a folder that cannot be written costs only the time (and one warning).
@@ -94,12 +97,18 @@ def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Pat
         depends_on: Everything that the numbers depend on, as JSON.
         build: Makes the arrays.
         folder: Where they are kept; absent: `cache_folder`.
+        what: What they are, for a line in the log where they are built; absent: they are built silently.
     """
     text = json.dumps(depends_on, sort_keys=True)
     path = (folder or cache_folder()) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
     arrays = _read(path, text)
     if arrays is None:
+        if what:
+            LOG.info("making %s, once; it is kept for later runs ...", what)
+        start = time.monotonic()
         arrays = build()
+        if what:
+            LOG.info("made %s in %.0f s", what, time.monotonic() - start)
         try:
             _write(path, arrays, text)
         except OSError as error:

@@ -26,8 +26,9 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.load import load_scene, starter_scene
+from varos_warp.scene.load import load_scene
 from varos_warp.scene.materials.textures import read_image
+from varos_warp.scene.templates import template_text
 from varos_warp.sim.trajectory import simulate
 
 COUNT, SEED = int(os.environ.get("VAROS_WARP_FUZZ", "500")), int(os.environ.get("VAROS_WARP_FUZZ_SEED", "0"))
@@ -64,7 +65,7 @@ def seeds() -> dict[str, bytes]:
     ball = trimesh.creation.icosphere(subdivisions=1)
     made = {f"x.{kind}": ball.export(file_type=kind) for kind in ("obj", "ply", "stl", "glb")}
     made |= {"ascii.ply": ball.export(file_type="ply", encoding="ascii"), "ascii.stl": ball.export(
-        file_type="stl_ascii"), "x.dae": dae(), "scene.yaml": starter_scene()}
+        file_type="stl_ascii"), "x.dae": dae(), "scene.yaml": template_text()}
     for kind in ("png", "jpeg", "tiff"):
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)

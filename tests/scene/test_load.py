@@ -7,15 +7,7 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.load import (
-    demo_scene_path,
-    json_schema,
-    load_scene,
-    scene_from_dict,
-    scene_to_dict,
-    starter_scene,
-)
+from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict, scene_to_dict
 
 ROOT = Path(__file__).parents[2]
 CONTRACT = Path(__file__).parent / "contract.yaml"
@@ -70,16 +62,6 @@ def test_a_resolved_scene_reads_back_to_an_equal_scene(tmp_path):
 def test_the_scenes_that_come_with_us_load_and_read_back(path):
     scene = load_scene(path)
     assert scene_from_dict(scene_to_dict(scene), path.parent) == scene
-
-
-def test_the_starter_scene_builds_without_any_file(tmp_path):
-    parts = build_parts(load_scene(write(tmp_path, starter_scene())))
-    assert [part.name for part in parts] == ["terrain", "objects.0", "objects.1", "objects.2"]
-
-
-def test_the_schema_names_every_block():
-    assert {"terrain", "objects", "materials", "water", "vehicle", "trajectory", "render"} <= set(
-        json_schema()["properties"])
 
 
 # ------------------------------------------------------------------------------------------------- what is refused

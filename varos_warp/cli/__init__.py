@@ -3,6 +3,7 @@
 Exit status: 0 done; 2 bad input or an invalid dataset; 1 a failure of our own; 130 interrupted.
 """
 
+import logging
 import signal
 import sys
 import warnings
@@ -23,9 +24,17 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
+class _ToStderr(logging.Handler):
+    """Shows what the package logs, such as that it makes what it keeps for later runs."""
+
+    def emit(self, record):
+        print(record.getMessage(), file=sys.stderr, flush=True)  # looked up now: a progress bar may stand in for it
+
+
 @app.callback()
 def _global(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
                                                   help="Print the version.")] = False):
+    logging.getLogger("varos_warp").handlers = [_ToStderr()]
     warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
 
 

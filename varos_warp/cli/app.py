@@ -3,14 +3,36 @@
 import dataclasses
 import functools
 import inspect
+import logging
 import sys
 from collections.abc import Callable
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from varos_warp.errors import InputError, RunFailed
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False,
+
+class _PlainFlags:
+    """Help in which flags have no type: one takes no value."""
+
+    def get_params(self, ctx):
+        params = super().get_params(ctx)
+        for param in params:
+            if getattr(param, "is_flag", False) and param.metavar is None:
+                param.metavar = ""
+        return params
+
+
+class _Group(_PlainFlags, TyperGroup):
+    pass
+
+
+class _Command(_PlainFlags, TyperCommand):
+    pass
+
+
+app = typer.Typer(cls=_Group, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="Realistic synthetic underwater video with exact ground truth.")
 
 
@@ -28,6 +50,7 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
     def guarded(**given):
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in dataclasses.fields(group)})
+        logging.getLogger("varos_warp").setLevel(logging.WARNING if given.get("quiet") else logging.INFO)
         try:
             return function(**given)
         except InputError as error:
@@ -45,7 +68,7 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
                for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
     guarded.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in options])
     guarded.__annotations__ = {p.name: p.annotation for p in options}
-    return app.command(no_args_is_help=False)(guarded)
+    return app.command(cls=_Command, no_args_is_help=False)(guarded)
 
 
 resumable = functools.partial(verb, goes_on=True)

@@ -81,9 +81,11 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.load import load_scene
+    from varos_warp.scene.named_files import require_files
 
     device = resolve_device(choices.device)
     loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
+    require_files(loaded)
     simulation = simulated(loaded, quiet, [])  # what a DVL reads is not looked at
     poses = list(simulation.frames.poses())
     wanted = [poses[frame] for frame in select(chosen, len(poses))]

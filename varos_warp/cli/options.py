@@ -13,7 +13,8 @@ Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `va
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
 NewFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")]
 Device = Annotated[str, typer.Option(help="auto, cpu or cuda:N.")]
-Frames = Annotated[str | None, typer.Option(metavar="A:B", help="Only frames A to B - 1; also A: or A.")]
+Frames = Annotated[str | None, typer.Option(metavar="A:B:STEP",
+                                                 help="Only frames A to B - 1, every STEP-th; also A:B, A: or A.")]
 Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
 Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
@@ -118,17 +119,18 @@ class Repair:
 
 
 def parse_frames(text: str | None) -> slice:
-    """``A:B``, ``A:``, ``:B`` or ``A`` as a slice of the frames."""
+    """``A:B:STEP``, ``A:B``, ``A:``, ``:B`` or ``A`` as a slice of the frames."""
     try:
-        ends = [int(end) if end.strip() else None for end in (text or ":").split(":")]
-        if len(ends) == 1:
-            ends.append(ends[0] + 1)
-        first, last = ends
-        if any(end is not None and end < 0 for end in ends):
+        numbers = [int(number) if number.strip() else None for number in (text or ":").split(":")]
+        if len(numbers) == 1:
+            numbers.append(numbers[0] + 1)
+        chosen = slice(*numbers)
+        if len(numbers) > 3 or any(number is not None and number < 0 for number in numbers) or chosen.step == 0:
             raise ValueError
     except (ValueError, TypeError):
-        raise InputError("is not A:B", key="--frames", value=text, remedy="For example 0:10, 50: or 7.") from None
-    return slice(first, last)
+        raise InputError("is not A:B or A:B:STEP", key="--frames", value=text,
+                         remedy="For example 0:10, 50:, 7 or 0:1000:10.") from None
+    return chosen
 
 
 def parse_shard(text: str | None) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """Verbs around scene files, the meshes that they name, and the cache of what was precomputed for them."""
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -8,25 +9,29 @@ import typer
 
 from varos_warp.cli.app import verb
 from varos_warp.cli.options import Device, Json, PreviewOptions, Quiet, Repair, SceneFile, Set
-from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed
+from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed, print_table
 from varos_warp.errors import InputError
 
 
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
+    from varos_warp.dataset.run.expect import dataset_facts
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
+    from varos_warp.scene.named_files import require_files
     from varos_warp.sim.trajectory import course_facts, path_samples
 
     loaded = load_scene(scene, set_ or ())
+    require_files(loaded)
     parts = build_parts(loaded)
     simulation = simulated(loaded, quiet, parts)
     facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulation))
     found += simulation.messages
     facts["trajectory"] |= course_facts(simulation)
+    facts["dataset"] = dataset_facts(loaded, len(simulation.frames))
     if json_:
         print_json({**facts, "warnings": found})
         return
@@ -50,24 +55,56 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
     show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=set_ or (), once=once, quiet=quiet)
 
 
-@verb
-def schema():
-    """Print the JSON Schema of scene files."""
-    from varos_warp.scene.load import json_schema
+def _complete_key(typed: str) -> list[str]:
+    from varos_warp.scene.schema import keys_like
 
-    print_json(json_schema())
+    return keys_like(typed)
 
 
 @verb
-def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml")):
-    """Write a commented scene file to begin with."""
+def schema(key: Annotated[str | None, typer.Argument(
+        metavar="KEY", help="Explain this key instead, such as vehicle.cameras.port.",
+        autocompletion=_complete_key)] = None, json_: Json = False):
+    """Print the JSON Schema of scene files, or explain one key in plain words: meaning, unit, range, default, example.
+
+    Items of lists need no number, and materials no name. A part may name a kind of block: objects.pipe.radius.
+    """
+    from varos_warp.scene.schema import explain, find_key, json_schema
+
+    if key is None:
+        print_json(json_schema())
+    elif json_:
+        print_json([asdict(entry) for entry in find_key(key)])
+    else:
+        print(explain(key))
+
+
+def _complete_template(typed: str) -> list[str]:
+    from varos_warp.scene.templates import TEMPLATES
+
+    return [name for name in TEMPLATES if name.startswith(typed)]
+
+
+@verb
+def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
+         template: Annotated[str, typer.Option(metavar="NAME", help="Scene to begin with; --list names them.",
+                                               autocompletion=_complete_template)] = "starter",
+         list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):
+    """Write a commented scene file to begin with, and beside it the JSON Schema by which editors complete its keys."""
     from varos_warp.dataset import files
-    from varos_warp.scene.load import starter_scene
+    from varos_warp.scene.schema import json_schema
+    from varos_warp.scene.templates import SCHEMA_FILE, TEMPLATES, template_text
 
+    if list_:
+        print_table(["template", "scene"], [[name, words] for name, words in TEMPLATES.items()])
+        return
+    text = template_text(template)
     if file.exists():
         raise InputError("is there already", file=file, remedy="Name another file; nothing is overwritten.")
-    files.write_bytes(file, starter_scene().encode())
-    print(f"{file} is written; next: varos-warp info {file}, then varos-warp run {file} -o OUT")
+    files.write_bytes(file, text.encode())
+    files.write_json(file.with_name(SCHEMA_FILE), json_schema())
+    print(f"{file} is written, and for editors {file.with_name(SCHEMA_FILE)}; "
+          f"next: varos-warp info {file}, then varos-warp run {file} -o OUT")
 
 
 @verb

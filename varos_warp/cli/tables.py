@@ -63,6 +63,7 @@ def print_info(facts: dict) -> None:
     pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
           f"{trajectory['duration_s']:.1f} s, vehicle of {facts['vehicle']['mass_kg']:g} kg")
+    _print_dataset(facts["dataset"])
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
     print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
@@ -79,6 +80,26 @@ def print_info(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True))]
                   for m in facts["meshes"]])
+
+
+def _print_dataset(dataset: dict) -> None:
+    """What `varos-warp run` will make, and take."""
+    where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
+    samples = f"{dataset['spp']} samples per pixel of A" + " (the planner chooses them)" * dataset["spp_is_planned"]
+    print(f"dataset: {dataset['frames']} frames, {dataset['images']} images, about {_size(dataset['bytes'])}, roughly "
+          f"{_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
+
+
+def _size(count: float) -> str:
+    size, name = (1e9, "GB") if count >= 1e9 else (1e6, "MB")
+    return f"{float(f'{count / size:.2g}'):g} {name}"  # two digits, but 430 rather than 4.3e+02
+
+
+def _duration(seconds: float) -> str:
+    for limit, size, name in ((90, 1, "seconds"), (5400, 60, "minutes"), (1.8e5, 3600, "hours")):
+        if seconds < limit:
+            return f"{float(f'{seconds / size:.2g}'):g} {name}"
+    return f"{float(f'{seconds / 86400:.2g}'):g} days"
 
 
 def _print_phase(phase: dict) -> None:

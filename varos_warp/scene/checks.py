@@ -13,6 +13,7 @@ from varos_warp.scene.geometry.parts import Instances, Part, local_origin, stand
 from varos_warp.scene.geometry.query import clearance, is_inside
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.lights.distribution import distribution
+from varos_warp.scene.named_files import check_textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
@@ -38,7 +39,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, parts, poses, path)
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    return [*_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
+    return [*check_textures(scene), *_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
             *_check_cameras(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
             *at_stops, *on_the_way]
 

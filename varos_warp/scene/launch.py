@@ -3,7 +3,11 @@
 A CPU launch is serial and lets go of Python's lock, so that threads share the work.
 """
 
+import contextlib
+import ctypes
 import os
+import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,6 +16,35 @@ import warp as wp
 from varos_warp.kernels.conventions import BLOCK_DIM
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
+
+
+def _has_cuda_driver() -> bool:
+    """Whether Warp will find a CUDA driver, by the names that it looks for."""
+    for name in ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so", "libcuda.so.1"):
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(name)
+            return True
+    return False
+
+
+@contextlib.contextmanager
+def _without_stderr() -> Iterator[None]:
+    """Drops what native code writes to stderr."""
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
+
+
+if not _has_cuda_driver():  # Warp warns of that in native code, though a machine without a GPU is no mistake
+    with contextlib.suppress(OSError), _without_stderr():  # closed by whoever started this: nothing to keep clean
+        wp.init()
 
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""

@@ -20,7 +20,7 @@ from varos_warp.scene.description.block import keys_without_effect
 from varos_warp.scene.files import read_text
 
 DATA = resources.files("varos_warp") / "data"
-"""Scenes that come with the package: ``demo.yaml`` and ``starter.yaml``."""
+"""Files that come with the package."""
 
 
 def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
@@ -68,16 +68,6 @@ def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str)
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The whole scene with every default filled in, as plain JSON types; ``scene_from_dict`` gives it back."""
     return scene.model_dump(mode="json")
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of the scene file."""
-    return Scene.model_json_schema()
-
-
-def starter_scene() -> str:
-    """A commented scene file to begin with; it loads and renders without any mesh file."""
-    return (DATA / "starter.yaml").read_text(encoding="utf-8")
 
 
 def demo_scene_path() -> Path:

@@ -32,6 +32,7 @@ from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import resolve_device
+from varos_warp.scene.named_files import require_files
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns
 
@@ -95,6 +96,8 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
         # n workers and their parent share the folder as n + 1
         with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
             previous = folder.open_folder(scene, layout)
+            if images and previous is None:
+                require_files(scene)
             run = _Run(scene, layout, shard, Console(quiet), device, renderer)
             with run.record.recording():
                 run.simulate(frames, previous)
@@ -149,7 +152,7 @@ def select(frames: slice, count: int) -> list[int]:
     """
     chosen = list(range(count))[frames]
     if not chosen:
-        words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop))
+        words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))
         raise InputError("names no frame", key="frames", value=words,
                          remedy=f"The sequence has frames 0 to {count - 1}.")
     return chosen

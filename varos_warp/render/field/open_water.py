@@ -134,7 +134,8 @@ class OpenWater:
 
     def _light_field(self, shape: Distribution) -> LightField:
         solving = LightFieldSolver(shape, self.water, self.launcher)
-        arrays = cached("light", self._depends_on(light=asdict(replace(shape, gain=1.0))), lambda: _solved(solving))
+        arrays = cached("light", self._depends_on(light=asdict(replace(shape, gain=1.0))), lambda: _solved(solving),
+                        what="the field of a lamp in this water")
         field = LightField()
         field.grid = solving.fine
         field.irradiance, field.source = self._array(arrays["irradiance"]), self._array(arrays["source"])

@@ -24,21 +24,34 @@ class Scene(Block):
     """A whole scene file."""
 
     name: str = "scene"
+    """Name of the scene; datasets, reports and exports carry it."""
     sequence: SequenceId = "01"
+    """Two letters or digits that name the sequence in the dataset's file names (paper, table 5)."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """Every random choice depends on it: the same scene with the same seed gives the same bytes."""
     terrain: AnyTerrain | None = None
+    """The sea floor: from mesh files (``kind: file``), or generated from a seed (``kind: procedural``). Absent:
+    none."""
     objects: list[Object] = []
+    """What stands on the sea floor or in the water: meshes, and objects made from their measures."""
     scatter: list[Scatter] = []
+    """Blocks that strew many copies of an object over the terrain."""
     materials: dict[str, Material] = {}
+    """Materials by name; terrain and objects choose one by ``material: NAME``."""
     water: Water | Literal["none"] = "none"
+    """The water, in exactly one of three forms; or ``none``: no water."""
     surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
     gravity: Annotated[float, Field(gt=0.0, le=1e3)] = 9.81
-    """[m/s^2]; ORB-SLAM3 uses the same number."""
+    """Acceleration by gravity, which the IMU feels [m/s^2]; ORB-SLAM3 uses the same number."""
     current: Current = Current()
+    """The water's motion, which pushes the vehicle."""
     vehicle: Vehicle = Vehicle()
+    """The vehicle with its lights, cameras and sensors."""
     trajectory: Trajectory
+    """Where the vehicle goes: waypoints, a pattern of them, or exact poses."""
     render: Render = Render()
+    """What is rendered, how well, and how it is exposed."""
 
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""

@@ -47,7 +47,7 @@ def outside(low: float, high: float, problem: str) -> AfterValidator:
 class Block(BaseModel):
     """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
 
 def unwritten_if_absent(*keys: str) -> Any:

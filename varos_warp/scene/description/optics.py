@@ -21,14 +21,17 @@ class FlatPort(Block):
     """A flat pane before the lens, with air between."""
 
     kind: Literal["flat"]
-    distance_m: Annotated[float, Field(ge=1e-6, le=100.0)]
-    """From the lens (its entrance pupil) to the glass, along the normal."""
+    distance_m: Annotated[float, Field(ge=1e-6, le=100.0)] = Field(examples=[0.02])
+    """From the lens (its entrance pupil) to the glass, along the normal [m]."""
     thickness_m: Thickness = 0.0
+    """Thickness of the glass [m]."""
     n_glass: Index = 1.49
+    """Refractive index of the glass, relative to air; 1.49 is acrylic, 1.52 glass, 1.77 sapphire."""
     normal: Vec3 = (0.0, 0.0, 1.0)
-    """Of the pane towards the water, camera axes; of any length."""
-    clear_radius_m: Size | None = None
-    """Of what is clear of its outer face, around the place nearest to the lens; absent: all."""
+    """Normal of the pane towards the water, in camera axes (x right, y down, z forward), of any length."""
+    clear_radius_m: Size | None = Field(default=None, examples=[0.05])
+    """Radius of what is clear of the pane's outer face, around the place nearest to the lens [m]; what is past it is
+    black. Absent: all is clear."""
 
     _written = unwritten_if_absent("clear_radius_m")
 
@@ -37,14 +40,18 @@ class DomePort(Block):
     """A spherical shell before the lens, with air between."""
 
     kind: Literal["dome"]
-    radius_m: Size
-    """Of the outer surface."""
+    radius_m: Size = Field(examples=[0.06])
+    """Radius of the outer surface [m]."""
     thickness_m: Thickness = 0.0
+    """Thickness of the shell [m]."""
     n_glass: Index = 1.49
+    """Refractive index of the shell, relative to air; 1.49 is acrylic, 1.52 glass."""
     centre: Vec3 = (0.0, 0.0, 0.0)
-    """In camera axes [m]: 0 is the lens (its entrance pupil)."""
-    half_angle_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
-    """Of the shell, at its centre, to the camera's axis: 90 is a hemisphere; absent: a whole sphere."""
+    """Centre of the dome in camera axes (x right, y down, z forward) [m]: 0 is the lens (its entrance pupil), where
+    nothing is bent."""
+    half_angle_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = Field(default=None, examples=[90])
+    """Half angle of the shell, at its centre, to the camera's axis [degrees]: 90 is a hemisphere. Absent: a whole
+    sphere."""
 
     _written = unwritten_if_absent("half_angle_deg")
 
@@ -55,9 +62,10 @@ Port = Annotated[FlatPort | DomePort, Field(discriminator="kind")]
 class Seawater(Block):
     """Water whose index follows from temperature and salinity (Quan and Fry 1995), different for R, G and B."""
 
-    temperature_C: Annotated[float, Field(ge=-2.0, le=40.0)]  # noqa: N815
-    salinity: Annotated[float, Field(ge=0.0, le=45.0)]
-    """[per mille]"""
+    temperature_C: Annotated[float, Field(ge=-2.0, le=40.0, examples=[8.0])]  # noqa: N815
+    """Temperature of the water [degrees Celsius]."""
+    salinity: Annotated[float, Field(ge=0.0, le=45.0, examples=[35.0])]
+    """Salinity of the water [per mille]; the ocean has 35."""
 
 
 WaterIndex = Index | tuple[Index, Index, Index] | Seawater
@@ -67,8 +75,9 @@ class BrownConrady(Block):
     """Distortion of a lens as OpenCV's calib3d has it."""
 
     model: Literal["brown_conrady"]
-    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
-    """k1, k2, p1, p2, k3"""
+    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = Field(
+        examples=[[-0.15, 0.03, 0.001, -0.002, 0.0]])
+    """Coefficients k1, k2, p1, p2, k3, in OpenCV's order."""
 
 
 class KannalaBrandt(Block):
@@ -76,7 +85,7 @@ class KannalaBrandt(Block):
 
     model: Literal["kannala_brandt"]
     k: tuple[Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0)
-    """k1, k2, k3, k4"""
+    """Coefficients k1, k2, k3, k4, in OpenCV's order; all 0 is the equidistant fisheye."""
 
 
 Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
@@ -89,7 +98,10 @@ class Vignetting(Block):
     """
 
     kind: Literal["cos4", "polynomial"] = "cos4"
+    """``cos4``: as cos^4 of the angle to the axis; ``polynomial``: by ``coefficients``."""
     coefficients: tuple[float, ...] = ()
+    """a1, a2, ... of a polynomial 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image;
+    for ``kind: polynomial`` only."""
 
     @model_validator(mode="after")
     def _coefficients_belong_to_the_polynomial(self):

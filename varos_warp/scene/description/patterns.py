@@ -36,17 +36,18 @@ class LawnMower(Block):
     """Parallel lanes up and down an area, joined by half circles beyond it; the vehicle looks where it goes."""
 
     kind: Literal["lawn_mower"]
-    centre: Position
-    """Middle of the area, at the height of the vehicle."""
+    centre: Position = Field(examples=[[0, 0, 2]])
+    """Middle of the area, at the height of the vehicle [m]."""
     heading_deg: Angle = 0.0
-    """Of the first lane, which is the leftmost."""
-    length_m: Length
-    """Of a lane."""
-    width_m: Length
-    """From the first lane to the last."""
-    spacing_m: Length
-    """Largest distance of neighbouring lanes; they share the width evenly."""
+    """Heading of the first lane, which is the leftmost: clockwise from +y [degrees]."""
+    length_m: Length = Field(examples=[10])
+    """Length of a lane [m]."""
+    width_m: Length = Field(examples=[6])
+    """From the first lane to the last [m]."""
+    spacing_m: Length = Field(examples=[1.5])
+    """Largest distance of neighbouring lanes [m]; they share the width evenly."""
     pitch_deg: Pitch = 0.0
+    """Pitch of the vehicle, positive with the nose up [degrees]."""
 
     @field_validator("spacing_m")
     @classmethod
@@ -82,15 +83,16 @@ class Orbit(Block):
     """A circle around a point, which the vehicle looks at."""
 
     kind: Literal["orbit"]
-    centre: Position
-    """What is looked at."""
-    radius_m: Length
+    centre: Position = Field(examples=[[0, 5, 0.2]])
+    """What is looked at [m]."""
+    radius_m: Length = Field(examples=[4])
+    """Horizontal distance of the vehicle from the centre [m]."""
     height_m: Coordinate = 0.0
-    """Of the vehicle above the centre."""
+    """Height of the vehicle above the centre [m]."""
     bearing_deg: Angle = 0.0
-    """Where it begins, seen from the centre."""
+    """Where it begins, seen from the centre: clockwise from +y [degrees]."""
     turns: Annotated[float, Field(ge=-100.0, le=100.0)] = 1.0
-    """Clockwise seen from above; negative: the other way."""
+    """How often around, clockwise seen from above; negative: the other way."""
 
     @field_validator("turns")
     @classmethod
@@ -116,8 +118,8 @@ class Spiral(Orbit):
     """An orbit whose centre rises or sinks with the vehicle, as around a pile or a riser."""
 
     kind: Literal["spiral"]  # type: ignore[assignment]
-    rise_m: Coordinate
-    """From the beginning to the end, over all turns; negative: it sinks."""
+    rise_m: Coordinate = Field(examples=[2])
+    """How far vehicle and centre rise from the beginning to the end, over all turns [m]; negative: they sink."""
 
     def waypoints(self) -> list[dict]:
         """One every 5 degrees or a little less."""
@@ -128,11 +130,14 @@ class ThereAndBack(Block):
     """Straight from start to end and back, with a stop at each; the vehicle faces the end all the time."""
 
     kind: Literal["there_and_back"]
-    start: Position
-    end: Position
+    start: Position = Field(examples=[[0, 0, 1]])
+    """Where it begins and returns to [m]."""
+    end: Position = Field(examples=[[0, 5, 1]])
+    """Where it turns, and what it faces all the time [m]."""
     times: Annotated[int, Field(ge=1, le=1000)] = 1
-    """How often."""
+    """How often there and back."""
     pitch_deg: Pitch = 0.0
+    """Pitch of the vehicle, positive with the nose up [degrees]."""
 
     @model_validator(mode="after")
     def _apart(self):

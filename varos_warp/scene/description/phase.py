@@ -15,18 +15,20 @@ class HenyeyGreenstein(Block):
 
     kind: Literal["henyey_greenstein"] = "henyey_greenstein"
     g: MeanCosine = 0.0
+    """Mean cosine of the scattering angle: 0 scatters evenly, towards 1 ahead; sea water has about 0.9."""
 
 
 class FournierForand(Block):
     """Phase function of Fournier and Forand for sea water: ``n`` and ``mu``, or ``backscatter_fraction``."""
 
     kind: Literal["fournier_forand"]
-    n: Annotated[float, Field(gt=1.0, le=1.5)] | None = None
-    """Refractive index of the particles, relative to water."""
-    mu: Annotated[float, Field(gt=3.0, le=5.0)] | None = None
-    """Slope of the power law of their sizes; at 3 all light would go straight on."""
-    backscatter_fraction: Annotated[float, Field(ge=0.0001, le=0.15)] | None = None
-    """Share of the light scattered by more than 90 degrees; n = 1.01 + 0.1542 (mu - 3) (Mobley et al. 2002)."""
+    n: Annotated[float, Field(gt=1.0, le=1.5)] | None = Field(default=None, examples=[1.1])
+    """Refractive index of the particles, relative to water; with ``mu``."""
+    mu: Annotated[float, Field(gt=3.0, le=5.0)] | None = Field(default=None, examples=[3.5835])
+    """Slope of the power law of the particles' sizes; at 3 all light would go straight on."""
+    backscatter_fraction: Annotated[float, Field(ge=0.0001, le=0.15)] | None = Field(default=None, examples=[0.0183])
+    """Share of the light scattered by more than 90 degrees, instead of ``n`` and ``mu``; n = 1.01 + 0.1542 (mu - 3)
+    (Mobley et al. 2002)."""
 
     @model_validator(mode="after")
     def _one_form(self):
@@ -52,14 +54,14 @@ class Tabulated(Block):
     """Phase function from a table, interpolated log-log and normalised."""
 
     kind: Literal["tabulated"]
-    file: Annotated[str, Field(min_length=1)]
+    file: Annotated[str, Field(min_length=1)] = Field(examples=["phase.csv"])
     """CSV file with the columns angle_deg and p (any scale), relative to the scene file."""
 
 
 class Weighted(Block):
     """A part of a mixture."""
 
-    weight: NonNegative
+    weight: NonNegative = Field(examples=[1.0])
     """Share of the scattering, in any scale."""
 
 
@@ -67,7 +69,8 @@ class WeightedHenyeyGreenstein(HenyeyGreenstein, Weighted):
     """Henyey and Greenstein's as a part of a mixture."""
 
     g: Annotated[float, Field(ge=-0.6, le=0.999)] = 0.0
-    """A mixture becomes a table, which does not hold sharper peaks behind: at -0.6 it is right to 0.05 %."""
+    """Mean cosine of the scattering angle. A mixture becomes a table, which does not hold sharper peaks behind: at -0.6
+    it is right to 0.05 %."""
 
 
 class WeightedFournierForand(FournierForand, Weighted):
@@ -96,6 +99,7 @@ class Mixture(Block):
 
     kind: Literal["mixture"]
     of: Annotated[list[Part], Field(min_length=1)]
+    """The parts, each a phase function with a weight."""
 
     @model_validator(mode="after")
     def _some_weight(self):

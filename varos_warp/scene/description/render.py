@@ -11,7 +11,10 @@ class Exposure(Block):
     """Exposure correction before 8-bit output (paper 3.2.1)."""
 
     A: Literal["adaptive", "constant"] | Positive = "adaptive"
+    """``adaptive``: each frame by its own brightness, smoothed over time (paper 3.2.1); ``constant``: one gain for the
+    sequence; or the gain itself."""
     B: Literal["adaptive", "constant"] | Positive = "constant"
+    """As of A; by default, a reflectance of 0.5 becomes the same grey in every frame."""
 
 
 def field_by_old_name(name):
@@ -23,32 +26,43 @@ class Render(Block):
     """What is rendered and how well."""
 
     frame_rate_hz: Positive = 10.0
+    """Frames per second [Hz]."""
     outputs: list[Literal["A", "B", "C", "D", "S", "P", "F"]] = ["A", "B", "C", "D"]
+    """Image types: A underwater, B without water in uniform light, C normals, D depth, S objects, P the twin of A
+    without port and distortion, F optical flow."""
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
-    """Relative RMSE of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
-    max_seconds_per_frame: Positive | None = None
-    """Sampling of A stops after about this long, whatever the tolerance; absent: 60 on a CPU, 5 on a GPU."""
-    spp: Annotated[int, Field(ge=1)] | None = None
+    """Relative RMSE asked of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
+    max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
+    """Sampling of A stops after about this long, whatever the tolerance [s]; absent: 60 on a CPU, 5 on a GPU."""
+    spp: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice."""
     spp_b: Annotated[int, Field(ge=1)] = 20
     """Samples per pixel of B (paper 3.2.1)."""
-    max_scatterings: Annotated[int, Field(ge=0)] | None = None
-    max_bounces: Annotated[int, Field(ge=0)] | None = None
+    max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
+    """Most scatterings in the water on a path of light; absent: no bound but the planner's."""
+    max_bounces: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[8])
+    """Most reflections on surfaces on a path of light; absent: no bound but the planner's."""
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
+    """Which light A holds: reflected once (direct), scattered once (single), everything else (multiple)."""
     integrator: Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)] = "auto"
     """How the light of A is computed: path tracing with the precomputed field of open water, or without; ``reference``:
     a plain, slow path tracer, to compare the others with. Older files call the field ``tables``."""
     denoise: Literal["oidn", "nlm", "none"] = "oidn"
+    """Denoiser of A: Open Image Denoise, non-local means, or none."""
     denoise_b: Literal["oidn", "nlm", "none"] = "nlm"
+    """Denoiser of B."""
     exposure: Exposure = Exposure()
+    """Exposure of the 8-bit images A and B."""
     depth_kind: Literal["z", "range"] = "z"
+    """D's depth: along the optical axis (z), or along the ray (range)."""
     depth_range_m: tuple[NonNegative, Positive] = (0.0, 25.0)
+    """Depths that D's 0 and 65535 stand for [m]."""
     linear_exr: bool = False
     """Also write A (and P) before denoising and exposure as float32 EXR, with its standard error."""
     depth_exr: bool = False
     """Also write planar depth and range as float32 EXR (channels Z and range)."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
-    """Older files ask for meshes reduced by need."""
+    """Has no effect any more; older files ask for meshes reduced by need."""
 
     @field_validator("depth_range_m")
     @classmethod

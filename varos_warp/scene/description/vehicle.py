@@ -48,7 +48,9 @@ class LampPort(Block):
 
     kind: Literal["flat"] = "flat"
     n_glass: Index = 1.49
+    """Refractive index of the pane, relative to air; 1.49 is acrylic."""
     n_water: Index = 1.34
+    """Refractive index of the water, relative to air."""
 
 
 class SpotLight(Block):
@@ -56,18 +58,25 @@ class SpotLight(Block):
 
     kind: Literal["spot"] = "spot"
     position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
+    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
         359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
-    """Full angle of the cone; single precision cannot represent the cosines of narrower ones."""
+    """Full angle of the cone [degrees], at most 359.9, or 360 for a light without one; single precision cannot
+    represent the cosines of cones below 1 degree."""
     blend: Unit = 0.0
+    """Width of the cone's soft edge as in Blender: 0 is a hard edge, 1 fades from the axis on."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity inside the cone for red, green and blue [W/sr]. Blender's power P in watts is 4 pi times it."""
     port: LampPort | None = None
-    """With one, cone and intensity are those in air."""
-    radius_m: Radius | None = None
-    """Absent: a point."""
+    """A flat pane before the lamp. With one, cone and intensity are those in air. Absent: they are those in the
+    water."""
+    radius_m: Radius | None = Field(default=None, examples=[0.03])
+    """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
+    shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Absent: it shines all the time."""
+    """Flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
     _written = unwritten_if_absent("port", "radius_m", "strobe")
@@ -77,18 +86,23 @@ class ProfileLight(Block):
     """A lamp whose intensity by angle to its axis a file tells: CSV (angle_deg, intensity) or IES LM-63."""
 
     kind: Literal["profile"]
-    file: str
-    """The same all around the axis; the scale does not matter. Or the name of a lamp that comes with the package."""
+    file: str = Field(examples=["led_flood"])
+    """File of the intensity by the angle to the axis, CSV (angle_deg, intensity) or IES LM-63, the same all around the
+    axis; its scale does not matter. Or the name of a lamp that comes with the package, ``led_flood``."""
     position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
+    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
-    """At the profile's peak."""
+    """Radiant intensity at the profile's peak for red, green and blue [W/sr]."""
     port: LampPort | None = None
-    """With one, profile and intensity are those in air."""
-    radius_m: Radius | None = None
-    """Absent: a point."""
+    """A flat pane before the lamp. With one, profile and intensity are those in air. Absent: they are those in the
+    water."""
+    radius_m: Radius | None = Field(default=None, examples=[0.02])
+    """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
+    shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Absent: it shines all the time."""
+    """Flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
     _written = unwritten_if_absent("radius_m", "strobe")
@@ -99,9 +113,11 @@ class PointLight(Block):
 
     kind: Literal["point"]
     position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity in every direction for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Absent: it shines all the time."""
+    """Flashes with every frame. Absent: it shines all the time."""
 
     _written = unwritten_if_absent("strobe")
 
@@ -114,16 +130,19 @@ class SheetLight(Block):
 
     kind: Literal["sheet"]
     position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
-    """To the middle of the fan."""
-    normal: Position
-    """Of the sheet, of any length; what of it lies along the direction is left out."""
-    fan_deg: Annotated[float, Field(ge=0.1, le=170.0)]
-    thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)]
-    """Single precision cannot represent much thinner sheets."""
+    """To the middle of the fan, in vehicle axes, of any length."""
+    normal: Position = Field(examples=[[0, 0.6, 1]])
+    """Normal of the sheet in vehicle axes, of any length; what of it lies along the direction is left out."""
+    fan_deg: Annotated[float, Field(ge=0.1, le=170.0)] = Field(examples=[60])
+    """Full angle of the fan, in the sheet [degrees]."""
+    thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)] = Field(examples=[0.3])
+    """Full angle across the sheet [degrees]; single precision cannot represent much thinner ones."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity inside the sheet for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Absent: it shines all the time."""
+    """Flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 
@@ -168,27 +187,39 @@ class Camera(Block):
     """
 
     id: CameraId = "M0"
+    """Type (M mono, L stereo left, R stereo right ...) and number, as in the file names (paper, table 5)."""
     mount: Literal["vehicle", "world"] = "vehicle"
+    """Whether the camera moves with the vehicle, or stands in the world."""
     position: Position = (0.0, 0.0, 0.0)
+    """Position of the lens in the axes of the mount [m]."""
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
-    look_at: Position | None = None
-    """Point to look at, in the axes of the mount; instead of ``rotation_euler_deg``."""
+    """Rotation about the fixed axes x, then y, then z of the mount [degrees]; unrotated, the camera looks along +y, its
+    image upright."""
+    look_at: Position | None = Field(default=None, examples=[[0.0, 3.0, 0.5]])
+    """Point to look at, in the axes of the mount [m]; instead of ``rotation_euler_deg``."""
     resolution: tuple[Pixels, Pixels] = (1280, 720)
+    """Width and height of the image [pixels]."""
     sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
+    """Width and height of the sensor [mm]; pixels are square if it has the shape of the resolution."""
     focal_mm: LensSize = 3.4
+    """Focal length [mm]; without a port that in the water, which is 1.34 times that in air."""
     f_stop: Annotated[float, Field(ge=0.0, le=1e6), outside(
         0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")] = 0.0
-    """Focal length over aperture diameter, at least 0.001; 0 is a pinhole."""
+    """Focal length over aperture diameter, at least 0.001; 0 is a pinhole, which is sharp everywhere."""
     focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
-    """Distance of the plane of focus; in air, behind a port."""
+    """Distance of the plane of focus [m]; in air, behind a port."""
     port: Port | None = None
-    n_water: WaterIndex | None = None
-    """Refractive index behind the port: a number, one each for R, G and B, or a block; absent: 1.34."""
+    """The port of the camera's housing, ``flat`` or ``dome``. Absent: the camera looks as if the lens were in the water
+    (docs/ports.md)."""
+    n_water: WaterIndex | None = Field(default=None, examples=[1.34])
+    """Refractive index of the water at the port: a number, one each for R, G and B, or a block of temperature and
+    salinity. Absent: 1.34."""
     distortion: Distortion | None = None
+    """Distortion of the lens in OpenCV's models, ``brown_conrady`` or ``kannala_brandt`` (fisheye). Absent: none."""
     vignetting: Vignetting | None = None
-    """Of A; B, C, D and S have none."""
+    """Fall of A's light towards the corners; B, C, D and S have none. Absent: none."""
     shutter: Shutter | None = None
-    """Absent: each image is of one instant."""
+    """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
@@ -199,8 +230,11 @@ class Mounted(Block):
     """A sensor on the vehicle, in its axes."""
 
     position: Position = (0.0, 0.0, 0.0)
+    """Position of the sensor in vehicle axes [m]."""
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
+    """Rotation of the sensor about the vehicle's fixed axes x, then y, then z [degrees]."""
     rate_hz: Positive = 200.0
+    """Readings per second [Hz]."""
 
 
 NoiseDensity = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -213,27 +247,28 @@ class ImuNoise(Block):
     """
 
     accelerometer_noise_density: NoiseDensity = 0.0
-    """[m/s^2/sqrt(Hz)]"""
+    """Density of the accelerometers' white noise [m/s^2/sqrt(Hz)]."""
     accelerometer_random_walk: NoiseDensity = 0.0
-    """[m/s^3/sqrt(Hz)]"""
+    """Random walk of the accelerometers' bias [m/s^3/sqrt(Hz)]."""
     gyroscope_noise_density: NoiseDensity = 0.0
-    """[rad/s/sqrt(Hz)]"""
+    """Density of the gyroscopes' white noise [rad/s/sqrt(Hz)]."""
     gyroscope_random_walk: NoiseDensity = 0.0
-    """[rad/s^2/sqrt(Hz)]"""
+    """Random walk of the gyroscopes' bias [rad/s^2/sqrt(Hz)]."""
     accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
-    """Constant part, sensor axes [m/s^2]"""
+    """Constant part of the accelerometers' bias, in sensor axes [m/s^2]."""
     accelerometer_turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part drawn once per sequence [m/s^2]"""
+    """Standard deviation of the part of the bias that is drawn once per sequence [m/s^2]."""
     gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
-    """[rad/s]"""
+    """Constant part of the gyroscopes' bias, in sensor axes [rad/s]."""
     gyroscope_turn_on_bias: NoiseDensity = 0.0
-    """[rad/s]"""
+    """Standard deviation of the part of the bias that is drawn once per sequence [rad/s]."""
 
 
 class Imu(Mounted):
     """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
 
     noise: ImuNoise | None = None
+    """White noise and bias of the readings. Absent: they are exact; ``varos-warp noise`` adds noise later."""
 
 
 FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]
@@ -244,7 +279,8 @@ class Magnetometer(Mounted):
     """A magnetometer in a field that is the same everywhere."""
 
     field_T: tuple[FieldStrength, FieldStrength, FieldStrength] = (0.0, 1.36e-5, -5.03e-5)  # noqa: N815
-    """In world axes [T]; absent: about that of the Trondheim fjord, if world y points to magnetic north."""
+    """The Earth's field in world axes [T]; absent: about that of the Trondheim fjord, if world y points to magnetic
+    north."""
 
 
 def _check_reach(value):
@@ -260,19 +296,24 @@ class Dvl(Mounted):
     """
 
     rate_hz: Positive = 5.0
+    """Readings per second [Hz]."""
     beam_angle_deg: Annotated[float, Field(ge=1.0, le=80.0)] = 30.0
-    """Between each beam and the sensor's downward axis, -z."""
+    """Angle between each beam and the sensor's downward axis, -z [degrees]."""
     range_m: Annotated[tuple[Coordinate, Coordinate], AfterValidator(_check_reach)] = (0.05, 50.0)
-    """Along a beam, where the bottom is locked [m]."""
+    """Least and most distance along a beam at which the bottom is locked [m]."""
 
 
 class Controller(Block):
     """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
 
     feed_forward: Literal["none", "velocity", "full"] = "full"
+    """What the controller knows of the course ahead of errors: nothing (paper), velocities, or forces, too."""
     translation_q: tuple[NonNegative, NonNegative] = (1.0, 0.5)
+    """Weights of the errors of position and velocity."""
     rotation_q: tuple[NonNegative, NonNegative] = (6.0, 1.0)
+    """Weights of the errors of attitude and angular velocity."""
     r: Positive = 1.0
+    """Weight of the thrusters' effort; smaller is stiffer."""
     integral: NonNegative = 0.0
     """Weight of the integrated position error (LQI); needed to hold station in a current."""
 
@@ -281,30 +322,36 @@ class Current(Block):
     """Water current: a uniform drift plus seeded sinusoids of ``fluctuation`` [m/s RMS]."""
 
     velocity: Vec3 = (0.0, 0.0, 0.0)
+    """Uniform drift in world axes [m/s]."""
     fluctuation: NonNegative = 0.0
+    """Root mean square of the sinusoids added to the drift [m/s]."""
     period_s: Positive = 20.0
+    """Period of the sinusoids [s], each between half and twice as long."""
 
 
 class Vehicle(Block):
     """A neutrally buoyant sphere with thrusters; absent values are interpolated by mass between presets."""
 
     id: VehicleId = "0"
+    """One letter or digit that names the vehicle in the dataset's file names."""
     mass_kg: Annotated[float, Field(ge=1e-3, le=1e9)] = 40.0
-    linear_drag: NonNegative | None = None
-    """d1 [N s/m]."""
-    quadratic_drag: NonNegative | None = None
-    """d2 [N s^2/m^2]."""
-    linear_rotational_drag: NonNegative | None = None
-    """r1 [N m s]."""
-    quadratic_rotational_drag: NonNegative | None = None
-    """r2 [N m s^2]."""
-    actuator_frequency: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
-    """wn [rad/s] of the second-order thruster."""
+    """Mass [kg]; what the other keys leave absent follows from it."""
+    linear_drag: NonNegative | None = Field(default=None, examples=[20])
+    """Linear drag d1 [N s/m]; absent: by the mass."""
+    quadratic_drag: NonNegative | None = Field(default=None, examples=[30])
+    """Quadratic drag d2 [N s^2/m^2]; absent: by the mass."""
+    linear_rotational_drag: NonNegative | None = Field(default=None, examples=[2])
+    """Linear drag of rotation r1 [N m s]; absent: by the mass."""
+    quadratic_rotational_drag: NonNegative | None = Field(default=None, examples=[3])
+    """Quadratic drag of rotation r2 [N m s^2]; absent: by the mass."""
+    actuator_frequency: Annotated[float, Field(ge=1e-6, le=1e9)] | None = Field(default=None, examples=[10])
+    """Natural frequency wn of the second-order thrusters [rad/s]; absent: by the mass."""
     actuator_damping: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
-    max_force: Positive | None = None
-    """[N]"""
-    max_torque: Positive | None = None
-    """[N m]"""
+    """Damping ratio of the second-order thrusters; 1 is critical."""
+    max_force: Positive | None = Field(default=None, examples=[100])
+    """Most force of the thrusters [N]; absent: by the mass."""
+    max_torque: Positive | None = Field(default=None, examples=[30])
+    """Most torque of the thrusters [N m]; absent: by the mass."""
     actuator_frame: Literal["world", "body"] = "world"
     """Axes in which the thrusters lag: world keeps rotation and translation apart (paper 3.3.2), body is a real ROV."""
     net_buoyancy: float = 0.0
@@ -312,12 +359,19 @@ class Vehicle(Block):
     metacentric_height: NonNegative = 0.0
     """How far the centre of buoyancy lies above the centre of mass [m]; 0 is no righting moment."""
     controller: Controller = Controller()
+    """Weights of the controller that follows the course."""
     lights: list[Light] = []
+    """Lights on the vehicle; without any, images A are black."""
     cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
+    """Cameras on the vehicle, or fixed in the world; for stereo two, with ids L0 and R0."""
     imu: Imu | None = Imu()
+    """The inertial measurement unit; null: none."""
     depth_gauge: Mounted | None = Mounted()
+    """The depth gauge; null: none."""
     magnetometer: Magnetometer | None = None
+    """The magnetometer (docs/sensors.md). Absent: none."""
     dvl: Dvl | None = None
+    """The Doppler velocity log (docs/sensors.md). Absent: none."""
 
     _written = unwritten_if_absent("magnetometer", "dvl")
 
@@ -339,13 +393,18 @@ class Waypoint(Block):
     Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
     """
 
-    position: Position
-    look_at: Position | None = None
-    rotation_euler_deg: EulerAngles | None = None
-    speed: Positive | None = None
-    """Speed of the leg that ends here [m/s]."""
+    position: Position = Field(examples=[[0.5, 2.5, 1.0]])
+    """Where the vehicle passes, in world axes [m]."""
+    look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
+    """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
+    rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    attitude stays that of the waypoint before."""
+    speed: Positive | None = Field(default=None, examples=[0.3])
+    """Speed of the leg that ends here [m/s]; absent: that of the trajectory."""
     strict: bool = False
-    dwell_s: NonNegative | None = None
+    """Whether this waypoint is reached exactly, with a rest, before the next one is headed for."""
+    dwell_s: NonNegative | None = Field(default=None, examples=[0.5])
     """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
@@ -355,9 +414,14 @@ class Pose(Block):
     """An exact pose at a time; no dynamics. Attitude as for a waypoint."""
 
     time_s: NonNegative = 0.0
-    position: Position
-    look_at: Position | None = None
-    rotation_euler_deg: EulerAngles | None = None
+    """When the vehicle is here, from the start of the sequence [s]."""
+    position: Position = Field(examples=[[0.5, 2.5, 1.0]])
+    """Where the vehicle is, in world axes [m]."""
+    look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
+    """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
+    rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    attitude stays that of the pose before."""
 
     _looks_somewhere = model_validator(mode="after")(_check_look_at)
 
@@ -366,25 +430,30 @@ class Trajectory(Block):
     """One of: waypoints for the simulated vehicle to follow, a pattern of them, or exact poses."""
 
     waypoints: list[Waypoint] | None = None
+    """Waypoints for the simulated vehicle to follow, from rest at the first one."""
     poses: list[Pose] | None = None
-    """Splines pass through them. After the last the vehicle brakes, and is at rest 2 s later; likewise before the first
-    it comes from rest. The acceleration is continuous throughout."""
+    """Exact poses at times, without dynamics. Splines pass through them. After the last the vehicle brakes, and is at
+    rest 2 s later; likewise before the first it comes from rest. The acceleration is continuous throughout."""
     pattern: Pattern | None = None
-    """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral`` or ``there_and_back``."""
+    """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral`` or ``there_and_back`` (docs/trajectories.md)."""
     speed: Positive = 0.5
     """Leg speed where a waypoint names none [m/s]."""
     constant_speed: bool | None = None
     """Keep the speed past waypoints, but for strict ones and those with ``dwell_s``; false: legs begin and end at rest
     and overlap (paper 3.3.2). Absent: true for a pattern, false for waypoints."""
     max_angular_speed_deg: Positive = 30.0
+    """How fast the vehicle turns at most [degrees/s]."""
     max_acceleration: Positive = 0.25
+    """Most acceleration along the course [m/s^2]."""
     overlap: Annotated[float, Field(ge=0.0, le=0.5)] = 0.4
     """Share of a leg's time in which the next one already acts (hand-over, paper 3.3.2); not at constant speed."""
     handover_radius_m: Positive = 0.5
+    """A waypoint that is not strict counts as passed within this distance [m]."""
     handover_timeout_s: Positive = 30.0
+    """After this long at a waypoint that it cannot reach, the vehicle goes on to the next [s]."""
     dwell_s: NonNegative = 0.25
-    """Rest at a strict waypoint."""
-    duration_s: Positive | None = None
+    """Rest at a strict waypoint [s]."""
+    duration_s: Positive | None = Field(default=None, examples=[12.0])
     """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose."""
 
     _written = unwritten_if_absent("pattern", "constant_speed")

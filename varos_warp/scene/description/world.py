@@ -28,56 +28,66 @@ UpAxis = Literal["x", "y", "z"]
 class Preprocess(Block):
     """Repair of a raw terrain mesh before use (paper 3.1.1)."""
 
-    region: Rectangle | None = None
-    """Keep only xmin, ymin, xmax, ymax [m], in the axes of the file."""
-    merge_tolerance_m: NonNegative | None = None
-    """Vertices nearer than this become one; absent: 1 mm, or a quarter of the median edge if that is less."""
-    fill_holes_m: NonNegative | None = None
-    """Holes up to this wide are filled; absent: up to ten median edges. A shrinkwrap closes all of them."""
+    region: Rectangle | None = Field(default=None, examples=[[850, 270, 930, 350]])
+    """Keep only xmin, ymin, xmax, ymax, in the axes of the file [m]. Absent: all."""
+    merge_tolerance_m: NonNegative | None = Field(default=None, examples=[0.001])
+    """Vertices nearer than this become one [m]; absent: 1 mm, or a quarter of the median edge if that is less."""
+    fill_holes_m: NonNegative | None = Field(default=None, examples=[0.5])
+    """Holes up to this wide are filled [m]; absent: up to ten median edges. A shrinkwrap closes all of them."""
     smoothing_rounds: Annotated[int, Field(ge=0, le=1000)] = 0
-    """Rounds of Taubin's smoothing, for rough surveys."""
-    shrinkwrap_resolution: Annotated[int, Field(ge=2, le=10_000)] | Literal["auto"] | None = None
-    """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model."""
+    """Rounds of Taubin's smoothing, for rough surveys; 10 halve what is shorter than about 6 edges."""
+    shrinkwrap_resolution: Annotated[int, Field(ge=2, le=10_000)] | Literal["auto"] | None = Field(
+        default=None, examples=[513])
+    """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model. Absent: the
+    model's own surface."""
     close: Literal["skirt", "solid", "none"] = "skirt"
     """What closes a shrinkwrapped sheet along its outline: a skirt, a skirt and a bottom, or nothing."""
-    target_vertices: Annotated[int, Field(ge=4)] | None = None
-    """Decimate to this many vertices, skirt and bottom included, or hardly fewer."""
+    target_vertices: Annotated[int, Field(ge=4)] | None = Field(default=None, examples=[250000])
+    """Decimate to this many vertices, skirt and bottom included, or hardly fewer. Absent: all are kept."""
 
 
 class Detail(Block):
     """Seeded fractal relief for a terrain that was surveyed too coarsely for close views."""
 
     relief_m: Positive = 0.5
-    """From the lowest to the highest point of the added relief [m]."""
+    """Height from the lowest to the highest point of the added relief [m]."""
     feature_m: Positive = 25.0
     """Size of the widest forms [m]."""
     rockiness: Unit = 0.4
-    """Share of the area that is rock."""
+    """Share of the area that is rock; the rest is smooth, as sand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """The shape follows from it."""
 
 
 class Placed(Block):
     """Anything that stands in the world: position [m], rotation (about fixed x, then y, then z) and scale."""
 
     position: Position = (0.0, 0.0, 0.0)
+    """Where its origin stands, in world axes [m]."""
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
+    """Rotation about the world's fixed axes x, then y, then z [degrees]."""
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
-    material: str | None = None
+    """Multiplies its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
+    material: str | None = Field(default=None, examples=["rusty"])
+    """Name of one of ``materials``; absent: the colours that a mesh file brings along, else grey."""
     smooth_angle_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 30.0
-    """Edges at most this sharp get smooth normals (paper, image type C)."""
+    """Edges at most this sharp get smooth normals (paper, image type C) [degrees]."""
 
 
 class Terrain(Placed):
     """The sea floor: one mesh file, or several to join."""
 
     kind: Literal["file"] = "file"
-    file: str | Annotated[list[str], Field(min_length=1)]
+    file: str | Annotated[list[str], Field(min_length=1)] = Field(examples=["seabed.obj"])
+    """Mesh file, or a list of files to join: DAE, OBJ, PLY, STL, GLB, GLTF or OFF, relative to the scene file."""
     up_axis: UpAxis | None = None
     """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
     preprocess: Preprocess | None = None
+    """Repair of a raw survey before use (docs/terrain.md). Absent: the mesh is used as it is."""
     detail: Detail | None = None
+    """Seeded relief added to a terrain that was surveyed too coarsely for close views. Absent: none."""
     shading: Literal["flat", "smooth"] = "smooth"
-    """Normals that A and B are lit with; C always has the smoothed ones."""
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
 
 class ProceduralTerrain(Placed):
@@ -89,13 +99,15 @@ class ProceduralTerrain(Placed):
     resolution: Annotated[int, Field(ge=2, le=4097)] = 257
     """Vertices along a side."""
     relief_m: NonNegative = 2.0
-    """From the lowest to the highest point [m]."""
+    """Height from the lowest to the highest point [m]."""
     feature_m: Positive = 25.0
     """Size of the widest forms [m]."""
     rockiness: Unit = 0.4
-    """Share of the area that is rock."""
+    """Share of the area that is rock; the rest is smooth, as sand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """The shape follows from it."""
     shading: Literal["flat", "smooth"] = "smooth"
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
 
 AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind"), kind_by_default("file")]
@@ -105,10 +117,12 @@ class MeshObject(Placed):
     """An object from a mesh file."""
 
     kind: Literal["mesh"] = "mesh"
-    file: str
+    file: str = Field(examples=["panel.dae"])
+    """Mesh file: DAE, OBJ, PLY, STL, GLB, GLTF or OFF, relative to the scene file."""
     up_axis: UpAxis | None = None
     """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
     shading: Literal["flat", "smooth"] = "flat"
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
 
 Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
@@ -118,38 +132,43 @@ Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
 class Parametric(Placed):
     """An object made from its measures."""
 
-    chord_error_m: Annotated[float, Field(ge=1e-6)] | None = None
+    chord_error_m: Annotated[float, Field(ge=1e-6)] | None = Field(default=None, examples=[0.001])
     """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
     shading: Literal["flat", "smooth"] = "smooth"
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
 
 class Pipe(Parametric):
     """A straight pipe along its own z axis, centred at its origin."""
 
     kind: Literal["pipe"]
-    radius: Measure
+    radius: Measure = Field(examples=[0.15])
     """Outer radius [m]."""
-    length: Measure
-    wall: Measure | None = None
-    """Wall thickness [m]; 8 % of the radius when absent, the radius or more for a solid rod."""
+    length: Measure = Field(examples=[3.0])
+    """Length along its own z axis [m]."""
+    wall: Measure | None = Field(default=None, examples=[0.012])
+    """Wall thickness [m]; absent: 8 % of the radius. The radius or more makes a solid rod."""
 
 
 class Elbow(Parametric):
     """A pipe bend in its own xz plane, from the origin along +z towards +x."""
 
     kind: Literal["elbow"]
-    radius: Measure
-    bend_radius: Measure
+    radius: Measure = Field(examples=[0.15])
+    """Outer radius of the pipe [m]."""
+    bend_radius: Measure = Field(examples=[0.4])
+    """Radius of the bend, to the pipe's axis [m]."""
     angle_deg: Annotated[float, Field(ge=0.1, le=360.0)] = 90.0
-    wall: Measure | None = None
-    """As for a pipe."""
+    """How far it bends [degrees]; 360 is a closed ring."""
+    wall: Measure | None = Field(default=None, examples=[0.012])
+    """Wall thickness [m]; absent: 8 % of the radius. The radius or more makes a solid rod."""
 
 
 class Flange(Parametric):
     """A plate flange (EN 1092-1, PN 16) for a pipe of ``radius`` along its own z axis, from z = 0 up."""
 
     kind: Literal["flange"]
-    radius: Measure
+    radius: Measure = Field(examples=[0.15])
     """Outer radius of the pipe [m]; between the standard's sizes the nearest one, scaled."""
 
 
@@ -157,32 +176,36 @@ class PipeSupport(Parametric):
     """A saddle that carries a pipe of ``radius`` along its own y axis; its origin is on the pipe's axis."""
 
     kind: Literal["pipe_support"]
-    radius: Measure
-    height: Measure | None = None
-    """From the pipe's axis down to the foot [m]; twice the radius when absent."""
+    radius: Measure = Field(examples=[0.15])
+    """Outer radius of the pipe [m]."""
+    height: Measure | None = Field(default=None, examples=[0.6])
+    """From the pipe's axis down to the foot [m]; absent: twice the radius."""
 
 
 class Bolt(Parametric):
     """A hexagon bolt (ISO 4014) along its own z axis, head down at the origin."""
 
     kind: Literal["bolt"]
-    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
-    length: Measure | None = None
-    """Shank length [m]; four diameters when absent."""
+    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")] = Field(examples=["M24"])
+    """Metric size, M3 to M64."""
+    length: Measure | None = Field(default=None, examples=[0.1])
+    """Length of the shank [m]; absent: four diameters."""
 
 
 class Nut(Parametric):
     """A hexagon nut (ISO 4032) around its own z axis, centred."""
 
     kind: Literal["nut"]
-    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")]
+    size: Annotated[str, Field(pattern=r"^M\d+(\.\d+)?$")] = Field(examples=["M24"])
+    """Metric size, M3 to M64."""
 
 
 class Valve(Parametric):
     """A flanged valve on a pipe of ``radius`` along its own y axis, its hand wheel above (+z)."""
 
     kind: Literal["valve"]
-    radius: Measure
+    radius: Measure = Field(examples=[0.15])
+    """Outer radius of the pipe [m]."""
 
 
 class Boulder(Parametric):
@@ -190,11 +213,36 @@ class Boulder(Parametric):
 
     kind: Literal["boulder"]
     diameter: Measure = 0.6
+    """About how wide it is [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """Its shape follows from it."""
+
+
+class CalibrationBoard(Placed):
+    """A checkerboard in its own xz plane that faces -y, centred at its origin, with a margin of one square.
+
+    Unrotated, it stands upright before a camera that looks along +y. Without ``material`` its squares are black and
+    white.
+    """
+
+    kind: Literal["calibration_board"]
+    pattern: Literal["checkerboard"] = "checkerboard"
+    """What is printed on it."""
+    rows: Annotated[int, Field(ge=2, le=100)] = 6
+    """Inner corners along its height, as OpenCV and Kalibr count them: one less than squares."""
+    columns: Annotated[int, Field(ge=2, le=100)] = 9
+    """Inner corners along its width."""
+    square_m: Measure = Field(examples=[0.05])
+    """Side of a square [m]."""
+    thickness_m: Measure = 0.005
+    """Thickness of the board, behind the pattern [m]."""
+    shading: Literal["flat", "smooth"] = "flat"
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
 
 ParametricObject = Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder
-Object = Annotated[MeshObject | ParametricObject, Field(discriminator="kind"), kind_by_default("mesh")]
+Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),
+                   kind_by_default("mesh")]
 
 
 class Scatter(Block):
@@ -202,25 +250,29 @@ class Scatter(Block):
 
     object: Object
     """The object to copy, its own scale and rotation applied first; it has no position."""
-    count: Annotated[int, Field(ge=1, le=20000)]
-    area: Rectangle | None = None
-    """xmin, ymin, xmax, ymax [m]; without ``area``, ``circle`` and ``polygon`` the whole terrain."""
-    circle: tuple[float, float, Positive] | None = None
-    """x, y and radius [m]."""
-    polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = None
-    """Corners x, y [m], in order."""
+    count: Annotated[int, Field(ge=1, le=20000)] = Field(examples=[200])
+    """How many copies."""
+    area: Rectangle | None = Field(default=None, examples=[[-5, 0, 5, 10]])
+    """Rectangle xmin, ymin, xmax, ymax to strew copies on [m]; without ``area``, ``circle`` and ``polygon`` the whole
+    terrain."""
+    circle: tuple[float, float, Positive] | None = Field(default=None, examples=[[0, 6, 4]])
+    """Circle x, y, radius to strew copies on [m]."""
+    polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = Field(
+        default=None, examples=[[[0, 0], [5, 0], [0, 5]]])
+    """Corners x, y, in order, of a polygon to strew copies on [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Of the places, together with the scene's; raising ``count`` keeps the places of the first copies."""
+    """The places depend on it and on the scene's seed; raising ``count`` keeps the places of the first copies."""
     clearance_m: float = 0.0
-    """Least gap between the circles around two copies, seen from above, and to any object; below zero they overlap."""
+    """Least gap between the circles around two copies, seen from above, and to any object [m]; below zero they
+    overlap."""
     sink_m: float = 0.0
-    """How deep the lowest point lies under the ground [m, times the copy's scale]; negative: above it."""
+    """How deep the lowest point lies under the ground [m], times the copy's scale; negative: above it."""
     random_yaw: bool = True
-    """Each copy turned about the vertical at random."""
+    """Whether each copy is turned about the vertical at random."""
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
-    """Copies lean with the terrain by at most this angle: 0 stands upright, 90 follows every slope."""
+    """Copies lean with the terrain by at most this angle [degrees]: 0 stands upright, 90 follows every slope."""
     max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
-    """Only where the terrain is no steeper than this."""
+    """Only where the terrain is no steeper than this [degrees]."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
     """Smallest and largest scale; all between are equally likely."""
 
@@ -243,6 +295,7 @@ class Diffuse(Block):
 
     kind: Literal["diffuse"] = "diffuse"
     reflectance: UnitRgb = (0.5, 0.5, 0.5)
+    """Share of the light that is reflected, linear, for red, green and blue."""
 
 
 GROUND_TEXTURES = ("sand", "rock")
@@ -252,10 +305,11 @@ GROUND_TEXTURES = ("sand", "rock")
 class Texture(Block):
     """A texture that covers the surface without end: its tile is ``size_m`` wide, or fits ``tiles`` times into it."""
 
-    texture: Annotated[str, Field(min_length=1)]
+    texture: Annotated[str, Field(min_length=1)] = Field(examples=["sand"])
     """``sand``, ``rock`` or an image file, relative to the scene file."""
     tiles: Positive = 50.0
-    size_m: Positive | None = None
+    """How many tiles fit along the surface's longer side."""
+    size_m: Positive | None = Field(default=None, examples=[1.5])
     """Width of a tile [m], instead of ``tiles``; 1 to 2 m suit sand and rock."""
 
 
@@ -264,7 +318,9 @@ class SlopeBlend(Block):
 
     kind: Literal["slope_blend"]
     flat: Texture = Texture(texture="sand")
+    """Texture where the surface looks up."""
     steep: Texture = Texture(texture="rock")
+    """Texture where the surface is steep; the same as ``flat`` for one texture everywhere."""
 
 
 class Metal(Block):
@@ -272,8 +328,9 @@ class Metal(Block):
 
     kind: Literal["metal"]
     base: UnitRgb = (0.56, 0.57, 0.58)
-    """Reflectance at normal incidence."""
+    """Reflectance at normal incidence, linear, for red, green and blue."""
     roughness: Unit = 0.3
+    """How blurred reflections are: 0 is polished, 1 is dull."""
 
 
 class Rust(Block):
@@ -281,11 +338,11 @@ class Rust(Block):
 
     kind: Literal["rust"]
     base: UnitRgb = (0.45, 0.45, 0.47)
-    """Reflectance between the patches."""
+    """Reflectance between the patches, linear, for red, green and blue."""
     amount: Unit = 0.5
     """Share of the surface that is rusty."""
-    roughness: Unit | None = None
-    """Of bare metal between the patches; absent: they are on matte paint."""
+    roughness: Unit | None = Field(default=None, examples=[0.4])
+    """Roughness of bare metal between the patches; absent: they are on matte paint."""
 
 
 class Dirt(Block):
@@ -293,11 +350,11 @@ class Dirt(Block):
 
     kind: Literal["dirt"]
     base: UnitRgb = (0.45, 0.45, 0.47)
-    """Reflectance of the clean surface."""
+    """Reflectance of the clean surface, linear, for red, green and blue."""
     amount: Unit = 0.5
     """Share of the surface that is covered."""
     silt: UnitRgb = (0.27, 0.24, 0.18)
-    """Reflectance of the silt."""
+    """Reflectance of the silt, linear, for red, green and blue."""
 
 
 Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind"),
@@ -310,34 +367,47 @@ Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discrimin
 class Principled(Block):
     """Blender's Principled Volume (paper, table 1)."""
 
-    density: Coefficient
-    color: CoefficientRgb
-    absorption_color: UnitRgb
+    density: Coefficient = Field(examples=[0.125])
+    """Multiplies scattering and absorption [1/m]."""
+    color: CoefficientRgb = Field(examples=[[0.014, 0.146, 0.345]])
+    """Scattering, as a share of the density, for red, green and blue."""
+    absorption_color: UnitRgb = Field(examples=[[0.0, 0.394, 1.0]])
+    """Tint of what is not scattered, for red, green and blue: absorption is density (1 - color) (1 -
+    sqrt(absorption_color)), each at least 0."""
     anisotropy: MeanCosine = 0.0
+    """Mean cosine g of Henyey and Greenstein's phase function: 0 scatters evenly, towards 1 ahead."""
 
 
 class Coefficients(Block):
     """Scattering and absorption coefficients [1/m] per channel."""
 
-    sigma_s: CoefficientRgb
-    sigma_a: CoefficientRgb
+    sigma_s: CoefficientRgb = Field(examples=[[0.0018, 0.0183, 0.0431]])
+    """Scattering coefficients for red, green and blue [1/m]; oceanography's b."""
+    sigma_a: CoefficientRgb = Field(examples=[[0.1233, 0.0397, 0.0]])
+    """Absorption coefficients for red, green and blue [1/m]; oceanography's a."""
     phase: Phase = HenyeyGreenstein()
+    """Phase function: where scattered light goes (docs/phase_functions.md)."""
 
 
 class Jerlov(Block):
     """A Jerlov water type."""
 
     type: Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
+    """I to III: oceans, from clear to turbid; 1C to 9C: coasts. IC is an old name of 1C."""
     phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)
-    """Absent: Fournier and Forand's, with the backscatter fraction of Petzold's average particles."""
+    """Phase function (docs/phase_functions.md). Absent: Fournier and Forand's, with the backscatter fraction of
+    Petzold's average particles."""
 
 
 class Water(Block):
     """Exactly one of the three forms."""
 
     principled: Principled | None = None
+    """Blender's Principled Volume, as in the VAROS paper."""
     coefficients: Coefficients | None = None
+    """Scattering and absorption coefficients."""
     jerlov: Jerlov | None = None
+    """A Jerlov type, which stands for measured coefficients."""
 
     @model_validator(mode="after")
     def _one_form(self):

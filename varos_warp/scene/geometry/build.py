@@ -5,9 +5,10 @@ import numpy as np
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Diffuse, MeshObject, Object, ProceduralTerrain
+from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain
 from varos_warp.scene.frames import euler_to_matrix
 from varos_warp.scene.geometry import assets, procedural, terrain
+from varos_warp.scene.geometry.boards import checkerboard
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -43,6 +44,9 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
         mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
+    elif isinstance(block, CalibrationBoard):
+        vertices, faces, skin = checkerboard(block)
+        mesh = vertices, faces, skin if block.material is None else None
     else:
         mesh = assets.make_asset(block, key)
     return _part(scene, block, key, *mesh)
@@ -74,7 +78,8 @@ def _preprocessed(vertices, faces, options):
         return {"vertices": mesh[0], "faces": mesh[1], "warnings": np.array(log.warnings, dtype=str)}
 
     code = code_hash(terrain.__name__, ("varos_warp.kernels", "varos_warp.scene.geometry"))
-    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess)
+    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess,
+                  what="the sea floor by terrain.preprocess")
     for text in kept["warnings"]:
         warn(f"{key}: {text}")
     return kept["vertices"], kept["faces"]

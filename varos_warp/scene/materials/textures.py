@@ -122,7 +122,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
 def _kept_tile(what: dict, reflectance: Callable[[], np.ndarray]) -> Pyramid:
     """A tile's pyramid from the cache, or made of its reflectances."""
     depends_on = what | {"code": code_hash(__name__, CODE)}
-    kept = cached("tile", depends_on, lambda: vars(tile_pyramid(reflectance())))
+    kept = cached("tile", depends_on, lambda: vars(tile_pyramid(reflectance())),
+                  what=f"the texture {what.get('tile', 'of an image file')}")
     sizes = {name: int(kept[name]) for name in ("width", "height", "levels")}
     return Pyramid(**(kept | sizes))
 

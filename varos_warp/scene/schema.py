@@ -1,0 +1,209 @@
+"""The JSON Schema of scene files, for editors and the docs, and what it says of one key in plain words."""
+
+import difflib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pydantic.json_schema import GenerateJsonSchema
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+
+UNITS = frozenset((
+    "m", "mm", "s", "Hz", "kg", "N", "N m", "N m s", "N s/m", "N s^2/m^2", "N m s^2", "T", "W/sr", "1/m", "m/s",
+    "m/s^2", "rad/s", "m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)", "rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)", "degrees",
+    "degrees/s", "degrees Celsius", "per mille", "pixels"))
+"""What may stand in brackets in the description of a key: its unit."""
+KIND_KEYS = ("kind", "model")
+"""Keys that tell which of several blocks one is."""
+
+
+class _Generator(GenerateJsonSchema):
+    """Pydantic's, without a title for each key, which only repeats the key."""
+
+    def field_title_should_be_set(self, schema) -> bool:
+        return False
+
+
+@cache
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit."""
+    schema = Scene.model_json_schema(schema_generator=_Generator)
+    for block in (schema, *schema["$defs"].values()):
+        for key, entry in block.get("properties", {}).items():
+            if "const" in entry and key in KIND_KEYS:
+                entry.setdefault("description", f"Tells what this is. {block['description']}")
+            if unit := unit_of(entry["description"]):
+                entry["x-unit"] = unit
+    return {"$schema": GenerateJsonSchema.schema_dialect, **schema, "title": "Scene file of varos-warp"}
+
+
+def unit_of(description: str) -> str | None:
+    """The unit that a description names in brackets."""
+    return next((text for text in re.findall(r"\[([^\]]+)\]", description) if text in UNITS), None)
+
+
+# ------------------------------------------------------------------------------------------------------------ one key
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the schema says of a key in one kind of block, or alike in several."""
+
+    key: str
+    kinds: tuple[str, ...]
+    """Kinds of block that have it so; none where there is but one."""
+    schema: dict[str, Any]
+    required: bool
+
+
+def find_key(key: str) -> list[Entry]:
+    """What the schema says of a key such as ``vehicle.cameras.port``; more than one entry if kinds of block differ.
+
+    Items of lists need no number and materials no name; a part may name a kind: ``objects.pipe.radius``.
+
+    Raises:
+        InputError: There is no such key.
+    """
+    root = json_schema()
+    blocks, found, named = [root], [], False
+    for part in key.split("."):
+        if part.isdecimal():
+            continue
+        of_kind = [block for block in blocks if _kind(block) == part]
+        holders = [block for block in blocks if part in block.get("properties", {})]
+        if holders:
+            found = _entries(part, holders)
+            blocks = [block for entry in found for block in _blocks(entry.schema, root)]
+        elif of_kind:
+            blocks = of_kind
+            found = [Entry(part, (), {"$ref": f"#/$defs/{block['title']}", "description": block["description"]}, False)
+                     for block in of_kind]
+        elif not named:
+            raise _unknown(key, part, blocks)
+        named = bool(holders) and any("additionalProperties" in entry.schema for entry in found)
+    return found
+
+
+def keys_like(typed: str) -> list[str]:
+    """Keys that go on from what was typed so far: ``vehicle.cam`` may become ``vehicle.cameras``."""
+    above, dot, _ = typed.rpartition(".")
+    try:
+        blocks = [block for entry in find_key(above) for block in _blocks(entry.schema, json_schema())] if dot else [
+            json_schema()]
+    except InputError:
+        return []
+    names = dict.fromkeys(name for block in blocks for name in block.get("properties", {}))
+    return [key for key in (above + dot + name for name in names) if key.startswith(typed)]
+
+
+def _entries(key, holders) -> list[Entry]:
+    """One entry for each way in which blocks describe a key."""
+    alike: dict[str, list] = {}
+    for block in holders:
+        required = key in block.get("required", ())
+        alike.setdefault(json.dumps([block["properties"][key], required], sort_keys=True), []).append(block)
+    several = len(alike) > 1
+    return [Entry(key, tuple(filter(None, map(_kind, blocks))) if several else (), blocks[0]["properties"][key],
+                  key in blocks[0].get("required", ())) for blocks in alike.values()]
+
+
+def _kind(block) -> str | None:
+    """What tells a block from others that may stand in its place."""
+    tags = (block.get("properties", {}).get(key, {}).get("const") for key in KIND_KEYS)
+    return next((tag for tag in tags if tag is not None), None)
+
+
+def _blocks(schema: dict, root: dict) -> Iterator[dict]:
+    """The blocks that may stand where a schema says, also as items of a list or under any name."""
+    if "$ref" in schema:
+        yield root["$defs"][schema["$ref"].rpartition("/")[2]]
+    inner = [*schema.get("anyOf", ()), *schema.get("oneOf", ()), schema.get("items"),
+             schema.get("additionalProperties")]
+    for part in inner:
+        if isinstance(part, dict):
+            yield from _blocks(part, root)
+
+
+def _unknown(key: str, part: str, blocks: list[dict]) -> InputError:
+    known = list(dict.fromkeys(name for block in blocks for name in block.get("properties", {})))
+    near = difflib.get_close_matches(part, known, 1)
+    listing = f"Known there: {', '.join(known)}." if known else "It is no block, nothing is under it."
+    return InputError(f"no key '{part}'", key=key, remedy=f"Did you mean '{near[0]}'?" if near else listing)
+
+
+# -------------------------------------------------------------------------------------------------------------- words
+
+
+def explain(key: str) -> str:
+    """A key in plain words: meaning, what it may be, unit, default, example; and the keys under it.
+
+    Raises:
+        InputError: There is no such key.
+    """
+    root = json_schema()
+    return "\n\n".join("\n".join(_explained(key, entry, root)) for entry in find_key(key))
+
+
+def _explained(path, entry, root) -> Iterator[str]:
+    yield path + (f" (of {', '.join(entry.kinds)})" if entry.kinds else "")
+    yield f"  {_plain(entry.schema['description'])}"
+    default = _default(entry) if entry.required or "default" in entry.schema else None
+    facts = {"value": _words(entry.schema), "unit": entry.schema.get("x-unit"), "default": default,
+             "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
+    yield from (f"  {name + ':':9}{words}" for name, words in facts.items() if words)
+    for block in _blocks(entry.schema, root):
+        kind = _kind(block)
+        yield ""
+        yield f"  {f'kind {kind}' if kind else 'keys'}: {_plain(block['description'].splitlines()[0])}"
+        for name in block["properties"]:
+            inner, = _entries(name, [block])
+            if name not in KIND_KEYS or kind is None:
+                yield f"    {name:24} {_default(inner):14} {_plain(inner.schema['description'])}"
+
+
+def _plain(text: str) -> str:
+    return " ".join(text.replace("``", "").split())
+
+
+def _default(entry: Entry) -> str:
+    if entry.required:
+        return "required"
+    value = entry.schema.get("default")
+    blocks = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(item, dict) for item in value))
+    return "absent" if value is None else "none" if value in ([], {}) else "its own keys'" if blocks else _value(value)
+
+
+def _value(value) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _words(schema: dict) -> str:
+    """What a value may be, with its bounds."""
+    choices = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
+    if choices:
+        return " or ".join(dict.fromkeys(filter(None, map(_words, choices))))
+    if "enum" in schema or "const" in schema:
+        return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
+    if "prefixItems" in schema:
+        items = schema["prefixItems"]
+        return f"list of {len(items)}, each {' / '.join(dict.fromkeys(map(_words, items)))}"
+    if schema.get("type") == "array":
+        return f"list, each {_words(schema['items'])}"
+    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "",
+             "object": "blocks by name"}.get(schema.get("type", ""), "block")
+    return words + _bounds(schema)
+
+
+def _bounds(schema: dict) -> str:
+    if {"minimum", "maximum"} <= schema.keys():
+        return f" from {schema['minimum']:g} to {schema['maximum']:g}"
+    names = {"minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below"}
+    found = [f"{word} {schema[name]:g}" for name, word in names.items() if name in schema]
+    if "pattern" in schema:
+        found.append(f"of the form {schema['pattern']}")
+    return f" {' and '.join(found)}" if found else ""

@@ -1,0 +1,40 @@
+"""Scene files that come with the package, to begin with."""
+
+import difflib
+
+from varos_warp.errors import InputError
+from varos_warp.scene.load import DATA
+
+SCHEMA_FILE = "varos-warp.schema.json"
+"""What the JSON Schema is called that `varos-warp init` writes beside a scene."""
+TEMPLATES = {
+    "starter": "a pipe on supports over sand; every block with comments",
+    "pipeline_inspection": "along a pipeline with field joints, an anode, a flange and boulders",
+    "harbour_wall": "up and down a wall of piles with fenders, a ladder and rubble, in coastal water",
+    "hull": "under a ship's hull with weld seams, anodes and growth, in harbour water",
+    "calibration": "a checkerboard before a stereo pair behind flat ports, in poses that a calibration needs",
+    "stereo_survey": "a lawn mower over a boulder field, a stereo pair looking down",
+    "static_observer": "a camera that stands in the world watches a vehicle's lights at a valve",
+    "turbid_water": "a valve in turbid coastal water, where backscatter hides most",
+}
+"""Names of the templates, and what they show."""
+
+
+def template_text(name: str = "starter") -> str:
+    """A commented scene file that loads and renders without any other file.
+
+    It begins with the comment by which editors find the JSON Schema beside it.
+
+    Args:
+        name: One of TEMPLATES; hyphens count as underscores.
+
+    Raises:
+        InputError: There is no such template.
+    """
+    known = name.replace("-", "_")
+    if known not in TEMPLATES:
+        near = difflib.get_close_matches(known, TEMPLATES, 1)
+        raise InputError("there is no such template", key="--template", value=name,
+                         remedy=f"Did you mean '{near[0]}'?" if near else f"Use one of {', '.join(TEMPLATES)}.")
+    path = DATA / ("starter.yaml" if known == "starter" else f"templates/{known}.yaml")
+    return f"# yaml-language-server: $schema={SCHEMA_FILE}\n{path.read_text(encoding='utf-8')}"
