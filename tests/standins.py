@@ -76,6 +76,7 @@ def simulate(scene, parts=None, *, progress=None):
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
         trajectory=trajectory, frames=trajectory.at(time_ns[:-1:20]), imu=imu,
+        motion=lambda at_ns: lambda offset_ns: trajectory.from_before(at_ns + offset_ns).poses(),
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[],
         magnetometer=vehicle.magnetometer and measure_field(trajectory, vehicle.magnetometer),
         dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))

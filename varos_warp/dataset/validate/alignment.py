@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project
+from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -64,7 +65,7 @@ class View:
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False
         return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth & (near < 1e9), data.camera_model(camera),
-                   data.T_w_c(frame, camera))
+                   sight(data, frame, camera))
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
