@@ -58,13 +58,17 @@ def read(data: Any, camera: str | None = None) -> np.ndarray:
     return row_poses
 
 
-def by_motion(data: Any, frame: int, camera: str | None = None) -> np.ndarray | None:
-    """Poses [H, 4, 4] as the vehicle's motion on record makes them, of any frame; None beyond the end of the record."""
-    about, motion = data.camera(camera), data.trajectory()
-    time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + offsets_ns(about)
+def by_motion(data: Any, frame: int, camera: str | None = None, later_ns: int = 0) -> np.ndarray | None:
+    """`sight` as the vehicle's motion makes it, of any frame and so much later; None where that is not on record."""
+    about = data.camera(camera)
+    if "T_v_c" not in about or "vehicle" not in data.recorded:
+        return None
+    motion, offset = data.trajectory(), offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
+    time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + offset + later_ns
     if time_ns[-1] > motion.time_ns[-1]:
         return None
-    return motion.from_before(time_ns).poses() @ np.array(about["T_v_c"], float)
+    T = motion.from_before(time_ns).poses() @ np.array(about["T_v_c"], float)
+    return T if is_rolling(about) else T[0]
 
 
 def next_sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray | None:
@@ -73,4 +77,4 @@ def next_sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray |
         return data.next_T_w_c(frame, camera)
     if frame + 1 in data.frames:
         return sight(data, frame + 1, camera)
-    return by_motion(data, frame + 1, camera) if "vehicle" in data.recorded else None
+    return by_motion(data, frame + 1, camera)

@@ -151,7 +151,7 @@ def _check_row_poses(data: Dataset, result: Validation, camera: str) -> None:
 def _off_motion(data: Dataset, frame: int, camera: str) -> np.ndarray:
     """How far poses of rows [H] are off those of the vehicle's motion; where it is not on record, off the frame's."""
     T = rows.sight(data, frame, camera)
-    if "vehicle" in data.recorded and (expected := rows.by_motion(data, frame, camera)) is not None:
+    if (expected := rows.by_motion(data, frame, camera)) is not None:
         return np.nan_to_num(np.abs(T - expected).max((1, 2)), nan=np.inf)
     two, off = slice((len(T) - 1) // 2, len(T) // 2 + 1), np.zeros(len(T))  # the frame's pose lies between these rows
     off[two] = np.abs(T[two].mean(0) - data.T_w_c(frame, camera)).max() - np.ptp(T[two], axis=0).max() / 2
