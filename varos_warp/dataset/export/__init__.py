@@ -3,8 +3,9 @@
 Each has ``write(job)``; ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for the
 colour images that are chosen; and ``MOST_CAMERAS`` if the format has no room for all.
 
-No format states a shutter: `shutters` writes a note beside it. Images are linked or copied as they are; depth is encoded anew where a format has units of its own. An export is made
-in a hidden folder beside its own and renamed when it is complete.
+Images are linked or copied as they are; depth is encoded anew where a format has units of its own. No format states a
+shutter, so `shutters` writes a note of it. An export is made in a hidden folder beside its own and renamed when it is
+complete.
 """
 
 import warnings

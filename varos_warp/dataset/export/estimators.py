@@ -1,8 +1,9 @@
 """Settings of estimators that read the EuRoC export: ORB-SLAM3, Kalibr and OpenVINS.
 
 What each asks for was read in its source: ORB-SLAM3 ``Settings.cc`` (mono-inertial, and stereo-inertial where there
-are two cameras), Kalibr ``ConfigReader.py`` (``line_delay``: what its ``RsCalibrator`` saves), OpenVINS ``opencv_yaml_parse.h`` and its EuRoC configuration. OpenCV reads
-the first and the last; it wants ``%YAML:1.0`` in the first line, which PyYAML, Kalibr's reader, refuses.
+are two cameras), Kalibr ``ConfigReader.py`` and, of rolling shutters, what ``RsCalibrator.py`` saves, OpenVINS
+``opencv_yaml_parse.h`` and its EuRoC configuration. OpenCV reads the first and the last; it wants ``%YAML:1.0`` in the
+first line, which PyYAML, Kalibr's reader, refuses. ORB-SLAM3 and OpenVINS know global shutters only.
 """
 
 from importlib import resources
