@@ -286,12 +286,10 @@ def two_integrators(device, spp, spp_reference, water=RICH["water"], **bounds):
 def assert_same_layers(device, spp, spp_reference, precision):
     """Light of finite variance: Welch's t-test of every quarter, layer and channel.
 
-    First direct light and single scattering, of paths that go no further, then what surfaces exchange through the water
-    without scattering.
+    First direct light and single scattering, then what surfaces exchange through the water without scattering.
     ``precision`` is the relative error of the image's means that keeps the test from passing for noise.
     """
-    first = {"max_scatterings": 1, "max_bounces": 1}
-    once = [batches[:, :2] for batches in two_integrators(device, spp, spp_reference, **first)]
+    once = [batches[:, :2] for batches in two_integrators(device, spp, spp_reference)]
     again = [batches[:, 2:] for batches in two_integrators(device, spp, spp_reference, max_scatterings=0)]
     reference, path = (np.concatenate(pair, axis=1) for pair in zip(once, again, strict=True))
     assert_plausible(stats.ttest_ind(reference, path, equal_var=False).pvalue)
