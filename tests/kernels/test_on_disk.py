@@ -11,7 +11,7 @@ from varos_warp.kernels.transport.segment import PathSpec
 from varos_warp.kernels.world.optics import OpticsSpec
 
 BENT = OpticsSpec("brown_conrady", "dome", dispersion=True)
-RICHEST = PathSpec(instances=True, field=True, camera_field=True, optics=BENT, disks=True)
+RICHEST = PathSpec(instances=True, field=True, camera_field=True, optics=BENT, varies=True)
 
 
 def functions_of(kernel) -> dict:

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from rig import TURBID, spot
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
-from rig import TURBID, spot
 from test_lens import rectangle
 
 from tests.chance import ALPHA
