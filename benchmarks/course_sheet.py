@@ -1,4 +1,4 @@
-"""The four patterns of docs/trajectories.md from above, as they are driven, coloured by speed.
+"""The patterns of docs/trajectories.md from above, as they are driven, coloured by speed.
 
     python -m benchmarks.course_sheet [-o docs/images/trajectories.png]
 
@@ -18,7 +18,7 @@ from varos_warp.scene.load import load_scene
 from varos_warp.sim.trajectory import course_facts, simulate
 
 ROOT = Path(__file__).parents[1]
-NAMES = ("lawn_mower", "orbit", "spiral", "there_and_back")
+NAMES = ("lawn_mower", "orbit", "spiral", "there_and_back", "hull_following")
 FASTEST = 0.55
 """Upper end of the colours [m/s]."""
 LOOKS_S = 4.0
@@ -48,7 +48,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs" / "images" / "trajectories.png")
     out = parser.parse_args().out
-    figure, axes = plt.subplots(1, 4, figsize=(13, 3.6), layout="constrained")
+    figure, axes = plt.subplots(1, len(NAMES), figsize=(16, 3.6), layout="constrained")
     for axis, name in zip(axes, NAMES, strict=True):
         shown = panel(axis, name)
     axes[0].set_ylabel("y, north [m]")

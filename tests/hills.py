@@ -12,6 +12,26 @@ def height(x, y):
     return -3.0 + 0.25 * np.sin(3.0 * x + 1.0) * np.cos(2.5 * y) + 0.1 * np.sin(7.0 * y + x)
 
 
+def depth_of_hills(origin, rays):
+    """Where rays [H, W, 3] meet the ground, in lengths of their vectors [H, W]; infinite for those that do not."""
+    x, y, z = rays.reshape(-1, 3).T
+
+    def above(t, at):
+        return origin[2] + t * z[at] - height(origin[0] + t * x[at], origin[1] + t * y[at])
+
+    low, on = np.full(len(z), np.inf), np.arange(len(z))
+    for step in np.arange(2.05, 12.0, 0.05):
+        under = above(step, on) < 0.0
+        low[on[under]], on = step - 0.05, on[~under]
+    hit = np.isfinite(low)
+    high = low + 0.05
+    for _ in range(26):  # to a nanometre
+        middle = (low[hit] + high[hit]) / 2
+        below = above(middle, hit) < 0.0
+        low[hit], high[hit] = np.where(below, low[hit], middle), np.where(below, middle, high[hit])
+    return ((low + high) / 2).reshape(rays.shape[:2])
+
+
 class HillsRenderer(standins.FlatFloorRenderer):
     """Rays marched to a height field; B is its albedo, A falls off with the distance, S parts light from dark."""
 
@@ -30,22 +50,8 @@ class HillsRenderer(standins.FlatFloorRenderer):
         ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(intrinsics(view)).T
         world = ray @ T[:3, :3].T
 
-        def above(z):
-            point = world * z[..., None] + T[:3, 3]
-            return point[..., 2] - height(point[..., 0], point[..., 1])
-        z = np.full(ray.shape[:2], 2.0)
-        low, found = z.copy(), np.zeros(z.shape, bool)
-        for step in np.arange(2.05, 12.0, 0.05):
-            under = ~found & (above(np.full(z.shape, step)) < 0.0)
-            low[under], found = step - 0.05, found | under
-            if found.all():
-                break
-        high = low + 0.05
-        for _ in range(40):
-            middle = (low + high) / 2
-            below = above(middle) < 0.0
-            low, high = np.where(below, low, middle), np.where(below, middle, high)
-        z = np.where(found, (low + high) / 2, np.inf)
+        z = depth_of_hills(T[:3, 3], world)
+        found = np.isfinite(z)
         point = np.where(found[..., None], world * np.where(found, z, 0)[..., None], 0.0) + T[:3, 3]
         x, y, h = point[..., 0], point[..., 1], 1e-6
         n = np.stack([height(x - h, y) - height(x + h, y), height(x, y - h) - height(x, y + h),

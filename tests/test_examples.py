@@ -24,7 +24,8 @@ SMALL = {
     "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
     "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
                     "scatter.0.count=5"],
-    **{pattern: ["terrain.resolution=33"] for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back")},
+    **{pattern: ["terrain.resolution=33"]
+       for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back", "hull_following")},
     **{survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
        for survey in ("pipeline_inspection", "stereo_survey")},
     "harbour_wall": ["terrain.resolution=65", "scatter.0.count=3"],

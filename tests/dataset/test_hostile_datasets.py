@@ -11,6 +11,7 @@ from standins import tree
 from typer.testing import CliRunner
 
 from varos_warp.cli import app
+from varos_warp.dataset import report
 from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts, write_report
@@ -107,8 +108,13 @@ def strings(block, path=()):
         yield from strings(value, (*path, key))
 
 
-def test_no_string_of_a_dataset_becomes_a_script_of_the_report(copy, tmp_path):
-    """Each string that may be any text, in turn; and what the page itself holds is all that a browser may run."""
+def test_no_string_of_a_dataset_becomes_a_script_of_the_report(copy, tmp_path, monkeypatch):
+    """Each string that may be any text, in turn; and what the page itself holds is all that a browser may run.
+
+    The course is drawn once: its pictures are pixels, and no string of dataset.json is in them.
+    """
+    drawn = report.course_pictures(data := Dataset(copy), report.scene_parts(data))
+    monkeypatch.setattr(report, "course_pictures", lambda *_: drawn)
     meta = json.loads((copy / "dataset.json").read_text())
     whole = (copy / "dataset.json").read_text()
     loaded = []

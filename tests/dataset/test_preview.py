@@ -367,3 +367,13 @@ def test_a_folder_that_cannot_be_written_ends_it(scene_file, tmp_path):
     (tmp_path / "out").write_text("a file")
     with pytest.raises(InputError, match="cannot be written"):
         preview(scene_file, FolderScreen(tmp_path / "out"), Viewpoint(width=48), spp=1, device="cpu", quiet=True)
+
+
+def test_a_course_along_an_object_is_driven_anew_when_the_object_moves(scene_file, counted):
+    along = {"kind": "hull_following", "surface": "objects.0", "distance_m": 1.0,
+             "through": [[-0.1, 0, 0.3], [0.1, 0, 0.3]]}
+    edit(scene_file, trajectory={"pattern": along})
+    moved = [{"file": "box.obj", "position": [0, 2.3, 0.3]}]
+    screen = watch(scene_file, lambda: edit(scene_file, objects=moved), viewpoint=Viewpoint(width=48))
+    np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
+    assert counted == {"built": 2, "simulated": 2}

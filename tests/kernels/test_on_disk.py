@@ -11,7 +11,7 @@ from varos_warp.kernels.transport.segment import PathSpec
 from varos_warp.kernels.world.optics import OpticsSpec
 
 BENT = OpticsSpec("brown_conrady", "dome", dispersion=True)
-RICHEST = PathSpec(instances=True, field=True, camera_field=True, optics=BENT, disks=True)
+RICHEST = PathSpec(instances=True, field=True, camera_field=True, optics=BENT, varies=True)
 
 
 def functions_of(kernel) -> dict:
@@ -28,7 +28,7 @@ def functions_of(kernel) -> dict:
 @pytest.mark.parametrize("make", [
     lambda: make_camera_kernel(RICHEST), lambda: make_subpath_kernel(RICHEST),
     lambda: make_reference_kernel(True, True, True, True, True, BENT, True),
-    lambda: make_ambient_kernel(True, True, BENT),
+    lambda: make_ambient_kernel(True, True, BENT, True),
     lambda: tabulate_single_scattering], ids=["camera", "subpaths", "reference", "ambient", "tabulate"])
 def test_no_expression_is_evaluated_only_when_the_code_is_made(make):
     """`wp.static` of a loop's index is: the hash knows its values only once some kernel has been made with it."""

@@ -16,6 +16,8 @@ from physics.rig import (
     water,
 )
 
+from varos_warp.render.renderer import FrameRenderer
+
 pytestmark = pytest.mark.subject("multiple scattering")
 
 FOURIER = "Case and Zweifel (1967); Fourier inversion and integral over the ray"
@@ -90,21 +92,30 @@ def test_double_scattering_and_one_scattering_on_the_way_to_or_from_the_floor(
 def test_orders_of_scattering_in_open_water(truth, name, T, totals):
     """Both lamps, a line of sight up to T in endless water: a black floor would take 0.1 to 0.3 % of all light.
 
-    Order n is what n scatterings add to n - 1, independently drawn.
+    Order n is what n scatterings add to n - 1 of the same paths, pixel by pixel.
     """
-    def seen(**how):
-        return line_of_sight(varos_lamps, PAPER_WATER, T, **how)
     for order, (expected, error) in totals.items():
         if order is None:
             truth(f"all orders, {name}, ray up to {T} m", source=MONTE_CARLO,
-                  **agreement(channel(seen(spp=512), name), expected, error))
+                  **agreement(channel(line_of_sight(varos_lamps, PAPER_WATER, T, spp=512), name), expected, error))
             continue
-        how = {"layer": "multiple", "spp": 1024 if name == "B" else 4096}  # green has 0.1 % of order 3
-        up_to = seen(max_scatterings=order, **how)
-        below = seen(max_scatterings=order - 1, seed=9, **how)
-        estimate = up_to[0] - below[0], np.hypot(up_to[1], below[1])
+        here, beyond = (order_by_pixel(order, varos_lamps(gone), 1024 if order == 2 else 512, seed)
+                        for gone, seed in ((0.0, 7), (T, 8)))
+        pixels = here - np.exp(-T * np.add(PAPER_WATER["sigma_s"], PAPER_WATER["sigma_a"])) * beyond
+        estimate = pixels.mean(axis=0), pixels.std(axis=0, ddof=1) / np.sqrt(len(pixels))
         truth(f"order {order}, {name}, ray up to {T} m", source=MONTE_CARLO,
               **agreement(channel(estimate, name), expected, error, precision=0.2))
+
+
+def order_by_pixel(order, lamps, spp, seed):
+    """Light of one order in open water, in pixels that all see the same ray [N, 3].
+
+    More orders do not change the lower ones, so those cancel, and their noise with them.
+    """
+    renderer = FrameRenderer(one_ray_scene(lamps, PAPER_WATER), "cpu", parts=[])
+    up_to, below = (renderer.render(np.eye(4), outputs="A", spp=spp, seed=seed, integrator="path",
+                                    layers=("multiple",), max_scatterings=most).A for most in (order, order - 1))
+    return (up_to.radiance - below.radiance).reshape(-1, 3).astype(float)
 
 
 def test_the_whole_pixel_in_blue_with_a_floor(truth):

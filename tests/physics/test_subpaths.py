@@ -250,7 +250,7 @@ def scene_of(sigma_s, sigma_t, g, lamp=(0.0, 0.0, 0.0)) -> SceneData:
     light.intensity = wp.vec3(1.0)
     scene = SceneData()
     scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.phase.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
-    scene.lights.records = wp.array([light], dtype=Light, device="cpu")
+    scene.lights = wp.array([light], dtype=Light, device="cpu")
     return scene
 
 

@@ -61,8 +61,9 @@ def print_info(facts: dict) -> None:
     """The facts of `scene_info` as tables, with those of `course_facts` in ``trajectory``."""
     water, trajectory = facts["water"], facts["trajectory"]
     pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
+    body = f" with {facts['vehicle']['thrusters']} thrusters" if facts["vehicle"].get("thrusters") else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
-          f"{trajectory['duration_s']:.1f} s, vehicle of {facts['vehicle']['mass_kg']:g} kg")
+          f"{trajectory['duration_s']:.1f} s, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
     _print_dataset(facts["dataset"])
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}

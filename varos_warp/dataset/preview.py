@@ -24,9 +24,10 @@ from varos_warp.render.image.frame import RadianceImage
 from varos_warp.render.image.outputs import OUTPUTS, to_half
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.files import is_file
-from varos_warp.scene.geometry.parts import local_origin
+from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.load import load_scene
 
 MOST_SPP = 64
@@ -46,6 +47,12 @@ NOT_MOVING: dict[str, Any] = dict.fromkeys(
     ("name", "sequence", "terrain", "objects", "scatter", "materials", "water"), True)
 NOT_MOVING["vehicle"] = {"lights", "cameras"}
 """Blocks that the course does not depend on."""
+
+
+def _solid(scene: Scene) -> dict[str, Any]:
+    """What terrain, objects and materials depend on."""
+    solid = scene.model_dump(exclude=NOT_SOLID)
+    return solid | {"files": files_named(scene, solid)}
 
 
 @dataclass(frozen=True)
@@ -213,14 +220,15 @@ class _EditedScene:
 
     def _simulated(self, scene: Scene):
         moving = scene.model_dump(exclude=NOT_MOVING)
+        if isinstance(scene.trajectory.pattern, HullFollowing):
+            moving["followed"] = _solid(scene)
         if moving != self._moving:
             self._simulation = simulated(scene, self.console.quiet, [])  # what a DVL reads is not looked at
             self._moving = moving
         return self._simulation
 
     def _uploaded(self, scene: Scene) -> FrameRenderer:
-        solid = scene.model_dump(exclude=NOT_SOLID)
-        solid["files"] = files_named(scene, solid)
+        solid = _solid(scene)
         old = self._renderer
         if old is None or solid != self._solid or np.abs(
                 local_origin(scene, old.parts) - old.world.origin).max() > KEPT_ORIGIN_M:

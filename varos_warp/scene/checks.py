@@ -8,8 +8,9 @@ from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
+from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.parts import Instances, Part, local_origin, standpoints
+from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import clearance, is_inside
 from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.lights.distribution import distribution
@@ -33,6 +34,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             [N] [ns], position [N, 3] [m], the reference that it was asked to follow [N, 3] [m], and the waypoint that
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
+    find_course(scene, parts)
     places = scene.trajectory.stops
     poses = [transform(turned.as_matrix(), stop.position)
              for stop, turned in zip(places, attitudes(places), strict=True)]
@@ -46,14 +48,16 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
     """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
-    pattern = scene.trajectory.pattern
+    find_course(scene, parts)
+    pattern, body = scene.trajectory.pattern, scene.vehicle.rigid_body
     return {
         "name": scene.name,
         "water": water_info(scene),
         "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
-        "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene)},
+        "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
+                    **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
         "trajectory": {"kind": f"{_stop(scene)}s", "count": len(scene.trajectory.stops),
                        **({"pattern": pattern.kind} if pattern else {})},
     }
@@ -174,7 +178,7 @@ def _check_reach(scene, parts):
     """Courses so wide that the single precision of rays, finest in their middle, loses steps of D at their ends."""
     if not parts or "D" not in scene.render.outputs:
         return []
-    reach = float(np.abs(standpoints(scene) - local_origin(scene, parts)).max())
+    reach = float(np.abs(standpoints(scene, parts) - local_origin(scene, parts)).max())
     near, far = scene.render.depth_range_m
     rounding, step = reach * 2.0**-24, (far - near) / 65535.0
     if rounding <= 0.5 * step:

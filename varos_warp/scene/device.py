@@ -15,8 +15,9 @@ from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import corner_normals, face_normals
-from varos_warp.scene.geometry.parts import Instances, Part, local_origin
+from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import corner_values, device_material

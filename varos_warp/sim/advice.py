@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from math import isclose, pi
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Pose
@@ -14,12 +15,17 @@ from varos_warp.sim.poses import REST_S
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
 from varos_warp.sim.vehicle.current import Current
+from varos_warp.sim.vehicle.rigid_body import RigidBody
+from varos_warp.sim.vehicle.thrusters import PITCH, ROLL
 
 SHARES = np.linspace(0.0, 1.0, 201)
 """Of a leg's time, where its needs are looked at."""
 
 LITTLE_LESS = 0.98
 """Share of the speed asked for that is not worth a word."""
+
+LITTLE_TURN_DEG = 0.1
+"""Angle that is not worth a word either."""
 
 MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
 """Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
@@ -34,6 +40,8 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
     for text, targets in found.items():
         yield f"waypoint {next(iter(targets))}{f' and {len(targets) - 1} more' if len(targets) > 1 else ''}: {text}"
     yield from _on_speed(course)
+    if isinstance(body, RigidBody) and body.free:
+        yield from _on_free_axes(scene, course, body)
     controller = scene.vehicle.controller
     fastest = max(controller.translation_q[0], controller.rotation_q[0]) / controller.r
     if is_slow(body.actuator_frequency, fastest**0.5):
@@ -44,7 +52,7 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
         yield (f"the current of {drift:.2f} m/s is faster than the vehicle ({body.max_speed:.2f} m/s): "
                "it will be swept away")
     if abs(body.net_buoyancy) > body.max_force:
-        yield (f"vehicle.net_buoyancy = {body.net_buoyancy:g} N is more than vehicle.max_force = "
+        yield (f"vehicle.net_buoyancy = {body.net_buoyancy:g} N is more than {body.limit_keys[0]} = "
                f"{body.max_force:g} N: it will {'rise' if body.net_buoyancy > 0.0 else 'sink'}")
     push = body.drag_force(drift) * (current.drift / drift if drift else 0.0) * np.ones(3)
     if controller.feed_forward != "full":
@@ -66,17 +74,33 @@ def _on_speed(course: Course) -> Iterator[str]:
                "max_angular_speed_deg, or lower the speed)")
 
 
+def _on_free_axes(scene: Scene, course: Course, body: RigidBody) -> Iterator[str]:
+    """What waypoints ask of axes that the thrusters leave to the righting moment, and a flow that overcomes it."""
+    angles = Rotation.concatenate(attitudes(scene.trajectory.stops)).as_euler("ZXY", degrees=True)
+    for axis in body.free:
+        name, column = {PITCH: ("pitch", 1), ROLL: ("roll", 2)}[axis]
+        asked = float(np.abs(angles[:, column]).max())
+        if asked > LITTLE_TURN_DEG:
+            yield (f"vehicle.rigid_body.thrusters: they do not control {name}, so the {asked:.3g} deg of it that "
+                   "waypoints ask for are left out (mount the camera so, or add thrusters)")
+    fastest = max(leg.peak_speed for leg in course.legs)
+    if PITCH in body.free and fastest > body.broaching_speed:
+        yield (f"vehicle.metacentric_height: from {body.broaching_speed:.2f} m/s on the water turns the vehicle across "
+               f"its way, against the righting moment; the course asks for {fastest:.2f} m/s (raise it, or lower the "
+               "speed, or the added mass in z)")
+
+
 def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
     """Speed, thrust and moment that a leg on its own takes, where they exceed the limits; a turn with two ways."""
     if leg.peak_speed > body.max_speed:
         yield (f"asked for {leg.peak_speed:.2f} m/s, but the vehicle cannot go faster than {body.max_speed:.2f} m/s; "
-               "it will lag behind and the hand-over will wait (lower the speed or raise vehicle.max_force)")
+               f"it will lag behind and the hand-over will wait (lower the speed or raise {body.limit_keys[0]})")
     _, rate, acceleration = leg.weight(SHARES * leg.duration)
     if leg.blends is not None:  # the next leg goes on with the speed; max_acceleration bounds what is left
         acceleration = np.zeros_like(acceleration)
     for change, inertia, drag, limit, name in (
-            (leg.step, body.virtual_mass, body.drag_force, body.max_force, "vehicle.max_force"),
-            (leg.turn, body.inertia, body.drag_torque, body.max_torque, "vehicle.max_torque")):
+            (leg.step, body.virtual_mass, body.drag_force, body.max_force, body.limit_keys[0]),
+            (leg.turn, body.inertia, body.drag_torque, body.max_torque, body.limit_keys[1])):
         size = np.linalg.norm(change)
         need = np.abs(inertia * size * acceleration + drag(size * rate)).max()
         if need > limit:

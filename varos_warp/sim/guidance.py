@@ -24,6 +24,7 @@ from varos_warp.scene.frames import attitudes
 from varos_warp.sim import quaternion
 from varos_warp.sim.clock import LONGEST_S, TICK_S
 from varos_warp.sim.quaternion import Quaternion, Vector
+from varos_warp.sim.vehicle.thrusters import PITCH, ROLL
 
 PEAK_RATE, PEAK_ACCELERATION = 35.0 / 16.0, 84.0 * sqrt(5.0) / 25.0
 """Largest first and second derivative of the septic weight."""
@@ -156,12 +157,13 @@ class Course:
         return leg + 1 if self.targets is None else self.targets[leg]
 
 
-def plan(trajectory: description.Trajectory) -> Course:
-    """Legs and gates of a scene's waypoints."""
+def plan(trajectory: description.Trajectory, free: tuple[int, ...] = ()) -> Course:
+    """Legs and gates of a scene's waypoints; of axes that the thrusters leave ``free`` none is asked to turn."""
     waypoints, targets = trajectory.stops, None
     if len(waypoints) == 1:
         waypoints, targets = waypoints * 2, [0]
-    positions, turned = np.array([w.position for w in waypoints], float), attitudes(waypoints)
+    positions = np.array([w.position for w in waypoints], float)
+    turned = level(attitudes(waypoints), free) if free else attitudes(waypoints)
     keeps_speed = trajectory.keeps_speed and targets is None
     if keeps_speed:
         waypoints, positions, turned, targets = _graded(waypoints, positions, turned)
@@ -173,6 +175,13 @@ def plan(trajectory: description.Trajectory) -> Course:
         strict = _strict(waypoints, legs)
     gates = [_gate(trajectory, waypoints[i + 1], strict[i + 1], legs[i:i + 2]) for i in range(len(legs))]
     return Course(positions, turned, legs, gates, trajectory.handover_timeout_s, targets)
+
+
+def level(turned: list[Rotation], free: tuple[int, ...]) -> list[Rotation]:
+    """The same attitudes without pitch or roll, or both, where these are `free`."""
+    angles = Rotation.concatenate(turned).as_euler("ZXY")
+    angles[:, [{PITCH: 1, ROLL: 2}[axis] for axis in free]] = 0.0
+    return list(Rotation.from_euler("ZXY", angles))
 
 
 def _leg(trajectory, target, step, turned) -> Leg:

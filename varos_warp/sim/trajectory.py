@@ -10,6 +10,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.sim import advice
 from varos_warp.sim.clock import (
@@ -38,10 +39,10 @@ from varos_warp.sim.sensors.readings import (
     measure_field,
     measure_imu,
 )
-from varos_warp.sim.vehicle.body import sphere
 from varos_warp.sim.vehicle.control import Regulator
 from varos_warp.sim.vehicle.current import Current
 from varos_warp.sim.vehicle.dynamics import Dynamics, State
+from varos_warp.sim.vehicle.rigid_body import body_of
 
 REPORT_TICKS = 200
 
@@ -131,6 +132,8 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
     for sensor in ("imu", "depth_gauge", "magnetometer", "dvl"):
         if block := getattr(scene.vehicle, sensor):
             check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
+    if isinstance(scene.trajectory.pattern, HullFollowing):
+        _find_course(scene, parts)
     tell = progress or (lambda share: None)
     run = _follow_waypoints(scene, tell) if scene.trajectory.poses is None else _follow_poses(scene)
     vehicle, read = scene.vehicle, _rows_read(scene, len(run.frames))
@@ -143,6 +146,12 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
         magnetometer=measure_field(trajectory, vehicle.magnetometer) if vehicle.magnetometer else None,
         dvl=measure_dvl(trajectory, vehicle.dvl, _geometry(scene) if parts is None else parts) if vehicle.dvl
         else None)
+
+
+def _find_course(scene: Scene, parts: list | None) -> None:
+    from varos_warp.scene.geometry.course import find_course  # nor elsewhere but where one is followed
+
+    find_course(scene, parts)
 
 
 def _geometry(scene: Scene) -> list:
@@ -194,10 +203,10 @@ def _follow_poses(scene: Scene) -> Simulation:
 
 
 def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Simulation:
-    course, duration, rate = plan(scene.trajectory), scene.trajectory.duration_s, scene.render.frame_rate_hz
+    body, current = body_of(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
+    course, duration, rate = plan(scene.trajectory, body.free), scene.trajectory.duration_s, scene.render.frame_rate_hz
     if not duration:
         check_length(course.duration, scene.trajectory.key(course.longest), "the course takes")
-    body, current = sphere(scene.vehicle, scene.gravity), Current(scene.current, scene.seed)
     regulator = Regulator(body, scene.vehicle.controller)
     # relative to the first waypoint: far from the world's origin the same course is driven to the same digits
     origin = course.positions[0]

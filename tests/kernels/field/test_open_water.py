@@ -21,7 +21,7 @@ from varos_warp.kernels.world.light import Light
 @wp.kernel(enable_backward=False)
 def scatter_once(scene: SceneData, ends: wp.array(dtype=float), L: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    L[i] = single_scattering(scene.medium, scene.lights.records[0], wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), ends[i])
+    L[i] = single_scattering(scene.medium, scene.lights[0], wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0), ends[i])
 
 
 @wp.kernel(enable_backward=False)
@@ -58,7 +58,7 @@ def test_single_scattering_is_right_to_a_thousandth(position, axis, cone_deg, bl
     scene = SceneData()
     scene.medium.sigma_s, scene.medium.sigma_t, scene.medium.phase.g = wp.vec3(*sigma_s), wp.vec3(*sigma_t), g
     lights = wp.array([lamp(position, axis or (0, 0, 1), cone_deg, blend)], dtype=Light, device="cpu")
-    scene.lights.records = lights
+    scene.lights = lights
     L = wp.zeros(1, dtype=wp.vec3, device="cpu")
     wp.launch(scatter_once, 1, inputs=[scene, wp.array([T], dtype=float, device="cpu"), L], device="cpu")
     cone = {} if axis is None else {"axis": axis, "cone_deg": cone_deg, "blend": blend}

@@ -35,8 +35,8 @@ def sample_once(scene: SceneData, d: wp.vec3, t_max: float, u: wp.array(dtype=wp
 @wp.kernel(enable_backward=False)
 def integrate(scene: SceneData, d: wp.vec3, t_max: float, L: wp.array(dtype=float)):
     total = wp.vec3(0.0)
-    for i in range(scene.lights.records.shape[0]):
-        total += single_scattering(scene.medium, scene.lights.records[i], wp.vec3(0.0), d, t_max)
+    for i in range(scene.lights.shape[0]):
+        total += single_scattering(scene.medium, scene.lights[i], wp.vec3(0.0), d, t_max)
     L[0] = total[1]
 
 
@@ -72,7 +72,7 @@ def scene_of(phase, lights) -> SceneData:
     scene = SceneData()
     scene.medium.sigma_s, scene.medium.sigma_t = wp.vec3(0.4), wp.vec3(0.5)
     scene.medium.phase = phase.device_record("cpu")
-    scene.lights.records = wp.array(lights, dtype=Light, device="cpu")
+    scene.lights = wp.array(lights, dtype=Light, device="cpu")
     return scene
 
 

@@ -46,7 +46,7 @@ def lights_at(camera, *places, depth=3.0):
                                                            1.0)
         lights.append(light)
     scene = SceneData()
-    scene.lights.records = wp.array(lights, dtype=Light, device="cpu")
+    scene.lights = wp.array(lights, dtype=Light, device="cpu")
     return scene
 
 

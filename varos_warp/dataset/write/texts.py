@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import platform
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 
@@ -215,12 +216,18 @@ def describe_sensors(vehicle) -> dict[str, dict]:
 
 def versions() -> dict[str, str]:
     """Of what shapes the numbers."""
-    found = {"varos_warp": varos_warp.__version__, "python": platform.python_version()}
+    return {"varos_warp": varos_warp.__version__, "python": platform.python_version(), **_installed(), "simd": simd()}
+
+
+@cache
+def _installed() -> dict[str, str]:
+    """Versions of packages; once, for it searches folders and parses files."""
+    found = {}
     for package in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "pyoidn"):
         found[package] = "absent"
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[package] = metadata.version(package)
-    return found | {"simd": simd()}
+    return found
 
 
 def simd() -> str:

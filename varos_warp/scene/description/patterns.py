@@ -7,7 +7,7 @@ from math import ceil, radians
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from varos_warp.scene.description.block import Angle, Block, Coordinate, Position, kind_by_default
 
@@ -153,5 +153,29 @@ class ThereAndBack(Block):
                 for place in [start, *([end, start] * self.times)]]
 
 
-Pattern = Annotated[LawnMower | Orbit | Spiral | ThereAndBack, Field(discriminator="kind"),
+class HullFollowing(Block):
+    """From point to point along a surface, at a distance from it that does not change, the vehicle facing it."""
+
+    kind: Literal["hull_following"]
+    surface: Annotated[str, Field(pattern=r"^(terrain|objects\.\d+)$")] = Field(examples=["objects.0"])
+    """``terrain``, or an object by its number in the scene file, ``objects.0``."""
+    through: Annotated[list[Position], Field(min_length=2, max_length=1000)] = Field(
+        examples=[[[2.0, -3.0, 0.5], [2.0, 3.0, 0.5]]])
+    """Points on the surface or on that side of it [m]; the vehicle passes where it is nearest to each."""
+    distance_m: Annotated[float, Field(ge=0.01, le=1e3)] = Field(examples=[1.2])
+    """Distance of the vehicle's origin from the nearest point of the surface [m]."""
+    spacing_m: Length = 0.25
+    """Largest distance between waypoints [m]."""
+
+    _found: list[dict] | None = PrivateAttr(default=None)
+    """Waypoints: what needs the mesh, by `scene.geometry.course`."""
+
+    def waypoints(self) -> list[dict]:
+        """One at least every ``spacing_m``."""
+        if self._found is None:
+            raise ValueError("find_course(scene) comes first: the mesh of the surface is needed")
+        return self._found
+
+
+Pattern = Annotated[LawnMower | Orbit | Spiral | ThereAndBack | HullFollowing, Field(discriminator="kind"),
                     kind_by_default("")]

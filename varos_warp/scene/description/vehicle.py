@@ -20,6 +20,7 @@ from varos_warp.scene.description.block import (
     outside,
     unwritten_if_absent,
 )
+from varos_warp.scene.description.body import RigidBody, Turbulence
 from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting, WaterIndex, check_optics
 from varos_warp.scene.description.patterns import Pattern
 from varos_warp.scene.description.shutter import Shutter, Strobe
@@ -319,7 +320,7 @@ class Controller(Block):
 
 
 class Current(Block):
-    """Water current: a uniform drift plus seeded sinusoids of ``fluctuation`` [m/s RMS]."""
+    """Water current: a uniform drift plus seeded sinusoids of ``fluctuation`` [m/s RMS], and turbulence."""
 
     velocity: Vec3 = (0.0, 0.0, 0.0)
     """Uniform drift in world axes [m/s]."""
@@ -327,10 +328,14 @@ class Current(Block):
     """Root mean square of the sinusoids added to the drift [m/s]."""
     period_s: Positive = 20.0
     """Period of the sinusoids [s], each between half and twice as long."""
+    turbulence: Turbulence | None = None
+    """Seeded turbulence besides (docs/vehicle.md). Absent: none."""
+
+    _written = unwritten_if_absent("turbulence")
 
 
 class Vehicle(Block):
-    """A neutrally buoyant sphere with thrusters; absent values are interpolated by mass between presets."""
+    """A sphere, or a rigid body, with thrusters; absent values are interpolated by mass between presets."""
 
     id: VehicleId = "0"
     """One letter or digit that names the vehicle in the dataset's file names."""
@@ -358,6 +363,8 @@ class Vehicle(Block):
     """Buoyancy less weight [N]; 0 is neutral."""
     metacentric_height: NonNegative = 0.0
     """How far the centre of buoyancy lies above the centre of mass [m]; 0 is no righting moment."""
+    rigid_body: RigidBody | None = None
+    """A body with six coupled degrees of freedom (docs/vehicle.md). Absent: the sphere."""
     controller: Controller = Controller()
     """Weights of the controller that follows the course."""
     lights: list[Light] = []
@@ -373,7 +380,13 @@ class Vehicle(Block):
     dvl: Dvl | None = None
     """The Doppler velocity log (docs/sensors.md). Absent: none."""
 
-    _written = unwritten_if_absent("magnetometer", "dvl")
+    _written = unwritten_if_absent("magnetometer", "dvl", "rigid_body")
+
+    @model_validator(mode="after")
+    def _one_limit(self):
+        if self.rigid_body and self.rigid_body.thrusters and (self.max_force or self.max_torque):
+            raise ValueError("give max_force and max_torque or rigid_body.thrusters, not both")
+        return self
 
     @field_validator("cameras")
     @classmethod
@@ -435,7 +448,7 @@ class Trajectory(Block):
     """Exact poses at times, without dynamics. Splines pass through them. After the last the vehicle brakes, and is at
     rest 2 s later; likewise before the first it comes from rest. The acceleration is continuous throughout."""
     pattern: Pattern | None = None
-    """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral`` or ``there_and_back`` (docs/trajectories.md)."""
+    """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral``, ``there_and_back``, ``hull_following``."""
     speed: Positive = 0.5
     """Leg speed where a waypoint names none [m/s]."""
     constant_speed: bool | None = None

@@ -26,8 +26,13 @@ def build_parts(scene: Scene) -> list[Part | Instances]:
 
 def build_single_parts(scene: Scene) -> list[Part]:
     """What stands in one place only: the terrain, then the objects in file order."""
-    parts = [] if scene.terrain is None else [_part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))]
+    parts = [] if scene.terrain is None else [terrain_part(scene)]
     return parts + [object_part(scene, block, f"objects.{i}") for i, block in enumerate(scene.objects)]
+
+
+def terrain_part(scene: Scene) -> Part:
+    """The terrain, which the scene must have."""
+    return _part(scene, scene.terrain, "terrain", *_terrain_mesh(scene))
 
 
 def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:

@@ -4,7 +4,6 @@ from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
-from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Material
 
 
@@ -71,25 +70,3 @@ class Instances(Shape):
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         return replace(self, vertices=corners, faces=np.zeros((0, 3), np.int32)).parts()
-
-
-def standpoints(scene: Scene) -> np.ndarray:
-    """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
-    poses = [*scene.trajectory.stops]
-    poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
-    return np.array([pose.position for pose in poses], float)
-
-
-def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
-    """Origin of the device's world, float64 [3], whole metres: the middle of the cameras' places, within the scene.
-
-    There float32 is most precise, however large the terrain.
-    """
-    positions = standpoints(scene)
-    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
-    if parts:
-        boxes = [box.vertices for part in parts for box in part.boxes()]
-        low = np.min([box.min(axis=0) for box in boxes], axis=0)
-        high = np.max([box.max(axis=0) for box in boxes], axis=0)
-        middle = np.clip(middle, low, high)
-    return np.round(middle)

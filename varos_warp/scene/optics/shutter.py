@@ -66,7 +66,7 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     line = readout / rows
     length = max(exposure / MOST_INSTANTS, (exposure + readout) / MOST_IN_ALL)
     if length < line:
-        length = line / round(line / length)  # rows begin with an instant
+        length = line / np.ceil(line / length)  # rows begin with an instant
     else:
         length = length if exposure else line
     per_row, opened = line / length, exposure / length

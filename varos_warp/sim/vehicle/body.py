@@ -55,6 +55,16 @@ class Sphere:
     metacentric_height: float = 0.0
     gravity: float = 9.81
 
+    @property
+    def limit_keys(self) -> tuple[str, str]:
+        """Of the scene, for ``max_force`` and ``max_torque``."""
+        return "vehicle.max_force", "vehicle.max_torque"
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Axes of rotation that thrusters leave to the righting moment: none."""
+        return ()
+
     @cached_property
     def volume(self) -> float:
         """Displaced volume [m^3]; a neutral vehicle displaces its own mass."""
@@ -131,12 +141,12 @@ class Sphere:
         righting = self.mass_kg * self.gravity * self.metacentric_height
         rate = terminal_rate(self.linear_rotational_drag, self.quadratic_rotational_drag,
                              peak * self.max_torque + righting)
-        return max(_slope(self.linear_drag, self.quadratic_drag, max(speed, current_speed)) / self.virtual_mass,
-                   _slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia,
+        return max(slope(self.linear_drag, self.quadratic_drag, max(speed, current_speed)) / self.virtual_mass,
+                   slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia,
                    sqrt(righting / self.inertia))
 
 
-def _slope(linear: float, quadratic: float, rate: float) -> float:
+def slope(linear: float, quadratic: float, rate: float) -> float:
     """Derivative of the drag (linear + quadratic |x|) x."""
     return linear + 2.0 * quadratic * rate if quadratic > 0.0 else linear
 

@@ -20,6 +20,7 @@ from varos_warp.sim.quaternion import Vector
 from varos_warp.sim.vehicle.actuator import limit
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.dynamics import ZERO, State, add
+from varos_warp.sim.vehicle.rigid_body import RigidBody
 
 # ------------------------------------------------------------------------------------------------------------ design
 
@@ -130,6 +131,8 @@ class Regulator:
     The error of attitude is the rotation vector from the reference, the short way round: no attitude is singular and
     a quaternion and its negative are the same. ``feed_forward: none`` is the paper's controller, which knows the
     reference pose only; ``velocity`` adds its rates; ``full`` also its accelerations and the known forces.
+
+    A `RigidBody` is controlled alike in its own axes, with the inertia of each; its thrusters share what is asked.
     """
 
     def __init__(self, body: Sphere, controller: description.Controller, h: float = TICK_S):
@@ -142,8 +145,18 @@ class Regulator:
     def command(self, reference: Reference, state: State, thrust: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
         """Thrust [N] (world axes) and moment [N m] (vehicle axes) to command, within what the thrusters can do."""
         error = add(state.p, -1.0, reference.position)
-        force, force_limited = limit(self._force(error, reference, state, thrust), self._body.max_force)
-        torque, torque_limited = limit(self._torque(reference, state), self._body.max_torque)
+        if isinstance(self._body, RigidBody):
+            force, torque = self._along_axes(self._body, error, reference, state)
+        else:
+            force, torque = self._force(error, reference, state, thrust), self._torque(reference, state)
+        if isinstance(self._body, RigidBody) and self._body.thrusters:
+            force, torque, force_limited = self._body.thrusters.deliver(force, torque)
+            torque_limited = force_limited
+        else:
+            force, force_limited = limit(force, self._body.max_force)
+            torque, torque_limited = limit(torque, self._body.max_torque)
+        if isinstance(self._body, RigidBody):
+            force = quaternion.rotate(state.q, force)
         if force_limited or torque_limited:
             self.saturated_ticks += 1
         if not force_limited:  # or the integral would wind up
@@ -158,7 +171,7 @@ class Regulator:
             drag = body.linear_drag + body.quadratic_drag * _norm(velocity)
             ahead = add(reference.acceleration, drag / body.virtual_mass, velocity)
             ahead = add(ahead, -body.net_buoyancy / body.virtual_mass, (0.0, 0.0, 1.0))
-        return _law(self.gains.translation, body.virtual_mass, self._integral, error,
+        return _law(self.gains.translation, 3 * (body.virtual_mass,), self._integral, error,
                     add(state.v, -1.0, velocity), ahead, *thrust)
 
     def _torque(self, reference: Reference, state: State) -> Vector:
@@ -171,13 +184,34 @@ class Regulator:
             ahead = add(quaternion.rotate_back(turned, reference.alpha), drag / body.inertia, rate)
             if body.metacentric_height != 0.0:
                 ahead = add(ahead, -1.0 / body.inertia, body.righting_moment(reference.attitude))
-        return _law(self.gains.rotation, body.inertia, ZERO, quaternion.log(turned),
+        return _law(self.gains.rotation, 3 * (body.inertia,), ZERO, quaternion.log(turned),
                     add(state.omega, -1.0, rate), ahead, state.torque, state.torque_rate)
 
+    def _along_axes(self, body: RigidBody, error: Vector, reference: Reference, state: State) -> tuple[Vector, Vector]:
+        """Force [N] and moment [N m] in vehicle axes, in which all of it is meant."""
+        turned = quaternion.multiply(quaternion.conjugate(reference.attitude), state.q)
+        velocity, rate = (reference.velocity, reference.omega) if self._rates else (ZERO, ZERO)
+        rate, alpha = (quaternion.rotate_back(turned, x) for x in (rate, reference.alpha))
+        force, torque = ZERO, ZERO
+        if self._forces:
+            force, torque = body.needed(reference.attitude, velocity, rate, reference.acceleration, alpha)
+            if body.free:  # a tilt that nobody controls lasts, and turns the drag
+                force, _ = body.needed(state.q, velocity, rate, reference.acceleration, alpha)
+        drift, integral = (quaternion.rotate_back(state.q, x) for x in (add(state.v, -1.0, velocity), self._integral))
+        masses, inertias = body.masses, body.inertias
+        return (_law(self.gains.translation, masses, integral, quaternion.rotate_back(state.q, error), drift,
+                     _over(force, masses), state.force, state.force_rate),
+                _law(self.gains.rotation, inertias, ZERO, quaternion.log(turned),
+                     add(state.omega, -1.0, rate), _over(torque, inertias), state.torque, state.torque_rate))
 
-def _law(k, inertia: float, integral, error, rate, ahead, output, output_rate) -> Vector:
+
+def _over(a: Vector, b: Vector) -> Vector:
+    return (a[0] / b[0], a[1] / b[1], a[2] / b[2])
+
+
+def _law(k, inertia: Vector, integral, error, rate, ahead, output, output_rate) -> Vector:
     ki, k1, k2, k3, k4 = k
-    return tuple(inertia * ((1.0 + k3) * ahead[i] - ki * integral[i] - k1 * error[i] - k2 * rate[i])
+    return tuple(inertia[i] * ((1.0 + k3) * ahead[i] - ki * integral[i] - k1 * error[i] - k2 * rate[i])
                  - k3 * output[i] - k4 * output_rate[i] for i in range(3))
 
 

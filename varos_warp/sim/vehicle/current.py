@@ -1,12 +1,24 @@
-"""Water current: a uniform drift plus a few seeded sinusoids, so that every derivative exists.
+"""Water current: a uniform drift plus a few seeded sinusoids, so that every derivative exists, and turbulence.
 
 A free neutral sphere inherits the acceleration of the water; a rougher current would put white noise into the IMU.
+So would an Ornstein-Uhlenbeck process itself. But a hull averages over eddies that are smaller than it: turbulence is
+the process behind two first-order lags,
+
+    dx = -x dt/T + sqrt(2/T) sigma_x dW,    dy/dt = (x - y)/S,    dv/dt = (y - v)/S
+
+whose acceleration has a derivative. It is drawn at the ticks from its exact transition; the cubic that has velocity
+and acceleration of both ends joins them, so that within a tick the integrator keeps its order.
 """
 
+from functools import cache
+
 import numpy as np
+from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.signal import lfilter
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
+from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.quaternion import Vector
 
 WAVES = 8
@@ -14,6 +26,66 @@ SHORTEST_PERIOD_S = 0.1
 """20 ticks, 10 for the fastest wave, of which the integrator then misses 1e-4; and what readers of the IMU can follow.
 """
 BLOCK_TICKS = 1000
+HARDLY_EVER = 6.0
+"""Standard deviations that turbulence does not exceed: once in 500 million correlation times."""
+
+
+class Turbulence:
+    """An Ornstein-Uhlenbeck process behind two lags, for each axis; the same seed draws the same.
+
+    Args:
+        turbulence: Of the scene.
+        seed: The scene's.
+        step_s: Between two knots [s].
+    """
+
+    def __init__(self, turbulence: description.Turbulence, seed: int, step_s: float = TICK_S):
+        self._lag, self._step, self.rms = turbulence.smoothing_s, step_s, np.asarray(turbulence.rms, float)
+        self._E, self._noise, stationary = _transition(turbulence.correlation_time_s, self._lag, step_s)
+        self._rng = np.random.default_rng([seed, turbulence.seed, 0x6F75])
+        self._knots = np.einsum("ij,jk->ik", stationary, self._rng.standard_normal((3, 3)))[None]
+
+    def knots(self, count: int) -> np.ndarray:
+        """The first ``count`` states (x, y, v) in units of the RMS, [count, 3, 3]: by state and axis."""
+        more = count - len(self._knots)
+        if more > 0:
+            more = max(more, BLOCK_TICKS)
+            push = np.einsum("ij,njk->nik", self._noise, self._rng.standard_normal((more, 3, 3)))
+            states: list[np.ndarray] = []
+            for i, first in enumerate(self._knots[-1]):  # each is driven by those before it
+                driven = push[:, i] + sum(self._E[i, j] * before[:-1] for j, before in enumerate(states))
+                states.append(np.concatenate([first[None], _decay(self._E[i, i], driven, first)]))
+            self._knots = np.concatenate([self._knots, np.stack(states, axis=1)[1:]])
+        return self._knots[:count]
+
+    def motion(self, t) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity [n, 3] [m/s] and acceleration [n, 3] [m/s^2] of the water at the times ``t`` [n] [s]."""
+        n = np.floor(np.asarray(t) / self._step + 1e-9).astype(int)
+        s, knots = (np.asarray(t) / self._step - n)[:, None], self.knots(int(n.max()) + 2)
+        v, slope = knots[:, 2], (knots[:, 1] - knots[:, 2]) * (self._step / self._lag)
+        moved = v[n + 1] - v[n]
+        c2, c3 = 3.0 * moved - 2.0 * slope[n] - slope[n + 1], slope[n] + slope[n + 1] - 2.0 * moved
+        return (self.rms * (v[n] + s * (slope[n] + s * (c2 + s * c3))),
+                self.rms * (slope[n] + s * (2.0 * c2 + s * 3.0 * c3)) / self._step)
+
+
+@cache
+def _transition(T: float, S: float, h: float) -> tuple[np.ndarray, ...]:
+    """Of (x, y, v), v with variance 1: the matrix of a step [3, 3], and square roots [3, 3] of two covariances.
+
+    The first is of what is added in a step, the second that of the state.
+    """
+    A = np.array([[-1.0 / T, 0.0, 0.0], [1.0 / S, -1.0 / S, 0.0], [0.0, 1.0 / S, -1.0 / S]])
+    stationary = solve_continuous_lyapunov(A, -np.diag([1.0, 0.0, 0.0]))
+    at, weights = np.polynomial.legendre.leggauss(20)  # a difference of covariances would lose the small ones' digits
+    push = np.array([expm(A * (0.5 * h * (1.0 + x)))[:, 0] for x in at]) * np.sqrt(0.5 * h * weights)[:, None]
+    roots = (np.linalg.cholesky(C / stationary[2, 2]) for C in (push.T @ push, stationary))
+    return expm(A * h), *roots
+
+
+def _decay(factor: float, push: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """y_n = factor y_(n-1) + push_n [n, 3], from the row before the first."""
+    return lfilter([1.0], [1.0, -factor], push, axis=0, zi=factor * before[None])[0]
 
 
 class Current:
@@ -37,19 +109,23 @@ class Current:
         self.frequency = 2.0 * np.pi / max(current.period_s, SHORTEST_PERIOD_S) * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
         """[WAVES] [rad/s], within an octave of the asked period on either side."""
         self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
+        self.turbulence = Turbulence(current.turbulence, seed) if current.turbulence else None
 
     def velocity(self, t) -> np.ndarray:
         """Velocity [n, 3] [m/s] at the times ``t`` [n] [s]."""
-        return self.drift + np.sin(np.multiply.outer(t, self.frequency) + self.phase) @ self.amplitude
+        even = self.drift + np.sin(np.multiply.outer(t, self.frequency) + self.phase) @ self.amplitude
+        return even if self.turbulence is None else even + self.turbulence.motion(t)[0]
 
     def acceleration(self, t) -> np.ndarray:
         """Its time derivative [n, 3] [m/s^2]."""
-        return (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
+        even = (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
+        return even if self.turbulence is None else even + self.turbulence.motion(t)[1]
 
     @property
     def max_speed(self) -> float:
-        """A bound on the speed at any time [m/s]."""
-        return float(np.linalg.norm(self.drift) + np.linalg.norm(self.amplitude, axis=1).sum())
+        """A bound on the speed at any time [m/s]; turbulence hardly ever exceeds it."""
+        even = float(np.linalg.norm(self.drift) + np.linalg.norm(self.amplitude, axis=1).sum())
+        return even if self.turbulence is None else even + HARDLY_EVER * float(np.linalg.norm(self.turbulence.rms))
 
 
 class SampledCurrent:

@@ -2,7 +2,8 @@
 
 RKMK4 (Munthe-Kaas): classical RK4 on position, velocity, angular velocity and the rotation vector phi of the step,
 dphi/dt = omega + phi x omega / 2 + phi x (phi x omega) / 12, then q <- q exp(phi). No attitude is singular and the
-quaternion keeps its length. The rotation does not depend on the translation and is advanced first.
+quaternion keeps its length. The rotation of a sphere does not depend on the translation and is advanced first; a rigid
+body's two are advanced together.
 """
 
 from math import ceil
@@ -15,6 +16,7 @@ from varos_warp.sim.quaternion import Quaternion, Vector, cross
 from varos_warp.sim.vehicle.actuator import Actuator
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.current import Current, SampledCurrent
+from varos_warp.sim.vehicle.rigid_body import RigidBody
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 SUBSTEP_ABOVE, REFUSE_ABOVE = 0.5, 2.0
@@ -22,7 +24,7 @@ SUBSTEP_ABOVE, REFUSE_ABOVE = 0.5, 2.0
 
 
 class State(NamedTuple):
-    """State of the vehicle; thrust in world axes unless ``actuator_frame`` is body, the rest as in `Sphere`."""
+    """State of the vehicle; thrust in world axes unless ``actuator_frame`` is body or the vehicle a `RigidBody`."""
 
     p: Vector = ZERO
     """Position [m], world axes."""
@@ -93,6 +95,27 @@ def step_rotation(body: Sphere, q: Quaternion, omega: Vector, torques, h: float)
     return q, add(omega, h / 6.0, rk4_sum(a1, a2, a3, a4)), (k1, k2, k3, k4)
 
 
+def step_together(body: RigidBody, p: Vector, v: Vector, q: Quaternion, omega: Vector, forces, torques, currents,
+                  h: float) -> tuple[Vector, Vector, Quaternion, Vector]:
+    """All four ``h`` later by RKMK4; thrust, in vehicle axes, and currents at 0, h/2 and h."""
+    def rates(y, i: int):
+        _, v, phi, omega = y
+        a, alpha = body.accelerations(quaternion.multiply(q, quaternion.exp(phi)), v, omega, (forces[i], torques[i]),
+                                      *currents[i])
+        return v, a, rotvec_rate(phi, omega), alpha
+
+    def later(step: float, k):
+        return tuple(add(x, step, slope) for x, slope in zip(y, k, strict=True))
+
+    y = (p, v, ZERO, omega)
+    k1 = rates(y, 0)
+    k2 = rates(later(0.5 * h, k1), 1)
+    k3 = rates(later(0.5 * h, k2), 1)
+    k4 = rates(later(h, k3), 2)
+    p, v, phi, omega = (add(x, h / 6.0, rk4_sum(*k)) for x, *k in zip(y, k1, k2, k3, k4, strict=True))
+    return p, v, quaternion.normalize(quaternion.multiply(q, quaternion.exp(phi))), omega
+
+
 def rotvec_halfway(rates, h: float) -> Vector:
     """Rotation vector of the first half of a step: the third-order dense output of RK4."""
     k1, k2, k3, k4 = rates
@@ -110,7 +133,7 @@ def substeps(body: Sphere, current_speed: float, h: float) -> int:
         raise InputError(f"the motion is too stiff for ticks of {1e3 * h:g} ms: lambda h = {stiffness:.3g}, "
                          f"at most {REFUSE_ABOVE:g} can be simulated", key="vehicle",
                          remedy="Lower linear_drag, quadratic_drag (or the rotational ones), max_force, max_torque, "
-                                "metacentric_height or the current, or raise mass_kg or actuator_damping")
+                                "metacentric_height or the current, or raise mass_kg, inertia or actuator_damping")
     return max(1, ceil(stiffness / SUBSTEP_ABOVE))
 
 
@@ -118,7 +141,7 @@ class Dynamics:
     """The vehicle in its current, advanced by whole ticks of ``h``."""
 
     def __init__(self, body: Sphere, current: Current, *, actuator_frame: str = "world", h: float = TICK_S):
-        self.body, self.in_body_axes = body, actuator_frame == "body"
+        self.body, self.in_body_axes = body, actuator_frame == "body" or isinstance(body, RigidBody)
         self._count = substeps(body, current.max_speed, h)
         self._h = h / self._count
         self._actuator = Actuator(body.actuator_frequency, body.actuator_damping, 0.5 * self._h)
@@ -133,6 +156,9 @@ class Dynamics:
 
     def accelerations(self, state: State, tick: int) -> tuple[Vector, Vector]:
         """Acceleration [m/s^2] in world and angular acceleration [rad/s^2] in vehicle axes, from the balances."""
+        if isinstance(self.body, RigidBody):
+            return self.body.accelerations(state.q, state.v, state.omega, (state.force, state.torque),
+                                           *self._current.stages(tick)[0])
         torque = state.torque
         if self.body.metacentric_height != 0.0:
             torque = add(torque, 1.0, self.body.righting_moment(state.q))
@@ -158,6 +184,11 @@ class Dynamics:
             f2, f_rate = actuate(f1, f_rate, force)
             t1, t_rate = actuate(t0, t_rate, torque)
             t2, t_rate = actuate(t1, t_rate, torque)
+            if isinstance(self.body, RigidBody):
+                p, v, q, omega = step_together(self.body, p, v, q, omega, (f0, f1, f2), (t0, t1, t2),
+                                               currents[2 * i:2 * i + 3], h)
+                f0, t0 = f2, t2
+                continue
             q_end, omega, rates = step_rotation(self.body, q, omega, (t0, t1, t2), h)
             forces = (f0, f1, f2)
             if self.in_body_axes:

@@ -7,7 +7,7 @@ from chance import assert_plausible, run, two_sided, uniform_p
 from scipy import stats
 from scipy.stats import qmc
 
-from varos_warp.kernels.transport import sobol
+from varos_warp.kernels import sobol
 
 LAST = 2**31 - 1
 N = 1 << 17
