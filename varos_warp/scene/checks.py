@@ -240,8 +240,9 @@ def _check_strobes(lights, camera):
                             f"camera {camera.id} is exposed from {offset[0] - half:g} to {offset[-1] + half:g} s: it "
                             "never sees it")
         elif len(rows) < len(offset):
-            warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the {len(offset)} "
-                            f"of camera {camera.id}, whose rolling shutter exposes the others at other times")
+            warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
+                            f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
+                            "times")
     return warnings
 
 

@@ -52,7 +52,7 @@ def read(data: Any, camera: str | None = None) -> np.ndarray:
     about = data.camera(camera)
     path, expected = data.layout.row_poses(about["id"]), (len(data), about["height"], 7)
     with files.reading(path):
-        row_poses = np.load(path, mmap_mode="r", allow_pickle=False)
+        row_poses = np.lib.format.open_memmap(path, mode="r")
         if row_poses.shape != expected or row_poses.dtype != np.float64:
             raise ValueError(f"{row_poses.dtype} {row_poses.shape}, not float64 {expected}")
     return row_poses
