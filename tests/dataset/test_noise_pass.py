@@ -148,7 +148,7 @@ def exposed_for(out, seconds, gain="adaptive"):
 
 
 def test_dark_current_gathers_while_the_shutter_is_open(tmp_path):
-    """Its electrons are added to those of the light, however much of that reaches a pixel; without shot noise, exactly."""
+    """Its electrons are added to those of the light, whatever the vignetting; exactly where none are shot."""
     root = exposed_for(tmp_path / "d", 0.02)
     model = {"electrons_per_radiance": 1e5, "shot_noise": False, "bits": 16, "vignetting": {"kind": "cos4"}}
     dark, light = (NoiseProfile(camera=model | more) for more in ({"dark_current_electrons_per_s": 5000.0}, {}))

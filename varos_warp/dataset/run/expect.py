@@ -3,6 +3,8 @@
 Right within a factor of two or three; `varos-warp plan` measures on the scene itself.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from varos_warp.scene.description import Scene
@@ -12,7 +14,9 @@ from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.launch import usable_cores
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.shutter import in_ns
-from varos_warp.sim.trajectory import Simulation
+
+if TYPE_CHECKING:
+    from varos_warp.sim.trajectory import Simulation
 
 BYTES = {"A": 4.0, "B": 5.0, "C": 0.6, "D": 0.6, "S": 0.05, "P": 4.0, "F": 12.0}
 """Of a pixel of each image type, PNG and EXR, in the template harbour_wall; F's EXR hardly compresses."""
@@ -32,7 +36,7 @@ MOST_FRAMES = 50
 """At which streaks are looked for."""
 
 
-def shutter_facts(scene: Scene, parts: list, simulation: Simulation) -> list[dict]:
+def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
     """Of each camera with a shutter ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px``, as plain types.
 
     The last two are how far what the middle of the image sees moves in it at most, of some frames, while a row is
@@ -47,7 +51,7 @@ def shutter_facts(scene: Scene, parts: list, simulation: Simulation) -> list[dic
     return found
 
 
-def _longest_moves_px(scene: Scene, parts: list, simulation: Simulation, camera: Camera, times_s: list[float]
+def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camera: Camera, times_s: list[float]
                       ) -> list[float]:
     """How far at most what the middle of an image sees moves in each of some times [px]."""
     from varos_warp.scene.geometry.ranging import ranges
