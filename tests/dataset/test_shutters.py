@@ -123,8 +123,8 @@ def test_frames_that_come_later_make_the_same_bytes(whole, tmp_path):
     out = made_with(tmp_path / "data", frames=slice(3, 5))
     assert np.array_equal(np.load(Dataset(out).layout.row_poses("M0")), rows.read(Dataset(whole))[3:5])
     assert validate(out, quiet=True).problems == []
-    made_with(out, frames=slice(0, 10, 2))
-    assert validate(out, quiet=True).problems == []
+    made_with(out, frames=slice(0, 10, 2), shard=(0, 2))
+    made_with(out, frames=slice(0, 10, 2), shard=(1, 2))
     made_with(out)
     assert tree(out) == tree(whole)
 
