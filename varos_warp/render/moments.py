@@ -7,7 +7,7 @@ import numpy as np
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records
-from varos_warp.scene.optics.shutter import STILL, instants, row_offsets_s
+from varos_warp.scene.optics.shutter import STILL, in_ns, instants, row_offsets_s
 
 Motion = Callable[[np.ndarray], np.ndarray]
 """Poses [N, 4, 4] of the vehicle at times from the frame's stamp, int64 [N] [ns] (`Simulation.motion`)."""
@@ -38,8 +38,3 @@ def poses_of_rows(view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> np.
     """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
     offset_s = row_offsets_s(view)
     return np.broadcast_to(T_w_v, (len(offset_s), 4, 4)) if motion is None else motion(in_ns(offset_s))
-
-
-def in_ns(seconds: np.ndarray) -> np.ndarray:
-    """Whole nanoseconds, int64."""
-    return np.rint(1e9 * seconds).astype(np.int64)

@@ -48,14 +48,14 @@ def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: n
     """The flow as `flow_of` has it, between images with a rolling shutter; ``eye`` is in world axes.
 
     Args:
-        model, points, rays, distance: As for `flow_of`, of a whole image [height, width].
+        model, points, rays, distance: As for `flow_of`.
         T_w_c: Pose of the camera for each row [height, 4, 4].
         T_w_next: And in the next frame.
     """
     T_c_w = np.linalg.inv(T_w_next)
-    row = points[..., 1]
+    row, T_here = points[..., 1], at_row(T_w_c, points[..., 1])
     for _ in range(MOST_TRIES):
-        found = flow_of(model, points, rays, distance, at_row(T_c_w, row) @ T_w_c[:, None])
+        found = flow_of(model, points, rays, distance, at_row(T_c_w, row) @ T_here)
         before, row = row, np.where(np.isfinite(found.flow[..., 1]), points[..., 1] + found.flow[..., 1], row)
         if np.abs(row - before).max() < CONVERGED:
             break
