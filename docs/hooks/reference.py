@@ -45,8 +45,9 @@ def scene_pages() -> dict[str, str]:
     root = json_schema()
     tops = [[f"[`{key}`]({key}.md)" if key in PAGES_OF_KEYS else f"`{key}`", *columns(entry)[1:]]
             for key in root["properties"] for entry in find_key(key)]
-    index = ("# Scene file: every key\n\nMade from the JSON Schema (`varos-warp schema`); `varos-warp schema KEY` says the "
-             "same of one key. A key without a default is required. Unknown keys are errors.\n\n" + table(HEADER, tops))
+    index = ("# Scene file: every key\n\nMade from the JSON Schema (`varos-warp schema`); `varos-warp schema KEY` says "
+             "the same of one key. Unknown keys are errors. Units: SI, angles in degrees in keys that end in `_deg`. "
+             "`absent` means: nothing, or what the key says.\n\n" + table(HEADER, tops))
     pages = {key: f"# `{key}`\n\n{own_words(key)}\n\n" + "\n".join(sections(key, key)) for key in PAGES_OF_KEYS}
     return {"scene/index.md": index, **{f"scene/{key}.md": text for key, text in pages.items()}}
 
@@ -75,7 +76,8 @@ def sections(key: str, page: str) -> list[str]:
     for block in blocks:
         kind = kind_of(block)
         names = [name for name in block["properties"] if name not in shared and not (kind and name in KIND_KEYS)]
-        parts.append(section(f"`{key}`: `{kind}`" if kind else f"Keys of `{key}`", block["description"], [block], names))
+        title = f"`{key}`: `{kind}`" if kind else f"Keys of `{key}`"
+        parts.append(section(title, block["description"], [block], names))
     inner = dict.fromkeys(name for block in blocks for name, schema in block["properties"].items()
                           if any(blocks_in(schema, json_schema())))
     for name in inner:
@@ -99,8 +101,8 @@ def section(title: str, text: str, blocks: list[dict], names: list[str]) -> str:
 def cli_page() -> str:
     """Every verb of ``varos-warp`` with its arguments and options."""
     group = typer.main.get_command(app)
-    return ("# Command line\n\nMade from the program; `varos-warp VERB --help` says the same. Exit status: 0 done; 2 bad "
-            "input or an invalid dataset, with one message; 1 a failure of our own; 130 interrupted. "
+    return ("# Command line\n\nMade from the program; `varos-warp VERB --help` says the same. Exit status: 0 done; 2 "
+            "bad input or an invalid dataset, with one message; 1 a failure of our own; 130 interrupted. "
             "`varos-warp --install-completion` sets up completion in your shell.\n\n"
             + "\n".join(verb_section(name, command) for name, command in group.commands.items()))
 
@@ -109,7 +111,8 @@ def verb_section(name: str, command) -> str:
     context = typer.Context(command)
     records = [param.get_help_record(context) for param in command.params]
     rows = [[code(words), cell(meaning)] for words, meaning in filter(None, records)]
-    return f"## `varos-warp {name}`\n\n{inspect.cleandoc(command.help or '')}\n\n" + table(["argument", "meaning"], rows)
+    words = inspect.cleandoc(command.help or "")
+    return f"## `varos-warp {name}`\n\n{words}\n\n" + table(["argument", "meaning"], rows)
 
 
 def api_page() -> str:
@@ -117,8 +120,8 @@ def api_page() -> str:
     homes = [f"{home}.{name}" for name, home in varos_warp._HOMES.items() if name != "Scene"]
     frames = [f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
-    return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; importing "
-            "it compiles nothing. `vw.Scene` is the [scene file](scene/index.md) as a pydantic model.\n\n"
+    return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; "
+            "importing it compiles nothing. `vw.Scene` is the [scene file](scene/index.md) as a pydantic model.\n\n"
             + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
             + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## Functions of one task\n\n"
             + "\n\n".join(f"::: {name}" for name in more) + "\n")
@@ -133,8 +136,8 @@ def dataset_page() -> str:
     with tempfile.TemporaryDirectory() as folder:
         write_readme(Layout.of(scene, folder), scene)
         text = (Path(folder) / "README.txt").read_text()
-    page = ["# README.txt of a dataset", "", "Every dataset has this file, with the numbers of its own scene; here those of "
-            "`examples/every_block`.", ""]
+    page = ["# README.txt of a dataset", "", "Every dataset has this file, with the numbers of its own scene; here those "
+            "of `examples/every_block`.", ""]
     for line in text.splitlines():
         heading = line[:3].isupper() and not line.startswith(" ")
         page += ["", f"## {line}", ""] if heading else [f"    {line}"]

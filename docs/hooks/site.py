@@ -18,7 +18,7 @@ LINK = re.compile(r"(!?\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)(#[^)\s]+)?(\))")
 
 
 def on_config(config):
-    """In ``nav``, ``"*"`` stands for the pages of docs/ that it does not name, and of pages in brackets those count that exist."""
+    """In ``nav``, ``"*"`` stands for the pages of docs/ that it does not name."""
     named = re.findall(r"[\w./]+\.md", str(config.nav))
     rest = sorted(path.name for path in (ROOT / "docs").glob("*.md") if path.name not in named)
     for section in config.nav:
