@@ -117,12 +117,13 @@ def verb_section(name: str, command) -> str:
 
 def api_page() -> str:
     """Directives for mkdocstrings: the public names, and what a frame holds."""
-    homes = [f"{home}.{name}" for name, home in varos_warp._HOMES.items() if name != "Scene"]
+    names = ("load_scene", "simulate", "plan_render", "FrameRenderer", "Dataset", "phase_function", "InputError")
+    homes = [f"{varos_warp._HOMES[name]}.{name}" for name in names]
     frames = [f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
     return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; "
             "importing it compiles nothing. `vw.Scene` is the [scene file](scene/index.md) as a pydantic model.\n\n"
-            + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
+            "## Names of `varos_warp`\n\n" + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
             + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## Functions of one task\n\n"
             + "\n\n".join(f"::: {name}" for name in more) + "\n")
 
@@ -136,8 +137,8 @@ def dataset_page() -> str:
     with tempfile.TemporaryDirectory() as folder:
         write_readme(Layout.of(scene, folder), scene)
         text = (Path(folder) / "README.txt").read_text()
-    page = ["# README.txt of a dataset", "", "Every dataset has this file, with the numbers of its own scene; here those "
-            "of `examples/every_block`.", ""]
+    page = ["# README.txt of a dataset", "", "Every dataset has this file, with the numbers of its own scene; "
+            "here those of `examples/every_block`.", ""]
     for line in text.splitlines():
         heading = line[:3].isupper() and not line.startswith(" ")
         page += ["", f"## {line}", ""] if heading else [f"    {line}"]

@@ -53,11 +53,17 @@ def on_page_markdown(markdown, page, config, files):
 
 UNIT = re.compile(r'<autoref (?![^>]*optional)[^>]*identifier="([^".]*)"[^>]*>([^<]*)</autoref>')
 """What mkdocs-autorefs makes of a shape before a unit, `[H, W] [m]`: a reference of Markdown."""
+NO_HEADER = re.compile(r"<thead>\s*<tr>(\s*<th[^>]*></th>)+\s*</tr>\s*</thead>")
 
 
 def on_page_content(html, page, config, files):
-    """Shapes and units of docstrings are no references."""
-    return UNIT.sub(r"[\2] [\1]", html)
+    """Shapes and units of docstrings are no references; screen readers meet no empty headers of tables."""
+    return re.sub("<th([^>]*)></th>", r"<td\1></td>", NO_HEADER.sub("", UNIT.sub(r"[\2] [\1]", html)))
+
+
+def on_post_page(output, page, config):
+    """The theme's search has no name for screen readers."""
+    return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
 
 
 def target(page: str, link: str) -> str:
