@@ -123,7 +123,8 @@ def api_page() -> str:
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
     return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; "
             "importing it compiles nothing. `vw.Scene` is the [scene file](scene/index.md) as a pydantic model.\n\n"
-            "## Names of `varos_warp`\n\n" + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
+            "## Names of `varos_warp`\n\n"
+            + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
             + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## Functions of one task\n\n"
             + "\n\n".join(f"::: {name}" for name in more) + "\n")
 

@@ -14,6 +14,9 @@ ROOT = reference.ROOT
 OUTSIDE = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md",
            "benchmarks/peers/README.md": "peers.md", "examples": "examples.md"}
 """Pages of the site that are not in docs/, by their path in the repository."""
+BOOST = {"start.md": 2, "dataset.md": 2, **dict.fromkeys(
+    ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4)}
+"""How much a page counts in the search, where that is not 1: what is looked up less often than it matches."""
 LINK = re.compile(r"(!?\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)(#[^)\s]+)?(\))")
 
 
@@ -37,13 +40,16 @@ def on_files(files, config):
     for page in [file for file in files if file.src_uri.endswith(".md")]:
         for link in LINK.finditer(page.content_string):
             path = target(page.src_uri, link[2])
-            if place(path).startswith("files/") and files.get_file_from_path(place(path)) is None:
+            if (ROOT / path).is_file() and place(path).startswith("files/") and files.get_file_from_path(
+                    place(path)) is None:
                 files.append(File.generated(config, place(path), abs_src_path=str(ROOT / path)))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Links of a repository become those of the site."""
+    """Links of a repository become those of the site; pages get their weight in the search."""
+    page.meta["search"] = {"boost": BOOST.get(page.file.src_uri, 1)}
+
     def moved(link):
         site = place(target(page.file.src_uri, link[2]))
         return f"{link[1]}{os.path.relpath(site, os.path.dirname(page.file.src_uri) or '.')}{link[3] or ''}{link[4]}"
