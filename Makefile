@@ -19,7 +19,7 @@ lint: $(VENV)/.installed-test
 # the site, in build/site: every link is checked
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(VENV)/.installed-docs
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/mkdocs build --strict
 
 # take over the summary of the last `make test`
 validation:

@@ -58,8 +58,8 @@ def test_the_reference_has_every_key_of_every_block(reference):
     text = "\n".join(reference.scene_pages().values())
     for name, block in {"Scene": json_schema(), **json_schema()["$defs"]}.items():
         for key, schema in block["properties"].items():
-            row = f"`{key}` | {reference.cell(schema['description'])} |"
-            assert row in text or f"[`{key}`]({key}.md) | {reference.cell(schema['description'])} |" in text or (
+            meaning = reference.cell(schema["description"])
+            assert f"`{key}` | {meaning} |" in text or f"[`{key}`](docs/scene/{key}.md) | {meaning} |" in text or (
                 key in KIND_KEYS and f"`: `{schema.get('const')}`" in text), (name, key)
 
 

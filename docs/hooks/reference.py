@@ -43,7 +43,7 @@ def table(header: list[str], rows: list[list[str]]) -> str:
 def scene_pages() -> dict[str, str]:
     """Pages ``scene/....md`` with every key of scene files, and ``scene/index.md``."""
     root = json_schema()
-    tops = [[f"[`{key}`]({key}.md)" if key in PAGES_OF_KEYS else f"`{key}`", *columns(entry)[1:]]
+    tops = [[f"[`{key}`](docs/scene/{key}.md)" if key in PAGES_OF_KEYS else f"`{key}`", *columns(entry)[1:]]
             for key in root["properties"] for entry in find_key(key)]
     index = ("# Scene file: every key\n\nMade from the JSON Schema (`varos-warp schema`); `varos-warp schema KEY` says "
              "the same of one key. Unknown keys are errors. Units: SI, angles in degrees in keys that end in `_deg`. "
@@ -83,7 +83,7 @@ def sections(key: str, page: str) -> list[str]:
     for name in inner:
         path = f"{key}.{name}"
         if path in PAGES_OF_KEYS:
-            parts.append(f"## `{path}`\n\nHas [a page of its own]({path}.md).\n")
+            parts.append(f"## `{path}`\n\nHas [a page of its own](docs/scene/{path}.md).\n")
         else:
             parts += sections(path, page)
     return parts
@@ -122,7 +122,8 @@ def api_page() -> str:
     frames = [f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
     return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; "
-            "importing it compiles nothing. `vw.Scene` is the [scene file](scene/index.md) as a pydantic model.\n\n"
+            "importing it compiles nothing. `vw.Scene` is the [scene file](docs/scene/index.md) as a pydantic model."
+            "\n\n"
             "## Names of `varos_warp`\n\n"
             + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
             + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## Functions of one task\n\n"

@@ -73,12 +73,10 @@ def on_post_page(output, page, config):
 
 
 def target(page: str, link: str) -> str:
-    """Path in the repository of what a page of the site links to; of pages made here, links begin at the root."""
-    origin = next((path for path, site in OUTSIDE.items() if site == page), None)
-    if origin is None and not (ROOT / "docs" / page).exists():
-        origin = f"docs/{page}" if link.endswith(".md") and not link.startswith("docs/") else "page"
-    folder = PurePosixPath(origin or f"docs/{page}").parent
-    return os.path.normpath(folder / link)
+    """Path in the repository of what a page of the site links to; links of pages made here begin at its root."""
+    origin = next((path for path, site in OUTSIDE.items() if site == page), f"docs/{page}")
+    folder = PurePosixPath(origin).parent if (ROOT / origin).exists() else ""
+    return os.path.normpath(os.path.join(folder, link))
 
 
 def place(path: str) -> str:
@@ -87,6 +85,6 @@ def place(path: str) -> str:
         return OUTSIDE[path]
     if path.startswith("docs/"):
         return path.removeprefix("docs/")
-    if path.startswith("examples/") and "." not in PurePosixPath(path).suffix.replace(".yaml", ""):
+    if path.startswith("examples/") and PurePosixPath(path).suffix in ("", ".yaml"):
         return OUTSIDE["examples"]
     return f"files/{path}"
