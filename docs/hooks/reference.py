@@ -104,7 +104,7 @@ def cli_page() -> str:
     return ("# Command line\n\nMade from the program; `varos-warp VERB --help` says the same. Exit status: 0 done; 2 "
             "bad input or an invalid dataset, with one message; 1 a failure of our own; 130 interrupted. "
             "`varos-warp --install-completion` sets up completion in your shell.\n\n"
-            + "\n".join(verb_section(name, command) for name, command in group.commands.items()))
+            + "\n".join(verb_section(name, command) for name, command in sorted(group.commands.items())))
 
 
 def verb_section(name: str, command) -> str:
