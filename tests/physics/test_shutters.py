@@ -196,6 +196,18 @@ def test_the_flow_between_rolling_shutters_is_that_of_a_point_seen_when_its_row_
     assert not F.occluded[inside].any()
 
 
+def test_a_camera_in_the_world_sees_no_flow_through_a_rolling_shutter():
+    """Nor between it and one like it on the vehicle, but that of the pair."""
+    scene, motion = scene_of({"readout_s": 0.05}), steady((2.0, 0.0, 1.0))
+    rig = scene.vehicle.cameras[0]
+    world = rig.model_copy(update={"mount": "world"})
+    renderer = FrameRenderer(scene, "cpu", parts=room())
+    how = {"outputs": "F", "T_w_v_next": np.eye(4), "motion": motion}
+    assert not np.abs(renderer.render(np.eye(4), world, **how, motion_next=motion).F.flow).max() > 1e-4
+    pair = renderer.render(np.eye(4), rig, camera_next=world, **how, motion_next=motion).F
+    np.testing.assert_array_equal(pair.flow, renderer.render(np.eye(4), rig, **how).F.flow)  # the same that stands still
+
+
 def test_flow_is_not_told_where_the_image_moves_as_fast_as_rows_are_read():
     """Up by 1.4 rows while one is read: where a point will be is not found, and not made up."""
     around = steady((0.0, 0.0, -60.0))
