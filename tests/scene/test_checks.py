@@ -164,7 +164,8 @@ def test_missing_and_backward_lights_are_noticed():
 
 def test_a_strobe_that_no_shutter_sees_is_told():
     """Of each camera: a global shutter, a rolling one, and an instant."""
-    cameras = [{"id": "M0", "shutter": {"exposure_s": 0.01}}, {"id": "L0", "shutter": {"readout_s": 0.02}}, {"id": "R0"}]
+    cameras = [{"id": "M0", "shutter": {"exposure_s": 0.01}}, {"id": "L0", "shutter": {"readout_s": 0.02}},
+               {"id": "R0"}]
 
     def told(**strobe):
         return [text for text in warnings(vehicle={"lights": [{"kind": "point", "strobe": strobe}], "cameras": cameras})
