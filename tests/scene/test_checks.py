@@ -162,21 +162,6 @@ def test_missing_and_backward_lights_are_noticed():
     assert "backwards" in warnings(vehicle={"lights": [{"direction": [0, -1, 0]}]})[0]
 
 
-def test_a_strobe_that_no_shutter_sees_is_told():
-    """Of each camera: a global shutter, a rolling one, and an instant."""
-    cameras = [{"id": "M0", "shutter": {"exposure_s": 0.01}}, {"id": "L0", "shutter": {"readout_s": 0.02}},
-               {"id": "R0"}]
-
-    def told(**strobe):
-        return [text for text in warnings(vehicle={"lights": [{"kind": "point", "strobe": strobe}], "cameras": cameras})
-                if "strobe" in text]
-
-    assert told(on_s=0.002) == []
-    assert told(on_s=0.002, delay_s=0.03)[0].endswith("M0, L0, R0")
-    assert told(on_s=0.002, delay_s=0.004)[0].endswith("of R0")
-    assert told(on_s=0.002, delay_s=-0.008)[0].endswith("of M0, R0")
-
-
 @pytest.mark.parametrize(("camera", "says"), [
     ({"resolution": [1280, 960]}, "not square"),
     ({"focal_mm": 0.5}, "field of view"), ({"focal_mm": 90}, "field of view"),

@@ -16,7 +16,6 @@ from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.named_files import check_textures
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.scene.optics.shutter import instants, on_share
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
@@ -225,9 +224,6 @@ def _check_lights(scene, poses):
                             "way; light and camera are taken to be in water everywhere")
         if light.kind != "point" and light.direction[1] < 0.0:
             warnings.append(f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)")
-        unlit = [camera.id for camera in scene.vehicle.cameras if not np.any(on_share(light.strobe, instants(camera)))]
-        if unlit:
-            warnings.append(f"vehicle.lights.{i}.strobe: never shines while the shutter is open of {', '.join(unlit)}")
     return warnings
 
 
