@@ -2,17 +2,21 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from rig import TURBID, spot
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from test_lens import rectangle
 
 from tests.chance import ALPHA
+from varos_warp.kernels.transport.moments import Moments, instant_of_row
+from varos_warp.kernels.world.camera import Camera
 from varos_warp.render.moments import poses_of_rows
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.shutter import Strobe
 from varos_warp.scene.frames import transform
-from varos_warp.scene.optics.shutter import instants, on_share
+from varos_warp.scene.optics.shutter import instants, on_share, open_ns, row_offsets_s
 
 pytestmark = pytest.mark.subject("camera")
 
@@ -140,6 +144,39 @@ def test_rows_are_exposed_one_after_another_about_the_time_stamp():
     assert when.length_s <= max(0.011 / 512, 0.031 / 4096)
 
 
+@wp.kernel(enable_backward=False)
+def number_instants(moments: Moments, shares: wp.array(dtype=float), number: wp.array2d(dtype=int)):
+    row, k = wp.tid()
+    number[row, k] = instant_of_row(moments, row, shares[k])
+
+
+@pytest.mark.parametrize(("exposure", "readout", "rows"), [
+    (0.02, 0.02, 720), (0.04, 0.01, 720), (0.011, 0.02, 32), (1e-4, 0.03, 480), (1e-6, 0.02, 16384), (0.0, 0.02, 720)])
+def test_every_row_is_exposed_about_its_own_time(exposure, readout, rows):
+    """The mean over its samples, whether an instant stands for more or less than a row takes; and none is too late."""
+    view = {"resolution": [1, rows], "shutter": {"exposure_s": exposure, "readout_s": readout}}
+    camera = Scene(vehicle={"cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]}).vehicle.cameras[0]
+    when, moments = instants(camera), Moments()
+    moments.cameras = wp.zeros(len(when.offset_s), dtype=Camera, device="cpu")
+    moments.per_row, moments.open = when.per_row, when.open
+    shares = wp.array((np.arange(4096) + 0.5) / 4096, dtype=float, device="cpu")
+    number = wp.zeros((rows, 4096), dtype=int, device="cpu")
+    wp.launch(number_instants, number.shape, [moments, shares], [number], device="cpu")
+    late = when.offset_s[number.numpy()].mean(axis=1) - row_offsets_s(camera)
+    # of a part that is exposed by a share s, the middle is off by (1 - s) / 2; and shares are 4096
+    assert np.abs(late).max() <= when.length_s / 8 / max(when.open, 1.0) + exposure / 8192 + 1e-12
+    assert np.rint(1e9 * when.offset_s.max()) <= open_ns([camera])
+
+
+def test_a_row_that_is_open_for_less_than_a_part_sees_a_flash_or_not():
+    """Rows of 0.6 ms, open for 1 us: a flash as long lights one row, or none if it falls between two."""
+    camera = scene_of({"exposure_s": 1e-6, "readout_s": 0.02}).vehicle.cameras[0]
+    when, line = instants(camera), 0.02 / SIZE[1]
+    for delay, lit in ((0.5 * line, [1.0]), (0.0, []), (0.5 * line + 0.5e-6, [0.5])):
+        share = on_share(Strobe(on_s=1e-6, delay_s=delay), when)
+        np.testing.assert_allclose(share[share > 1e-9], lit, rtol=1e-6)
+
+
 @pytest.mark.parametrize("speed", [(0.9, 0.0), (0.0, 0.6), (0.5, -0.8)])
 def test_the_flow_between_rolling_shutters_is_that_of_a_point_seen_when_its_row_is(truth, speed):
     """Before a wall at 3 m: f v dt / Z, with dt from the row where a point is to the row where it comes to be."""
@@ -157,6 +194,30 @@ def test_the_flow_between_rolling_shutters_is_that_of_a_point_seen_when_its_row_
     truth(f"flow between rolling shutters [px], {speed} m/s", source="v dt f / Z, dt by row", tolerance=2e-4,
           expected=np.broadcast_to(image_speed * dt, got.shape), got=got, reason="float32 rounding of D")
     assert not F.occluded[inside].any()
+
+
+def test_a_camera_in_the_world_sees_no_flow_through_a_rolling_shutter():
+    """Nor between it and one like it on the vehicle, but that of the pair."""
+    scene, motion = scene_of({"readout_s": 0.05}), steady((2.0, 0.0, 1.0))
+    rig = scene.vehicle.cameras[0]
+    world = rig.model_copy(update={"mount": "world"})
+    renderer = FrameRenderer(scene, "cpu", parts=room())
+    how = {"outputs": "F", "T_w_v_next": np.eye(4), "motion": motion}
+    assert not np.abs(renderer.render(np.eye(4), world, **how, motion_next=motion).F.flow).max() > 1e-4
+    pair = renderer.render(np.eye(4), rig, camera_next=world, **how, motion_next=motion).F
+    still = renderer.render(np.eye(4), rig, **how).F  # after which the vehicle stands still
+    np.testing.assert_array_equal(pair.flow, still.flow)
+
+
+def test_flow_is_not_told_where_the_image_moves_as_fast_as_rows_are_read():
+    """Up by 1.4 rows while one is read: where a point will be is not found, and not made up."""
+    around = steady((0.0, 0.0, -60.0))
+    renderer = FrameRenderer(scene_of({"readout_s": 0.06}), "cpu",
+                             parts=[rectangle((-30, 3, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")])
+    F = renderer.render(np.eye(4), outputs="F", T_w_v_next=around(np.array([10_000_000]))[0], motion=around,
+                        motion_next=lambda ns: around(ns + 10_000_000)).F
+    assert np.isnan(F.flow[8:-8]).all()
+    assert not F.occluded[8:-8].any()
 
 
 # ------------------------------------------------------------------------------------------------------------- strobes
@@ -201,6 +262,17 @@ def test_a_strobe_and_a_rolling_shutter_make_a_band():
     np.testing.assert_allclose(lit, expected * plain.radiance[..., 1].sum(1), atol=4.5 * error.max())
     assert not lit[expected == 0.0].any()
     assert share.max() == pytest.approx(1.0)
+
+
+def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
+    """Of a camera with nothing but a shutter; whether or not A is rendered with it."""
+    renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())
+    how = {"spp": 2, "integrator": "path", "layers": ("direct",)}
+    moving = renderer.render(np.eye(4), outputs="AP", motion=steady((1, 0, 0)), **how)
+    still = renderer.render(np.eye(4), outputs="AP", **how)
+    assert np.array_equal(moving.P.radiance, still.A.radiance)
+    assert np.array_equal(still.P.radiance, still.A.radiance)
+    assert not np.array_equal(moving.P.radiance, moving.A.radiance)
 
 
 def test_the_field_is_not_for_strobes():

@@ -88,6 +88,22 @@ def test_beyond_its_ends_nothing_is_known(time_ns):
         coning(times_ns(11, 10.0)).at([time_ns])
 
 
+def test_before_its_start_a_motion_goes_on_with_its_first_accelerations():
+    """Long before too, after more than half a turn; and from the start on it is as it is."""
+    rows, w = times_ns(5, 200.0), np.array([0.0, 0.0, 2.0])
+    t, still = 1e-9 * rows[:, None], np.zeros((5, 3))
+    v, a = np.array([0.5, 0.0, 0.1]), np.array([0.0, 0.2, 0.0])
+    q = Rotation.from_rotvec(t * w).as_quat(canonical=True, scalar_first=True)
+    motion = Trajectory(rows, t * v + t**2 / 2 * a, v + t * a, still + a, q, still + w, still)
+    time_ns = np.array([-30_000_000_000, -1_700_000_000, -1, 0, 7_000_000])
+    made, t = motion.from_before(time_ns), 1e-9 * time_ns[:, None]
+    np.testing.assert_allclose(made.position, t * v + t**2 / 2 * a, rtol=1e-12)
+    np.testing.assert_allclose(made.velocity, v + t * a, rtol=1e-12)
+    assert (made.rotation().inv() * Rotation.from_rotvec(t * w)).magnitude().max() < 1e-12
+    for got, expected in zip(motion.from_before(rows)._columns(), motion._columns(), strict=True):
+        assert np.array_equal(got, expected)
+
+
 def test_one_time_is_a_motion_of_one_row_and_seconds_are_refused():
     motion = coning(times_ns(11, 10.0))
     np.testing.assert_array_equal(motion.at(123_456_789).poses(), motion.at([123_456_789]).poses())

@@ -146,7 +146,8 @@ class FrameRenderer:
         images: dict[str, Any] = {}
         for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
                                           ("P", water, self._twin(view), None)):
-            if letter == "P" and "P" in outputs and "A" in images and seen == view:
+            sharp = motion is None or view.shutter is None
+            if letter == "P" and "P" in outputs and "A" in images and seen == view and sharp:
                 images["P"] = images["A"]
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)

@@ -206,7 +206,7 @@ def camera_records(camera: Camera, T_w_v: np.ndarray, origin, device: str, *, pi
     """`camera_record` for poses [N, 4, 4] of the vehicle, as an array on a device."""
     record = wp.array([camera_record(camera, T_w_v[0], origin, pinhole=pinhole)], dtype=CameraData, device="cpu")
     records = np.repeat(record.numpy(), len(T_w_v))
-    T_w_c = np.broadcast_to(camera_pose(camera, T_w_v), (len(T_w_v), 4, 4))
+    T_w_c = camera_pose(camera, T_w_v)
     records["position"] = T_w_c[:, :3, 3] - origin
     for axis, name in enumerate(("right", "down", "forward")):
         records[name] = T_w_c[:, :3, axis]

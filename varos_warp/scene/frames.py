@@ -87,9 +87,9 @@ def pose_matrix(pose) -> np.ndarray:
 
 
 def camera_pose(camera, T_w_v: np.ndarray) -> np.ndarray:
-    """T_w_c of a scene's camera block, on the vehicle at ``T_w_v`` or standing in the world."""
+    """T_w_c of a scene's camera block, on the vehicle at ``T_w_v`` [..., 4, 4] or standing in the world; as many."""
     T_mount_c = pose_matrix(camera) @ transform(R_V_C)
-    return T_mount_c if camera.mount == "world" else T_w_v @ T_mount_c
+    return np.broadcast_to(T_mount_c, T_w_v.shape) if camera.mount == "world" else T_w_v @ T_mount_c
 
 
 def intrinsics(camera) -> np.ndarray:

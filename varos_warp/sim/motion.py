@@ -81,8 +81,13 @@ class Trajectory:
 
     def from_before(self, time_ns: np.ndarray) -> "Trajectory":
         """The motion as `at` has it, and before the first row with the accelerations of that row."""
-        early = self.time_ns[0] - min(int(np.min(time_ns)), int(self.time_ns[0]))
-        return _with_start(self, early).at(time_ns) if early else self.at(time_ns)
+        there = self.at(np.maximum(time_ns, self.time_ns[0]))
+        early = np.flatnonzero(time_ns < self.time_ns[0])
+        if early.size:
+            before = _before(self.rows(slice(1)), time_ns[early])
+            for mine, theirs in zip(there._columns(), before._columns(), strict=True):
+                mine[early] = theirs
+        return there
 
     def _columns(self) -> Iterator[np.ndarray]:
         return (getattr(self, field.name) for field in fields(self))
@@ -92,16 +97,15 @@ class Trajectory:
         return Trajectory(*(column[index] for column in self._columns()))
 
 
-def _with_start(motion: Trajectory, early_ns: int) -> Trajectory:
-    """A motion with one more row so long before the first."""
-    first, t = motion.rows(slice(1)), 1e-9 * early_ns
-    turned = t * first.angular_velocity - t**2 / 2 * first.angular_acceleration
-    start = Trajectory(first.time_ns - early_ns,
-                       first.position - t * first.velocity + t**2 / 2 * first.acceleration,
-                       first.velocity - t * first.acceleration, first.acceleration,
-                       (first.rotation() * Rotation.from_rotvec(-turned)).as_quat(scalar_first=True),
-                       first.angular_velocity - t * first.angular_acceleration, first.angular_acceleration)
-    return Trajectory(*(np.concatenate(columns) for columns in zip(start._columns(), motion._columns(), strict=True)))
+def _before(first: Trajectory, time_ns: np.ndarray) -> Trajectory:
+    """The motion at times [N] before its first row, with the accelerations of that row."""
+    t = 1e-9 * (time_ns - first.time_ns)[:, None]
+    R = first.rotation() * Rotation.from_rotvec(t * first.angular_velocity + t**2 / 2 * first.angular_acceleration)
+    return Trajectory(time_ns, first.position + t * first.velocity + t**2 / 2 * first.acceleration,
+                      first.velocity + t * first.acceleration, np.tile(first.acceleration, (len(t), 1)),
+                      R.as_quat(canonical=True, scalar_first=True),
+                      first.angular_velocity + t * first.angular_acceleration,
+                      np.tile(first.angular_acceleration, (len(t), 1)))
 
 
 def _between(start: Trajectory, end: Trajectory, time_ns: np.ndarray) -> Trajectory:

@@ -27,9 +27,9 @@ class Moments:
     """[instant * places + place, light]"""
     places: int
     per_row: float
-    """Instants between the beginnings of the exposures of one row and the next; 0 for a global shutter."""
+    """Instants from the beginning of one row's exposure to that of the next: whole if over 1; 0: a global shutter."""
     open: float
-    """Length of a row's exposure, in instants."""
+    """Length of a row's exposure, in instants; 0: it is one instant."""
 
 
 @wp.struct
@@ -43,8 +43,7 @@ class Moment:
 @wp.func
 def instant_of_row(moments: Moments, row: int, u: float):
     """Number of the instant at a share ``u`` of a row's exposure."""
-    start = wp.floor(float(row) * moments.per_row + 1.0e-3)  # whole but for rounding where rows are apart
-    return wp.min(int(start + u * moments.open), moments.cameras.shape[0] - 1)
+    return wp.min(int(float(row) * moments.per_row + u * moments.open), moments.cameras.shape[0] - 1)
 
 
 @wp.func

@@ -41,6 +41,8 @@ def flow_of(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.nda
 CONVERGED = 1e-6
 """Rows; to find the row at which a moving camera sees a point, which tells when, and so where, it sees it."""
 MOST_TRIES = 50
+LOST = 1e-3
+"""Rows; of a point for which these tries differ by more from each other, there is no flow."""
 
 
 def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,
@@ -60,7 +62,9 @@ def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: n
         if np.abs(row - before).max() < CONVERGED:
             break
     T = at_row(T_w_next, row)
-    return found._replace(eye=np.einsum("...ij,...j", T[..., :3, :3], found.eye) + T[..., :3, 3])
+    eye = np.einsum("...ij,...j", T[..., :3, :3], found.eye) + T[..., :3, 3]
+    flow, eye = (np.where(np.abs(row - before)[..., None] > LOST, np.nan, of_pixels) for of_pixels in (found.flow, eye))
+    return found._replace(flow=flow, eye=eye)
 
 
 def at_row(T: np.ndarray, row: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 MOST_INSTANTS = 512
 """Of an exposure: a streak has no steps until it is longer than so many pixels."""
 MOST_IN_ALL = 4096
-"""Of exposure and readout together, where rows allow."""
+"""Of exposure and readout together; of exposures shorter than that, as many as there are rows."""
 
 
 class Instants(NamedTuple):
@@ -20,7 +20,7 @@ class Instants(NamedTuple):
     per_row: float
     """Instants between the beginnings of the exposures of one row and the next."""
     open: float
-    """Length of a row's exposure, in instants."""
+    """Length of a row's exposure, in instants; 0: it is one instant."""
     share: float = 1.0
     """Of the exposure, which the instants cover: elsewhere no light is on."""
 
@@ -63,16 +63,17 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
         length = (end - begin) / MOST_INSTANTS
         return Instants(begin + (np.arange(MOST_INSTANTS) + 0.5) * length, length, 0.0, float(MOST_INSTANTS),
                         (end - begin) / exposure)
-    line = readout / rows
     length = max(exposure / MOST_INSTANTS, (exposure + readout) / MOST_IN_ALL)
-    if length < line:
-        length = line / np.ceil(line / length)  # rows begin with an instant
-    else:
-        length = length if exposure else line
-    per_row, opened = line / length, exposure / length
-    count = int(np.ceil((rows - 1) * per_row)) + max(1, int(np.ceil(opened)))
-    first = row_offsets_s(camera)[0] - 0.5 * exposure + 0.5 * min(length, exposure)
-    return Instants(first + np.arange(count) * length, length, per_row, opened)
+    if exposure <= length:
+        return Instants(row_offsets_s(camera), exposure, 1.0, 0.0)  # one to a row
+    per_row = readout / rows / length
+    if per_row > 1.0:  # then rows begin with an instant
+        per_row = float(np.ceil(per_row))
+        length = readout / rows / per_row
+    closed = 0.5 * exposure - row_offsets_s(camera)[0]
+    count = int(np.ceil((rows - 1) * per_row + exposure / length))
+    middles = (np.arange(count) + 0.5) * length - closed
+    return Instants(np.minimum(middles, closed), length, per_row, exposure / length)
 
 
 def _lit(begin: float, end: float, lights: Any) -> tuple[float, float]:
