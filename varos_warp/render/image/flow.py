@@ -1,5 +1,6 @@
 """Optical flow: where a camera sees again, from its next place, what it sees now."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,19 +44,42 @@ CONVERGED = 1e-6
 MOST_TRIES = 50
 
 
+class MovingPart(NamedTuple):
+    """An object that moves, in an image."""
+
+    seen: np.ndarray
+    """bool [height, width]: where it is."""
+    T_w_o: np.ndarray
+    """Its pose for each row [height, 4, 4], or for all [1, 4, 4]."""
+    T_w_next: np.ndarray
+    """And in the next frame."""
+
+
 def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,
-                 T_w_next: np.ndarray) -> Moved:
-    """The flow as `flow_of` has it, between images with a rolling shutter; ``eye`` is in world axes.
+                 T_w_next: np.ndarray, moving: Sequence[MovingPart] = ()) -> Moved:
+    """The flow as `flow_of` has it, between images with a rolling shutter or of a world in which objects move.
 
     Args:
         model, points, rays, distance: As for `flow_of`, of a whole image [height, width].
         T_w_c: Pose of the camera for each row [height, 4, 4].
         T_w_next: And in the next frame.
+        moving: The objects.
+
+    Returns:
+        ``eye`` is in world axes.
     """
+    T_start = np.repeat(T_w_c[:, None], points.shape[1], axis=1)
+    for part in moving:
+        # what a pixel of the object sees, in its axes
+        rows = np.nonzero(part.seen)[0]
+        T_start[part.seen] = np.linalg.inv(at_row(part.T_w_o, rows + 0.5)) @ T_start[part.seen]
     T_c_w = np.linalg.inv(T_w_next)
     row = points[..., 1]
     for _ in range(MOST_TRIES):
-        found = flow_of(model, points, rays, distance, at_row(T_c_w, row) @ T_w_c[:, None])
+        T_end = at_row(T_c_w, row)
+        for part in moving:
+            T_end[part.seen] = T_end[part.seen] @ at_row(part.T_w_next, row[part.seen])
+        found = flow_of(model, points, rays, distance, T_end @ T_start)
         before, row = row, np.where(np.isfinite(found.flow[..., 1]), points[..., 1] + found.flow[..., 1], row)
         if np.abs(row - before).max() < CONVERGED:
             break
