@@ -1,4 +1,4 @@
-"""What differs from sample to sample of an image, as kernels get it: camera, lights, objects at instants of exposure."""
+"""What differs from sample to sample of an image, as kernels get it: camera, lights and objects by instant."""
 
 from collections.abc import Callable, Sequence
 

@@ -64,6 +64,11 @@ class Exposed(NamedTuple):
         """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
         return poses_of_rows(self.view, self.T_w_v, self.motion)
 
+    def cameras_of_rows(self) -> np.ndarray:
+        """And of the camera [H, 4, 4]."""
+        poses = self.poses_of_rows()
+        return np.broadcast_to(camera_pose(self.view, poses), poses.shape)
+
     def row_times(self) -> np.ndarray:
         """Middles of the exposures of the rows from the frame's time, int64 [H] [ns]; of one instant, [1]."""
         return in_ns(row_offsets_s(self.view)) if self.rolls else np.zeros(1, np.int64)
@@ -268,8 +273,8 @@ class FrameRenderer:
         view = here.view
         before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
         if here.rolls or following.rolls or self.world.moving:
-            moved = flow_by_rows(*before, *(camera_pose(at.view, at.poses_of_rows()) for at in (here, following)),
-                                 self._moving_parts(here, following, parts))
+            T_w_c, T_w_next = (at.cameras_of_rows() for at in (here, following))
+            moved = flow_by_rows(*before, T_w_c, T_w_next, self._moving_parts(here, following, parts))
             eye = moved.eye
         else:
             T_w_next = camera_pose(following.view, following.T_w_v)
@@ -292,7 +297,8 @@ class FrameRenderer:
 
     def _moving_parts(self, here: Exposed, following: Exposed, parts: np.ndarray | None) -> list[MovingPart]:
         """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
-        T_w_o, T_w_next = (at.world.poses(at.row_times()).swapaxes(0, 1) if self.world.moving else ()
-                           for at in (here, following))
+        if parts is None:
+            return []
+        now, then = (at.world.poses(at.row_times()) for at in (here, following))
         numbers = [self.world.part_names.index(part.name) + 1 for part in self.world.moving]
-        return [MovingPart(parts == number, *poses) for number, *poses in zip(numbers, T_w_o, T_w_next, strict=True)]
+        return [MovingPart(np.equal(parts, number), now[:, k], then[:, k]) for k, number in enumerate(numbers)]

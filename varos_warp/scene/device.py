@@ -114,7 +114,7 @@ class DeviceScene:
         return self._array(self._placed(self.poses(offset_ns)), InstanceData)
 
     def _upload_geometry(self, parts: list[Part | Instances]):
-        """One mesh of what stands still in world axes, one of each instanced mesh in its own; arrays per face hold all."""
+        """One mesh of what stands still, one of each instanced mesh in its own axes; arrays per face of all."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
         self.part_names = [part.name for part in single]

@@ -57,7 +57,7 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
 
 
 def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
-    """Poses T_w_o [N, 4, 4] of an object on its path at times int64 [N] [ns], also before the first and after the last."""
+    """Poses T_w_o [N, 4, 4] of an object on its path at times int64 [N] [ns], also before the first stop."""
     columns = at_ticks(stops, np.asarray(time_ns) / TICK_NS)
     T = np.tile(np.eye(4), (len(time_ns), 1, 1))
     T[:, :3, :3] = Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix()

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.validate.moving import motions
 from varos_warp.render.image.flow import Moved, flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import DEPTH_LEVELS
@@ -26,7 +27,13 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
     row, col = row[inside], col[inside]
     if T_w_next is None or not row.size:
         return
-    T = inverse(T_w_next) @ data.T_w_c(frame, camera)
+    if data.moving and "S" not in data.outputs:
+        return  # whose pixels are whose is not known
+    T_w_c, T_next_w = data.T_w_c(frame, camera), inverse(T_w_next)
+    T = np.tile(T_next_w @ T_w_c, (len(row), 1, 1)) if data.moving else T_next_w @ T_w_c
+    numbers = data.pixels("S", frame, camera)[row, col] if data.moving else np.zeros(0)
+    for number, motion in motions(data, frame).items():
+        T[numbers == number] = T_next_w @ motion @ T_w_c
     ends = [_moved(data, camera, T, row, col, levels[row, col] + offset) for offset in (-HALF_STEP, HALF_STEP)]
     for name, image, slack in (("flow", found.flow, SLACK_PX), ("motion", found.motion, SLACK_M)):
         values = np.stack([getattr(end, name) for end in ends])

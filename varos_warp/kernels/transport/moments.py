@@ -2,7 +2,8 @@
 
 While a shutter is open, the camera and the lights move with the vehicle, objects move, and strobes flash; and every
 point of a disk shines as a point light there would. A sample sees the camera, the lights and the objects of one instant
-and one place on the disks, so the image is the mean over all of them. Kernels are compiled for moments only where an image has them.
+and one place on the disks, so the image is the mean over all of them. Kernels are compiled for moments only where an
+image has them.
 """
 
 import warp as wp

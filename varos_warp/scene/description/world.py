@@ -98,8 +98,8 @@ class Movable(Placed):
 
     path: Annotated[list[Stop], Field(min_length=2)] | None = Field(default=None, examples=[[
         {"time_s": 0, "position": [2, 5, 1]}, {"time_s": 10, "position": [4, 5, 1]}]])
-    """Where the object is at times; splines pass through these stops, as through the poses of a vehicle. After the last it
-    brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
+    """Where the object is at times; splines pass through these stops, as through the poses of a vehicle. After the
+    last it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
 
     _written = unwritten_if_absent("path")
 
@@ -126,10 +126,12 @@ class Movable(Placed):
     @property
     def stops(self) -> list[Stop]:
         """The path, empty for none, with the object's own attitude at the first stop if that names none."""
-        first, *rest = self.path or [None]
-        if first is not None and first.look_at is None and first.rotation_euler_deg is None:
+        if not self.path:
+            return []
+        first, *rest = self.path
+        if first.look_at is None and first.rotation_euler_deg is None:
             first = first.model_copy(update={"rotation_euler_deg": self.rotation_euler_deg})
-        return [first, *rest] if first is not None else []
+        return [first, *rest]
 
 
 class Terrain(Placed):

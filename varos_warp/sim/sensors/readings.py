@@ -91,9 +91,9 @@ def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer
 
 
 def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dvl:
-    """Beams d of the sensor: range along d, of objects where they are at the time; velocity - d . R_sv (R_vw v + w x l).
+    """Beams d of the sensor: range along d to what is there at the time, velocity - d . R_sv (R_vw v + w x l).
 
-    What a beam meets counts as still for the velocity, also where it moves.
+    What a beam meets counts as still, also where it moves.
 
     Args:
         trajectory: Of the vehicle.

@@ -1,0 +1,61 @@
+"""Objects that move: their poses against their paths, and which pixels are theirs.
+
+What is held against other frames is only what stands still: pixels of these objects are left out, by S. Of a dataset
+without S nothing is then.
+"""
+
+import numpy as np
+
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.scene.description.world import Stop
+from varos_warp.scene.load import scene_from_dict
+from varos_warp.sim.clock import frame_time_ns
+from varos_warp.sim.poses import poses_along
+
+EPS = np.finfo(float).eps
+
+
+def paths(data: Dataset) -> dict[str, list[Stop]]:
+    """Stops of the paths of all objects that move, by key."""
+    if not data.moving:
+        return {}
+    blocks = scene_from_dict(data.meta["scene"]).objects
+    return {f"objects.{i}": block.stops for i, block in enumerate(blocks) if block.path}
+
+
+def check_moving(data: Dataset, result: Validation) -> None:
+    """Poses of objects that move are those of their paths at the times of the frames."""
+    known = paths(data)
+    for key in data.moving:
+        if key not in known:
+            result.add(f"dataset.json: moving names {key}, which has no path in the scene")
+            continue
+        (time_ns, T), path = data.poses(key), data.layout.poses(key, "transformation_matrix")
+        if not np.array_equal(time_ns, data.time_ns()):
+            result.add(f"{result.name(path)}: its times are not those of the frames")
+            continue
+        apart = T - poses_along(known[key], time_ns)
+        off, limit = np.abs(apart).max((1, 2)), 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
+        told = result.add_rows(path, "is not where its path has it", ~(off <= limit), apart[:, :3].reshape(-1, 12),
+                               range(1, 13))
+        result.measure(f"{key}: poses against its path", off.max(initial=0.0), limit, "m", told)
+
+
+def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.ndarray:
+    """Depth [H, W] of what stands still; infinite elsewhere, as where nothing is."""
+    if not data.moving:
+        return depth
+    if "S" not in data.outputs:
+        return np.full_like(depth, np.inf)
+    numbers = data.pixels("S", frame, camera)
+    seen = np.isin(numbers, [entry["id"] for entry in data.meta["moving"]])
+    return np.where(seen, np.inf, depth) if seen.shape == depth.shape else depth
+
+
+def motions(data: Dataset, frame: int) -> dict[int, np.ndarray]:
+    """How each object moves in the world from a frame to the next, T [4, 4], by its number in S."""
+    times = np.array([frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) for i in range(2)])
+    ids = {entry["key"]: entry["id"] for entry in data.meta.get("moving", ())}
+    poses = {ids[key]: poses_along(stops, times) for key, stops in paths(data).items()}
+    return {number: then @ np.linalg.inv(now) for number, (now, then) in poses.items()}
