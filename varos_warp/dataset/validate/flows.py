@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.moving import motions
+from varos_warp.dataset.validate.moving import motions, of_moving, rolls
 from varos_warp.render.image.flow import Moved, flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import DEPTH_LEVELS
@@ -24,11 +24,14 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
     T_w_next = data.next_T_w_c(frame, camera)
     row, col = (places[::EVERY, ::EVERY].ravel() for places in np.indices(levels.shape))
     inside = (levels[row, col] > 0) & (levels[row, col] < DEPTH_LEVELS)
+    if data.moving:
+        if "S" not in data.outputs:
+            return  # whose pixels are whose is not known
+        # of a rolling shutter, each row has what moves where it is at a time of its own
+        inside &= ~(of_moving(data, frame, camera)[row, col] & rolls(data, camera))
     row, col = row[inside], col[inside]
     if T_w_next is None or not row.size:
         return
-    if data.moving and "S" not in data.outputs:
-        return  # whose pixels are whose is not known
     T_w_c, T_next_w = data.T_w_c(frame, camera), inverse(T_w_next)
     T = np.tile(T_next_w @ T_w_c, (len(row), 1, 1)) if data.moving else T_next_w @ T_w_c
     numbers = data.pixels("S", frame, camera)[row, col] if data.moving else np.zeros(0)

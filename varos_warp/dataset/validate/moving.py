@@ -42,15 +42,25 @@ def check_moving(data: Dataset, result: Validation) -> None:
         result.measure(f"{key}: poses against its path", off.max(initial=0.0), limit, "m", told)
 
 
+def of_moving(data: Dataset, frame: int, camera: str) -> np.ndarray:
+    """Pixels of objects that move, bool [H, W], by S, which the dataset must have."""
+    return np.isin(data.pixels("S", frame, camera), [entry["id"] for entry in data.meta["moving"]])
+
+
 def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.ndarray:
     """Depth [H, W] of what stands still; infinite elsewhere, as where nothing is."""
     if not data.moving:
         return depth
     if "S" not in data.outputs:
         return np.full_like(depth, np.inf)
-    numbers = data.pixels("S", frame, camera)
-    seen = np.isin(numbers, [entry["id"] for entry in data.meta["moving"]])
+    seen = of_moving(data, frame, camera)
     return np.where(seen, np.inf, depth) if seen.shape == depth.shape else depth
+
+
+def rolls(data: Dataset, camera: str) -> bool:
+    """Whether a camera has a rolling shutter."""
+    views = {view["id"]: view for view in data.meta["scene"].get("vehicle", {}).get("cameras", ())}
+    return bool((views.get(camera, {}).get("shutter") or {}).get("readout_s"))
 
 
 def motions(data: Dataset, frame: int) -> dict[int, np.ndarray]:
