@@ -10,9 +10,10 @@ from test_shutters import FOCAL, SIZE, scene_of, steady
 
 from varos_warp.render.moments import in_ns
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene import device
 from varos_warp.scene.description.world import Rust, Stop
 from varos_warp.scene.frames import transform
-from varos_warp.scene.geometry.parts import Moving
+from varos_warp.scene.geometry.parts import Instances, Moving
 from varos_warp.scene.geometry.ranging import ranges
 from varos_warp.scene.optics.shutter import row_offsets_s
 from varos_warp.sim.poses import poses_along
@@ -60,6 +61,25 @@ def test_an_object_looks_as_if_it_stood_where_it_is(time_ns):
         mine, theirs = getattr(got, letter).radiance, getattr(still, letter).radiance
         off = (np.abs(mine - theirs) > 1e-3 * theirs.mean()).any(-1)
         assert off.mean() < 0.02
+
+
+def test_copies_beside_it_may_join_the_mesh(monkeypatch):
+    """As on a GPU: numbers, normals and colours are those of copies that do not."""
+    shape, T = rectangle((0, 0, 0), (0.2, 0, 0.05), (0, 0.1, 0.2), 0.6, "scatter.0"), np.tile(np.eye(4), (4, 1, 1))
+    T[:, :3, 3] = np.column_stack([np.linspace(-0.7, 0.5, 4), np.full(4, 1.0), np.full(4, 0.15)])
+    copies = Instances(shape.name, shape.vertices, shape.faces, shape.material, T_w_o=T)
+    made = []
+    for most in (0, 1 << 23):
+        monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", most)
+        renderer = FrameRenderer(scene_of(), "cpu", parts=[moving(plate(), (0.3, 0, 0), (0, 20, 0)), wall(), copies])
+        made.append(renderer.render(np.eye(4), outputs="BCDS", spp_b=2, time_ns=SECOND // 2))
+    apart, joined = made
+    assert set(np.unique(apart.S.instance)) == {1, 2, 3, 4, 5, 6}
+    same = apart.S.instance == joined.S.instance
+    assert same.mean() > 0.998
+    np.testing.assert_allclose(joined.C.normal[same], apart.C.normal[same], atol=1e-6)
+    np.testing.assert_allclose(joined.D.range[same], apart.D.range[same], atol=2e-6)
+    assert (np.abs(joined.B.radiance - apart.B.radiance) > 1e-3).any(-1).mean() < 0.02
 
 
 def test_a_pattern_moves_with_its_object():
