@@ -68,7 +68,7 @@ def test_a_sound_dataset_is_sound_since_pixels_that_move_are_left_out(made, monk
 
 
 @pytest.mark.parametrize(("what", "told"), [("pose", "is not where its path has it"), ("file", "there is no such file"),
-                                            ("flow", "does not follow from D")])
+                                            ("flow", "does not follow from D"), ("id", "but the scene lets")])
 def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
     out = tmp_path / "out"
     shutil.copytree(made, out)
@@ -80,6 +80,9 @@ def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
             lines = [line.split(",") for line in path.read_text().splitlines()]
             lines[2][lines[0].index("s_x_vw")] = "-0.25"
             path.write_text("\n".join(map(",".join, lines)) + "\n")
+    elif what == "id":
+        path, entry = out / "dataset.json", '"key": "objects.0",\n      "id": '
+        path.write_text(path.read_text().replace(f"{entry}2", f"{entry}3"))
     else:  # as if it stood still
         from varos_warp.dataset.validate import flows
 

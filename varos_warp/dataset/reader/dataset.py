@@ -325,7 +325,7 @@ class Dataset:
 
         ``meta["moving"]`` has their numbers in S and their boxes, too.
         """
-        return [entry["key"] for entry in self.meta.get("moving", ())]
+        return [entry["key"] for entry in self.meta.get("moving") or ()]
 
     def views(self, camera: str | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Times int64 [N] and T_w_c [N, 4, 4] of a camera at the frames; both are kept, so do not change them.

@@ -25,12 +25,14 @@ def paths(data: Dataset) -> dict[str, list[Stop]]:
 
 
 def check_moving(data: Dataset, result: Validation) -> None:
-    """Poses of objects that move are those of their paths at the times of the frames."""
-    known = paths(data)
+    """dataset.json names the objects that the scene lets move; their poses are those of their paths at the frames."""
+    scene = scene_from_dict(data.meta["scene"])
+    known = {f"objects.{i}": block.stops for i, block in enumerate(scene.objects) if block.path}
+    numbers = [[key, int(key.split(".")[1]) + 1 + (scene.terrain is not None)] for key in known]
+    if (named := [[entry["key"], entry["id"]] for entry in data.meta.get("moving") or ()]) != numbers:
+        result.add(f"dataset.json: moving names {named}, but the scene lets {numbers} move")
+        return
     for key in data.moving:
-        if key not in known:
-            result.add(f"dataset.json: moving names {key}, which has no path in the scene")
-            continue
         (time_ns, T), path = data.poses(key), data.layout.poses(key, "transformation_matrix")
         if not np.array_equal(time_ns, data.time_ns()):
             result.add(f"{result.name(path)}: its times are not those of the frames")
@@ -66,6 +68,6 @@ def rolls(data: Dataset, camera: str) -> bool:
 def motions(data: Dataset, frame: int) -> dict[int, np.ndarray]:
     """How each object moves in the world from a frame to the next, T [4, 4], by its number in S."""
     times = np.array([frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) for i in range(2)])
-    ids = {entry["key"]: entry["id"] for entry in data.meta.get("moving", ())}
+    ids = {entry["key"]: entry["id"] for entry in data.meta.get("moving") or ()}
     poses = {ids[key]: poses_along(stops, times) for key, stops in paths(data).items()}
     return {number: then @ np.linalg.inv(now) for number, (now, then) in poses.items()}
