@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test lint validation clean
+.PHONY: demo test lint docs validation clean
 
 demo: $(VENV)/.installed
 	$(BIN)/varos-warp demo -o demo
@@ -15,6 +15,11 @@ test: $(VENV)/.installed-test lint
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+# the site, in build/site: every link is checked
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(VENV)/.installed-docs
+	$(BIN)/mkdocs build --strict
 
 # take over the summary of the last `make test`
 validation:
@@ -29,6 +34,10 @@ $(VENV)/.installed: pyproject.toml
 $(VENV)/.installed-test: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable .[test]
 	$(BIN)/python -m pip install --quiet --no-deps nerfbaselines==1.2.12  # its loaders run with numpy 2, it asks for 1
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable .[docs]
 	touch $@
 
 clean:

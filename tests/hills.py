@@ -5,7 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import standins
 
+from varos_warp.render.image.flow import flow_by_rows
+from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.optics.camera import camera_model, pixel_centres
+from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
+
+EXPOSED = 5
+"""Instants of an exposure that B of `ShutterRenderer` is the mean of."""
 
 
 def height(x, y):
@@ -15,9 +22,10 @@ def height(x, y):
 def depth_of_hills(origin, rays):
     """Where rays [H, W, 3] meet the ground, in lengths of their vectors [H, W]; infinite for those that do not."""
     x, y, z = rays.reshape(-1, 3).T
+    start = np.broadcast_to(origin, rays.shape).reshape(-1, 3).T
 
     def above(t, at):
-        return origin[2] + t * z[at] - height(origin[0] + t * x[at], origin[1] + t * y[at])
+        return start[2, at] + t * z[at] - height(start[0, at] + t * x[at], start[1, at] + t * y[at])
 
     low, on = np.full(len(z), np.inf), np.arange(len(z))
     for step in np.arange(2.05, 12.0, 0.05):
@@ -43,16 +51,20 @@ class HillsRenderer(standins.FlatFloorRenderer):
         """Where the second object is seen, bool [H, W]."""
         return tone > 0.5
 
-    def render(self, T_w_v, camera, outputs, *, spp, frame, **_):
+    def pose(self, view, T_w_v, motion):
+        """From where rays start: [4, 4], or of each row [H, 1, 4, 4]."""
+        return camera_pose(view, T_w_v)
+
+    def render(self, T_w_v, camera, outputs, *, spp, frame, motion=None, **_):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
-        T, (width, rows) = camera_pose(view, T_w_v), view.resolution
+        T, (width, rows) = self.pose(view, T_w_v, motion), view.resolution
         col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(rows) + 0.5)
         ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(intrinsics(view)).T
-        world = ray @ T[:3, :3].T
+        world = np.einsum("...ij,...j", T[..., :3, :3], ray)
 
-        z = depth_of_hills(T[:3, 3], world)
+        z = depth_of_hills(T[..., :3, 3], world)
         found = np.isfinite(z)
-        point = np.where(found[..., None], world * np.where(found, z, 0)[..., None], 0.0) + T[:3, 3]
+        point = np.where(found[..., None], world * np.where(found, z, 0)[..., None], 0.0) + T[..., :3, 3]
         x, y, h = point[..., 0], point[..., 1], 1e-6
         n = np.stack([height(x - h, y) - height(x + h, y), height(x, y - h) - height(x, y + h),
                       np.full_like(x, 2 * h)], -1)
@@ -71,6 +83,30 @@ class HillsRenderer(standins.FlatFloorRenderer):
             "S": SimpleNamespace(instance=np.where(found, 1 + self.second(x, tone), 0).astype(np.int32),
                                  material=None)}
         return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
+
+
+class ShutterRenderer(HillsRenderer):
+    """B is the mean over the exposure; rows of a rolling shutter are of times of their own, between which F goes."""
+
+    def pose(self, view, T_w_v, motion):
+        T = camera_pose(view, motion(in_ns(row_offsets_s(view))))
+        return T[:, None] if is_rolling(view) else T[0]
+
+    def render(self, T_w_v, camera, outputs, *, motion, motion_next, **how):
+        view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        made = super().render(T_w_v, camera, outputs, motion=motion, **how)
+        exposure_ns = in_ns(view.shutter.exposure_s * (np.arange(EXPOSED) + 0.5 - EXPOSED / 2) / EXPOSED).tolist()
+        if "B" in outputs and any(exposure_ns):
+            made.B.radiance = np.mean([super(ShutterRenderer, self).render(
+                T_w_v, camera, "B", motion=lambda offset_ns, later=later: motion(offset_ns + later), **how).B.radiance
+                for later in exposure_ns], axis=0)
+        if "F" in outputs:
+            model, points = camera_model(view), pixel_centres(*view.resolution)
+            here, there = (camera_pose(view, moved(in_ns(row_offsets_s(view)))) for moved in (motion, motion_next))
+            moved = flow_by_rows(model, points, model.rays(points), made.D.range, here, there)
+            made.F = FlowImage(moved.flow.astype(np.float32), np.zeros(points.shape[:2], bool),
+                               moved.motion.astype(np.float32))
+        return made
 
 
 class SidesRenderer(HillsRenderer):

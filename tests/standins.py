@@ -12,6 +12,8 @@ from varos_warp.scene.description.optics import twin
 from varos_warp.scene.frames import camera_pose, inverse, pose_matrix
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
+from varos_warp.scene.optics.shutter import open_ns
+from varos_warp.sim.clock import TICK_NS
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.sensors.readings import measure_dvl, measure_field
 
@@ -45,7 +47,7 @@ def make_scene(render=None, **changes):
 def simulate(scene, parts=None, *, progress=None):
     """A vehicle that sways and turns, with closed forms for every derivative (world axes, small yaw only)."""
     seconds, rate = 1.0, 200
-    ticks = np.arange(int(seconds * rate) + 1)
+    ticks = np.arange(int(seconds * rate) + 1 + -(-open_ns(scene.vehicle.cameras) // TICK_NS))
     t = ticks / rate
     w = 2.0
     position = np.column_stack([0.3 * np.sin(w * t), 0.5 * t, 0.1 * np.cos(w * t)])
@@ -75,7 +77,8 @@ def simulate(scene, parts=None, *, progress=None):
     vehicle = scene.vehicle
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
-        trajectory=trajectory, frames=trajectory.at(time_ns[:-1:20]), imu=imu,
+        trajectory=trajectory, frames=trajectory.at(time_ns[:200:20]), imu=imu,
+        motion=lambda at_ns: lambda offset_ns: trajectory.from_before(at_ns + offset_ns).poses(),
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[],
         magnetometer=vehicle.magnetometer and measure_field(trajectory, vehicle.magnetometer),
         dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))

@@ -1,12 +1,16 @@
-"""Documents name what is there: links lead somewhere, and CONTRIBUTING names files that exist."""
+"""Documents name what is there: links lead somewhere, CONTRIBUTING names files, the reference has every key."""
 
+import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
+from varos_warp.cli import app
+from varos_warp.scene.schema import KIND_KEYS, json_schema
+
 ROOT = Path(__file__).parents[1]
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]
 
 
 def anchor(heading: str) -> str:
@@ -38,3 +42,37 @@ def test_contributing_names_files_and_functions_that_exist():
                         for path in (place.rglob("*.py") if place.is_dir() else [place]))
         for name in names:
             assert name in found or re.search(rf"\b{re.escape(name.split('(')[0].lstrip('@'))}\b", texts), (name, row)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The module that makes pages of the site from the package."""
+    spec = importlib.util.spec_from_file_location("docs_reference", ROOT / "docs/hooks/reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_reference_has_every_key_of_every_block(reference):
+    """In a row of a table, with its meaning; of `water.phase` and its mixtures too, which stand in each other."""
+    text = "\n".join(reference.scene_pages().values())
+    for name, block in {"Scene": json_schema(), **json_schema()["$defs"]}.items():
+        for key, schema in block["properties"].items():
+            meaning = reference.cell(schema["description"])
+            assert f"`{key}` | {meaning} |" in text or f"[`{key}`](docs/scene/{key}.md) | {meaning} |" in text or (
+                key in KIND_KEYS and f"`: `{schema.get('const')}`" in text), (name, key)
+
+
+def test_the_reference_has_every_verb_with_its_options(reference):
+    page = reference.cli_page()
+    for verb in app.registered_commands:
+        assert f"## `varos-warp {verb.name or verb.callback.__name__}`" in page
+    assert "`--spp <" in page
+    assert "Samples per pixel of A, instead of a tolerance." in page
+
+
+def test_the_nav_of_the_site_names_pages_that_exist(reference):
+    """`*` stands for those that it does not name."""
+    made = {*reference.pages(), "index.md", "contributing.md", "changelog.md", "peers.md"}
+    for page in re.findall(r"- ([\w./]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE):
+        assert page in made or (ROOT / "docs" / page).exists(), page

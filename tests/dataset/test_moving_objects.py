@@ -86,5 +86,5 @@ def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
     else:  # as if it stood still
         from varos_warp.dataset.validate import flows
 
-        monkeypatch.setattr(flows, "motions", lambda *_: {})
+        monkeypatch.setattr(flows, "moving_parts", lambda *_: [])
     assert any(told in problem for problem in validate(out, quiet=True).problems)

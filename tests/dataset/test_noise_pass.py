@@ -1,6 +1,7 @@
 """The noise pass: noisy readings by default, the truth beside them, same seed same bytes, nothing else changed."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -10,9 +11,12 @@ from standins import make_scene, tree
 from varos_warp.dataset.noise_pass import add_noise, noise_of
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import NoiseProfile, load_profile, merge_profiles, named_profiles
 from varos_warp.scene.description.optics import Vignetting
+from varos_warp.scene.description.shutter import Shutter
+from varos_warp.sim.sensors import image_noise
 from varos_warp.sim.sensors.noise import imu_noise
 
 PROFILE = load_profile("low_light_rov")
@@ -132,6 +136,51 @@ def test_a_camera_with_vignetting_gets_none_of_the_profile(tmp_path):
     without = PROFILE.model_copy(update={"camera": PROFILE.camera.model_copy(update={"vignetting": None})})
     bare = add_noise(data.root, without, tmp_path / "bare", quiet=True)
     np.testing.assert_array_equal(made.image("A", 0, "L0"), bare.image("A", 0, "L0"))
+
+
+def exposed_for(out, seconds, gain="adaptive"):
+    """A dataset of two frames of one camera with such a shutter."""
+    scene = make_scene(render={"exposure": {"A": gain}})
+    camera = scene.vehicle.cameras[0].model_copy(update={"shutter": seconds and Shutter(exposure_s=seconds)})
+    scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": [camera]})})
+    produce(scene, out, frames=slice(2), quiet=True)
+    return out
+
+
+def test_dark_current_gathers_while_the_shutter_is_open(tmp_path):
+    """Its electrons are added to those of the light, whatever the vignetting; exactly where none are shot."""
+    root = exposed_for(tmp_path / "d", 0.02)
+    model = {"electrons_per_radiance": 1e5, "shot_noise": False, "bits": 16, "vignetting": {"kind": "cos4"}}
+    dark, light = (NoiseProfile(camera=model | more) for more in ({"dark_current_electrons_per_s": 5000.0}, {}))
+    made, without = (add_noise(root, profile, tmp_path / name, quiet=True)
+                     for name, profile in (("dark", dark), ("light", light)))
+    linear, gain = Dataset(root).linear("A", 1), Dataset(root).gain("A", 1)
+    bare = image_noise.expose(light.camera, linear, gain, np.random.default_rng(0))
+    more = image_noise.expose(dark.camera, linear, gain, np.random.default_rng(0), exposure_s=0.02)
+    unclipped = more < 2**16 - 1
+    np.testing.assert_allclose((more - bare)[unclipped], 100.0 * gain / 1e5 * (2**16 - 1), atol=1.0)  # 100 electrons
+    assert made.pixels("A", 1).mean() > without.pixels("A", 1).mean()
+    assert validate(made.root, quiet=True).problems == []
+
+
+def test_dark_current_asks_for_a_time_of_exposure(tmp_path):
+    root = exposed_for(tmp_path / "d", None)
+    model = {"electrons_per_dn": 2.0, "dark_current_electrons_per_s": 50.0}
+    with pytest.raises(InputError, match=r"dark_current_electrons_per_s = 50.*L0 has no time of exposure.*exposure_s"):
+        add_noise(root, NoiseProfile(camera=model), tmp_path / "out", quiet=True)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_gain_is_no_time_of_exposure_where_the_shutter_has_one(tmp_path):
+    """The message tells what to write instead: as many electrons at the middle gain."""
+    root, profile = exposed_for(tmp_path / "d", 0.02), NoiseProfile(camera={"electrons_per_dn": 2.0, "bits": 12})
+    with pytest.raises(InputError, match=r"electrons_per_dn = 2\.0.*L0 is exposed for 0\.02 s") as caught:
+        add_noise(root, profile, tmp_path / "out", quiet=True)
+    instead = float(re.search(r"electrons_per_radiance: (\S+)", str(caught.value))[1])
+    assert instead == pytest.approx(2.0 * 4095 * np.median(list(Dataset(root).gains("A").values())), rel=1e-3)
+    add_noise(root, NoiseProfile(camera={"electrons_per_radiance": instead}), tmp_path / "out", quiet=True)
+    constant = exposed_for(tmp_path / "constant", 0.02, gain=2.0)
+    add_noise(constant, profile, tmp_path / "more", quiet=True)
 
 
 def test_no_noise_is_added_to_a_dataset_that_is_not_complete(tmp_path):

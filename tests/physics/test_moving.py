@@ -8,14 +8,13 @@ from rig import TURBID
 from test_lens import rectangle
 from test_shutters import FOCAL, SIZE, scene_of, steady
 
-from varos_warp.render.moments import in_ns
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.description.world import Rust, Stop
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.parts import Instances, Moving
 from varos_warp.scene.geometry.ranging import ranges
-from varos_warp.scene.optics.shutter import row_offsets_s
+from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
 pytestmark = pytest.mark.subject("camera")

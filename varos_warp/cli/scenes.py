@@ -16,7 +16,7 @@ from varos_warp.errors import InputError
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
-    from varos_warp.dataset.run.expect import dataset_facts
+    from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
@@ -32,6 +32,7 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
     found += simulation.messages
     facts["trajectory"] |= course_facts(simulation)
     facts["dataset"] = dataset_facts(loaded, len(simulation.frames))
+    facts["shutters"] = shutter_facts(loaded, parts, simulation)
     if json_:
         print_json({**facts, "warnings": found})
         return

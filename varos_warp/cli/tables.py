@@ -74,6 +74,9 @@ def print_info(facts: dict) -> None:
                  [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
                    f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
                    f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}"] for c in facts["cameras"]])
+    print_table(["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
+                 [[s["id"], f"{1e3 * s['exposure_s']:g}", f"{1e3 * s['readout_s']:g}", f"{s['streak_px']:.3g}",
+                   f"{s['skew_px']:.3g}"] for s in facts["shutters"]])
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    str(light["intensity"])] for i, light in enumerate(facts["lights"])])

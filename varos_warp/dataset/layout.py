@@ -5,7 +5,7 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     dataset.json  README.txt  contact_sheet.png  segments.json
     vehicle0/cam0/{A,B,C,D,S,P,F}/seq01_veh0_camM0_A-00000000.png      also A_exr, B_exr, A_linear, D_exr ...
     vehicle0/cam0/camM0.yaml  camM0_timestamps.csv  camM0_exposure_A.csv  camM0_poses/camM0_poses_*.csv
-                  camM0_rays.exr (behind a port, or distorted)
+                  camM0_rays.exr (behind a port, or distorted)  camM0_poses/camM0_poses_rows.npy (rolling shutter)
     vehicle0/imu0/imu0_data.csv  imu0_bias.csv  imu0_poses/...     vehicle0/depth0/depth0_data.csv  depth0_poses/...
     vehicle0/mag0/mag0_data.csv  mag0_poses/...                    vehicle0/dvl0/dvl0_data.csv  dvl0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
@@ -93,6 +93,10 @@ class Layout:
     def rays(self, camera: str) -> Path:
         """Rays of every pixel, of a camera with a port or distortion."""
         return self.camera_file(camera, "_rays.exr")
+
+    def row_poses(self, camera: str) -> Path:
+        """Poses of every row of every frame, of a camera on the vehicle with a rolling shutter."""
+        return self.poses(camera, "quaternion").with_name(f"cam{camera}_poses_rows.npy")
 
     def exposures(self, camera: str, output: str) -> Path:
         """Gains of A, B or P, and the statistics that they follow from."""

@@ -20,6 +20,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.rows import exposure_s
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.dataset.write.texts import Samples
@@ -28,6 +29,7 @@ from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.description.block import Block
 from varos_warp.scene.description.noise_profile import (
     SENSOR_BLOCKS,
+    CameraNoise,
     DepthGaugeNoise,
     DvlNoise,
     MagnetometerNoise,
@@ -61,6 +63,8 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         raise InputError("is negative", key="seed", value=seed, remedy="Give a whole number from 0 on.")
     profile = _applicable(data, profile)
     _refuse_noise(data, profile)
+    if profile.camera is not None:
+        _refuse_exposures(data, profile.camera)
     data.require_images()
     with files.new_folder(out) as temp, _naming_the_original(temp, data.root), Record(temp).recording() as record:
         _link(data, profile, temp, record)
@@ -118,7 +122,7 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
         seen = replace(data.camera_model(camera), vignetting=Vignetting(**profile.camera.vignetting.model_dump()))
         share = seen.vignette(pixel_centres(*linear.shape[1::-1]))
     rng = image_noise.frame_generator(seed, frame, camera)
-    numbers = image_noise.expose(profile.camera, linear, gain, rng, share)
+    numbers = image_noise.expose(profile.camera, linear, gain, rng, share, exposure_s(data.camera(camera)))
     return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)
 
 
@@ -150,6 +154,27 @@ def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
         raise InputError("the IMU has noise already, of the scene", file=data.root, key="vehicle.imu.noise",
                          remedy="Take it out of the scene and `varos-warp simulate` anew, or leave imu out of the "
                                 "profile.")
+
+
+def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
+    """A time of exposure is that of the camera's shutter, in every frame alike."""
+    for camera in data.cameras:
+        seconds = exposure_s(data.camera(camera))
+        if model.dark_current_electrons_per_s and not seconds:
+            raise InputError(f"camera {camera} has no time of exposure in which it gathers", file=data.root,
+                             key="camera.dark_current_electrons_per_s", value=model.dark_current_electrons_per_s,
+                             remedy="Give the camera a shutter with exposure_s in the scene and `run` it anew, or "
+                                    "leave the dark current out of the profile.")
+        gains = np.array(list(data.gains("A", camera).values()))
+        if model.electrons_per_dn is not None and seconds and np.ptp(gains) > 1e-9 * gains.max():
+            alike = model.electrons_per_dn * image_noise.levels(model) * np.median(gains)
+            raise InputError(f"takes the gain of a frame for its time of exposure, but camera {camera} is exposed for "
+                             f"{seconds:g} s in every frame, and its gains differ ({gains.min():.3g} to "
+                             f"{gains.max():.3g})", file=data.root, key="camera.electrons_per_dn",
+                             value=model.electrons_per_dn,
+                             remedy=f"Say electrons_per_radiance: {alike:.4g} instead in a profile of your own: as "
+                                    "many electrons at the middle gain, which is then an amplifier's. Or render with "
+                                    "render.exposure.A: constant.")
 
 
 # -------------------------------------------------------------------------------------------------------------- files

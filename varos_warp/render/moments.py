@@ -7,7 +7,7 @@ import numpy as np
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records
-from varos_warp.scene.optics.shutter import STILL, instants, row_offsets_s
+from varos_warp.scene.optics.shutter import STILL, in_ns, instants, row_offsets_s
 
 Motion = Callable[[np.ndarray], np.ndarray]
 """Poses [N, 4, 4] of the vehicle at times from the frame's stamp, int64 [N] [ns] (`Simulation.motion`)."""
@@ -47,8 +47,3 @@ def times_seen(view: Camera, lights: Sequence, motion: Motion | None) -> np.ndar
     if view.shutter is None or motion is None:
         return np.zeros(0, np.int64)
     return in_ns(np.concatenate([instants(view, lights).offset_s, row_offsets_s(view)]))
-
-
-def in_ns(seconds: np.ndarray) -> np.ndarray:
-    """Whole nanoseconds, int64."""
-    return np.rint(1e9 * seconds).astype(np.int64)

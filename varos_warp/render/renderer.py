@@ -17,7 +17,7 @@ from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalIm
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
-from varos_warp.render.moments import Motion, in_ns, poses_of_rows, times_seen
+from varos_warp.render.moments import Motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
@@ -28,7 +28,7 @@ from varos_warp.scene.frames import camera_pose, inverse
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
-from varos_warp.scene.optics.shutter import is_rolling, row_offsets_s
+from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",

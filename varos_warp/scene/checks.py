@@ -16,6 +16,7 @@ from varos_warp.scene.hull import displaced_volume, sphere_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.named_files import check_textures
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.shutter import row_offsets_s
 from varos_warp.scene.water import optical_properties
 
 PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
@@ -42,8 +43,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     return [*check_textures(scene), *_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
-            *_check_cameras(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
-            *at_stops, *on_the_way]
+            *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
+            *_check_inside(scene, solids, poses), *at_stops, *on_the_way]
 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
@@ -209,6 +210,39 @@ def _check_cameras(scene):
     for name, value in scene.render.exposure:
         if isinstance(value, float) and not 1e-4 <= value <= 1e4:
             warnings.append(f"render.exposure.{name}: a gain of {value:g} makes the picture black or white")
+    return warnings
+
+
+def _check_shutters(scene):
+    """Exposures that no camera makes, and strobes that a shutter misses."""
+    warnings, period = [], 1.0 / scene.render.frame_rate_hz
+    for i, camera in enumerate(scene.vehicle.cameras):
+        for name, seconds in camera.shutter or ():
+            if seconds > period * (1.0 + 1e-9):
+                warnings.append(f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
+                                f"{period:.4g} s from frame to frame, which no camera can do")
+        warnings += _check_strobes(scene.vehicle.lights, camera)
+    return warnings
+
+
+def _check_strobes(lights, camera):
+    """Which rows are exposed while a strobe is on."""
+    warnings, offset = [], row_offsets_s(camera)
+    half = 0.5 * camera.shutter.exposure_s if camera.shutter else 0.0
+    for i, light in enumerate(lights):
+        if light.strobe is None:
+            continue
+        begin, end = light.strobe.delay_s - 0.5 * light.strobe.on_s, light.strobe.delay_s + 0.5 * light.strobe.on_s
+        seconds = np.minimum(offset + half, end) - np.maximum(offset - half, begin)
+        rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
+        if not rows.size:
+            warnings.append(f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
+                            f"camera {camera.id} is exposed from {offset[0] - half:g} to {offset[-1] + half:g} s: it "
+                            "never sees it")
+        elif len(rows) < len(offset):
+            warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
+                            f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
+                            "times")
     return warnings
 
 

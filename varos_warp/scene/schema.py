@@ -74,11 +74,11 @@ def find_key(key: str) -> list[Entry]:
     for part in key.split("."):
         if part.isdecimal():
             continue
-        of_kind = [block for block in blocks if _kind(block) == part]
+        of_kind = [block for block in blocks if kind_of(block) == part]
         holders = [block for block in blocks if part in block.get("properties", {})]
         if holders:
-            found = _entries(part, holders)
-            blocks = [block for entry in found for block in _blocks(entry.schema, root)]
+            found = entries(part, holders)
+            blocks = [block for entry in found for block in blocks_in(entry.schema, root)]
         elif of_kind:
             blocks = of_kind
             found = [Entry(part, (), {"$ref": f"#/$defs/{block['title']}", "description": block["description"]}, False)
@@ -93,7 +93,7 @@ def keys_like(typed: str) -> list[str]:
     """Keys that go on from what was typed so far: ``vehicle.cam`` may become ``vehicle.cameras``."""
     above, dot, _ = typed.rpartition(".")
     try:
-        blocks = [block for entry in find_key(above) for block in _blocks(entry.schema, json_schema())] if dot else [
+        blocks = [block for entry in find_key(above) for block in blocks_in(entry.schema, json_schema())] if dot else [
             json_schema()]
     except InputError:
         return []
@@ -101,24 +101,24 @@ def keys_like(typed: str) -> list[str]:
     return [key for key in (above + dot + name for name in names) if key.startswith(typed)]
 
 
-def _entries(key, holders) -> list[Entry]:
-    """One entry for each way in which blocks describe a key."""
+def entries(key: str, holders: list[dict]) -> list[Entry]:
+    """One entry for each way in which blocks that have a key describe it."""
     alike: dict[str, list] = {}
     for block in holders:
         required = key in block.get("required", ())
         alike.setdefault(json.dumps([block["properties"][key], required], sort_keys=True), []).append(block)
     several = len(alike) > 1
-    return [Entry(key, tuple(filter(None, map(_kind, blocks))) if several else (), blocks[0]["properties"][key],
+    return [Entry(key, tuple(filter(None, map(kind_of, blocks))) if several else (), blocks[0]["properties"][key],
                   key in blocks[0].get("required", ())) for blocks in alike.values()]
 
 
-def _kind(block) -> str | None:
+def kind_of(block: dict) -> str | None:
     """What tells a block from others that may stand in its place."""
     tags = (block.get("properties", {}).get(key, {}).get("const") for key in KIND_KEYS)
     return next((tag for tag in tags if tag is not None), None)
 
 
-def _blocks(schema: dict, root: dict) -> Iterator[dict]:
+def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
     """The blocks that may stand where a schema says, also as items of a list or under any name."""
     if "$ref" in schema:
         yield root["$defs"][schema["$ref"].rpartition("/")[2]]
@@ -126,7 +126,7 @@ def _blocks(schema: dict, root: dict) -> Iterator[dict]:
              schema.get("additionalProperties")]
     for part in inner:
         if isinstance(part, dict):
-            yield from _blocks(part, root)
+            yield from blocks_in(part, root)
 
 
 def _unknown(key: str, part: str, blocks: list[dict]) -> InputError:
@@ -152,18 +152,22 @@ def explain(key: str) -> str:
 def _explained(path, entry, root) -> Iterator[str]:
     yield path + (f" (of {', '.join(entry.kinds)})" if entry.kinds else "")
     yield f"  {_plain(entry.schema['description'])}"
-    default = _default(entry) if entry.required or "default" in entry.schema else None
-    facts = {"value": _words(entry.schema), "unit": entry.schema.get("x-unit"), "default": default,
-             "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
-    yield from (f"  {name + ':':9}{words}" for name, words in facts.items() if words)
-    for block in _blocks(entry.schema, root):
-        kind = _kind(block)
+    yield from (f"  {name + ':':9}{words}" for name, words in facts(entry).items() if words)
+    for block in blocks_in(entry.schema, root):
+        kind = kind_of(block)
         yield ""
         yield f"  {f'kind {kind}' if kind else 'keys'}: {_plain(block['description'].splitlines()[0])}"
         for name in block["properties"]:
-            inner, = _entries(name, [block])
+            inner, = entries(name, [block])
             if name not in KIND_KEYS or kind is None:
                 yield f"    {name:24} {_default(inner):14} {_plain(inner.schema['description'])}"
+
+
+def facts(entry: Entry) -> dict[str, str]:
+    """What a key may be, its unit, default and example, in words; empty where there is none."""
+    return {"value": _words(entry.schema), "unit": entry.schema.get("x-unit", ""),
+            "default": _default(entry) if entry.required or "default" in entry.schema else "",
+            "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
 
 
 def _plain(text: str) -> str:

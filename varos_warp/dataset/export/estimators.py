@@ -1,8 +1,9 @@
 """Settings of estimators that read the EuRoC export: ORB-SLAM3, Kalibr and OpenVINS.
 
 What each asks for was read in its source: ORB-SLAM3 ``Settings.cc`` (mono-inertial, and stereo-inertial where there
-are two cameras), Kalibr ``ConfigReader.py``, OpenVINS ``opencv_yaml_parse.h`` and its EuRoC configuration. OpenCV reads
-the first and the last; it wants ``%YAML:1.0`` in the first line, which PyYAML, Kalibr's reader, refuses.
+are two cameras), Kalibr ``ConfigReader.py`` and, of rolling shutters, what ``RsCalibrator.py`` saves, OpenVINS
+``opencv_yaml_parse.h`` and its EuRoC configuration. OpenCV reads the first and the last; it wants ``%YAML:1.0`` in the
+first line, which PyYAML, Kalibr's reader, refuses. ORB-SLAM3 and OpenVINS know global shutters only.
 """
 
 from importlib import resources
@@ -13,6 +14,7 @@ import yaml
 from varos_warp.dataset import files
 from varos_warp.dataset.export.job import Job, lens_of
 from varos_warp.scene.frames import inverse
+from varos_warp.scene.optics.shutter import offsets_of_rows_s
 
 NOISE_FREE = {"gyroscope_noise_density": 1e-4, "gyroscope_random_walk": 1e-6,
               "accelerometer_noise_density": 1e-3, "accelerometer_random_walk": 1e-5}
@@ -115,11 +117,23 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
             "cam_overlaps": [n for n in numbers if n != number], "camera_model": "pinhole",
             "distortion_coeffs": k, "distortion_model": model, "intrinsics": job.fx_fy_cx_cy(camera),
             "resolution": [facts["width"], facts["height"]], "rostopic": f"/cam{camera}/image",
-            "T_cam_imu": inverse(T).tolist(), "timeshift_cam_imu": 0.0}
+            "T_cam_imu": inverse(T).tolist(), **_row_times(facts)}
         if before is not None:
             chain[f"cam{number}"]["T_cn_cnm1"] = (inverse(T) @ before).tolist()
         before = T
     return chain
+
+
+def _row_times(facts: dict) -> dict[str, float]:
+    """Kalibr's shutter: an image point v rows down is of the stamp + v line_delay, and t_imu = t_cam + timeshift.
+
+    Stamps here are of the middle row, so the shift is that of the first row's middle, v = 0.
+    """
+    readout_s = (facts.get("shutter") or {"readout_s": 0.0})["readout_s"]
+    if not readout_s:
+        return {"timeshift_cam_imu": 0.0}
+    return {"timeshift_cam_imu": float(offsets_of_rows_s(facts["height"], readout_s)[0]),
+            "line_delay": readout_s / facts["height"]}
 
 
 def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
@@ -129,7 +143,10 @@ def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
         "use_stereo": count > 1, "max_cameras": count, "gravity_mag": float(np.linalg.norm(meta["gravity"])),
         "track_frequency": 2.0 * meta["frames"]["rate_hz"] + 1.0}  # of images, or it drops some
     write_yaml(job, "openvins/estimator_config.yaml", settings, opencv=True)
-    write_yaml(job, "openvins/kalibr_imucam_chain.yaml", chain, opencv=True)
+    # it takes all rows to be of one time, which is best the stamp
+    rowless = {name: {key: value for key, value in camera.items() if key != "line_delay"} | {"timeshift_cam_imu": 0.0}
+               for name, camera in chain.items()}
+    write_yaml(job, "openvins/kalibr_imucam_chain.yaml", rowless, opencv=True)
     identity = np.eye(3).tolist()
     write_yaml(job, "openvins/kalibr_imu_chain.yaml", {"imu0": {
         "T_i_b": np.eye(4).tolist(), **imu, "time_offset": 0.0, "model": "kalibr", "Tw": identity,

@@ -6,6 +6,7 @@ import numpy as np
 
 from varos_warp.dataset.export.job import Job
 from varos_warp.dataset.reader.points import points_at
+from varos_warp.dataset.reader.rows import sight
 
 COUNT = 50_000
 """Points in all, as many from each image."""
@@ -33,12 +34,12 @@ def seeds(job: Job, camera: str) -> list[Seed]:
     count = -(-COUNT // (len(job.cameras) * len(job.data)))
     model = job.data.camera_model(camera)
 
-    def points(frame: int, T_w_c: np.ndarray) -> Seed:
+    def points(frame: int) -> Seed:
         z, colors = job.data.planar_depth(frame, camera), job.data.pixels(job.images, frame, camera)
         seen = np.flatnonzero(np.isfinite(z) & (z > 0))
         rng = np.random.default_rng([job.data.cameras.index(camera), frame])
         row, col = np.unravel_index(np.sort(rng.choice(seen, min(count, len(seen)), replace=False)), z.shape)
-        xyz = points_at(model, T_w_c, row, col, z[row, col])
+        xyz = points_at(model, sight(job.data, frame, camera), row, col, z[row, col])
         return Seed(xyz, colors[row, col], np.column_stack([col, row]) + 0.5)
 
-    return job.each(f"points {camera}", points, job.data.views(camera)[1])
+    return job.each(f"points {camera}", points)

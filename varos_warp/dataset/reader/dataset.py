@@ -12,7 +12,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import READINGS, STATES, Layout, from_runs, runs
 from varos_warp.dataset.links import refuse_links_out
-from varos_warp.dataset.reader import schema
+from varos_warp.dataset.reader import rows, schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError
@@ -346,6 +346,14 @@ class Dataset:
     def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Pose [4, 4] of a camera (OpenCV axes) at a frame, by its number."""
         return self.views(camera)[1][self._index(frame)].copy()
+
+    def T_w_c_rows(self, frame: int, camera: str | None = None) -> np.ndarray:
+        """Pose [H, 4, 4] of a camera in the middle of the exposure of each row of a frame, by its number.
+
+        Without a rolling shutter, and of a camera that stands in the world, all are `T_w_c`.
+        """
+        T = rows.sight(self, frame, camera)
+        return T if T.ndim == 3 else np.tile(T, (self.camera(camera)["height"], 1, 1))
 
     def T_w_v(self, frame: int) -> np.ndarray:
         """Pose [4, 4] of the vehicle at a frame, by its number; where it was not written, from a camera on it.

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.points import colour_offsets
 
 
@@ -118,13 +119,28 @@ class Frame:
 
     @property
     def time_ns(self) -> int:
-        """Nanoseconds since the sequence began."""
+        """Nanoseconds since the sequence began; with a shutter, of the middle of the middle row's exposure."""
         return int(self.data.views(self.camera)[0][self.index])
 
     @property
     def T_w_c(self) -> np.ndarray:
         """Pose float64 [4, 4] of the camera, OpenCV axes: camera to world."""
         return self.data.T_w_c(self.number, self.camera)
+
+    @property
+    def T_w_c_rows(self) -> np.ndarray:
+        """Pose float64 [H, 4, 4] of the camera at each row's time; all are `T_w_c` without a rolling shutter."""
+        return self.data.T_w_c_rows(self.number, self.camera)
+
+    @property
+    def row_times_ns(self) -> np.ndarray:
+        """Middle of the exposure of each row, int64 [H]: nanoseconds since the sequence began."""
+        return self.time_ns + rows.offsets_ns(self.data.camera(self.camera))
+
+    @property
+    def exposure_s(self) -> float:
+        """How long each pixel is exposed [s]; 0: an instant."""
+        return rows.exposure_s(self.data.camera(self.camera))
 
     @property
     def T_w_v(self) -> np.ndarray:

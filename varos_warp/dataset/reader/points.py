@@ -1,7 +1,11 @@
-"""D as geometry: depth along the camera's axis, and the points of the world that pixels see."""
+"""D as geometry: depth along the camera's axis, and the points of the world that pixels see.
+
+A pose T_w_c is [4, 4], or that of each row of the image [H, 4, 4], of a rolling shutter (`rows.sight`).
+"""
 
 import numpy as np
 
+from varos_warp.render.image.flow import CONVERGED, MOST_TRIES, at_row
 from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_centres
 
 
@@ -32,7 +36,26 @@ def along_axis(distance: np.ndarray, model: CameraModel) -> np.ndarray:
 
 def project(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
     """Pixel coordinates u, v (the centre of the top left pixel at 0.5) and depth z [m] of world points [N, 3]."""
-    p = (points - T_w_c[:3, 3]) @ T_w_c[:3, :3]
+    if T_w_c.ndim == 3:
+        return _project_by_rows(points, model, T_w_c)
+    return _seen_at((points - T_w_c[:3, 3]) @ T_w_c[:3, :3], model)
+
+
+def _project_by_rows(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
+    """The row at which a point is seen tells when it is seen, and so where."""
+    row = np.full(len(points), len(T_w_c) / 2)
+    for _ in range(MOST_TRIES):
+        T = at_row(T_w_c, row)
+        seen = _seen_at(np.einsum("nij,ni->nj", T[:, :3, :3], points - T[:, :3, 3]), model)
+        ahead = np.isfinite(seen[:, 1]) & (seen[:, 2] > 0)
+        before, row = row, np.where(ahead, seen[:, 1].clip(0, len(T_w_c)), row)
+        if np.abs(row - before).max(initial=0.0) < CONVERGED:
+            break
+    return seen
+
+
+def _seen_at(p: np.ndarray, model: CameraModel) -> np.ndarray:
+    """u, v and z of points [N, 3] in camera axes."""
     if not model.is_pinhole:
         return np.column_stack([model.project(p), p[:, 2]])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -61,7 +84,11 @@ def colour_offsets(depth: np.ndarray, model: CameraModel, channel: str) -> np.nd
 
 def points_at(model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Points [N, 3] of the world that pixels (row, col) see at a depth z [m] along the camera's axis, all [N]."""
-    return along_rays(model, row, col, z) @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+    seen = along_rays(model, row, col, z)
+    if T_w_c.ndim == 2:
+        return seen @ T_w_c[:3, :3].T + T_w_c[:3, 3]
+    T = at_row(T_w_c, row + 0.5)
+    return np.einsum("nij,nj->ni", T[:, :3, :3], seen) + T[:, :3, 3]
 
 
 def seen_pixels(depth: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from varos_warp.limits import check_limit
 from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
 from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting
+from varos_warp.scene.description.shutter import Duration, Strobe
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
@@ -65,11 +66,12 @@ def _metadata() -> type[BaseModel]:
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
-                     "vignetting": Vignetting},
+                     "vignetting": Vignetting,
+                     "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration)},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
-                    "thickness_deg": float, "radius_m": float})
+                    "thickness_deg": float, "radius_m": float, "strobe": Strobe})
     sensor = _block({"field_T": Vec3, "beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]},
                     rate_hz=Rate, T_v_s=matrix, noise=dict | None)
     sensors = dict[Literal["imu0", "depth0", "mag0", "dvl0"], sensor]  # type: ignore[valid-type]

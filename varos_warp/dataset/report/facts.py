@@ -109,18 +109,24 @@ def cameras(data: Dataset) -> Raw:
 
 
 def _optics(about: dict) -> str:
-    """Lens and port in words."""
+    """Lens, port and shutter in words."""
     lens, port = about.get("distortion"), about.get("port")
     return (f", {lens['model']} {numbers(lens['k'])}" if isinstance(lens, dict) else "") + (
         f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "") + (
-        f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "")
+        f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "") + (
+        f", exposed for {1e3 * shutter['exposure_s']:g} ms" + (
+            f", rolling in {1e3 * shutter['readout_s']:g} ms" if shutter["readout_s"] else "")
+        if (shutter := about.get("shutter")) else "")
 
 
 def _beam(light: dict) -> str:
     """The shape of a light in words."""
     words = {"cone_deg": "cone {:g}°", "fan_deg": "fan {:g}°", "thickness_deg": "{:g}° thick",
              "radius_m": "radius {:g} m"}
-    return ", ".join(word.format(light[key]) for key, word in words.items() if light.get(key))
+    found = [word.format(light[key]) for key, word in words.items() if light.get(key)]
+    if strobe := light.get("strobe"):
+        found.append(f"flashes for {1e3 * strobe['on_s']:g} ms, {1e3 * strobe['delay_s']:g} ms after the time stamp")
+    return ", ".join(found)
 
 
 def equipment(data: Dataset) -> Raw:

@@ -3,9 +3,20 @@
 Right within a factor of two or three; `varos-warp plan` measures on the scene itself.
 """
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import resolve_device
+from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.launch import usable_cores
+from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.shutter import in_ns
+
+if TYPE_CHECKING:
+    from varos_warp.sim.trajectory import Simulation
 
 BYTES = {"A": 4.0, "B": 5.0, "C": 0.6, "D": 0.6, "S": 0.05, "P": 4.0, "F": 12.0}
 """Of a pixel of each image type, PNG and EXR, in the template harbour_wall; F's EXR hardly compresses."""
@@ -19,6 +30,46 @@ START_S = {"cpu": 40.0, "cuda": 30.0}
 """To compile, load and plan: seconds on one device, however many cores."""
 USUAL_SPP = 8
 """Samples of A that the planner often chooses."""
+
+
+MOST_FRAMES = 50
+"""At which streaks are looked for."""
+
+
+def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
+    """Of each camera with a shutter ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px``, as plain types.
+
+    The last two are how far what the middle of the image sees moves in it at most, of some frames, while a row is
+    exposed, and while the rows are read out.
+    """
+    found = []
+    for camera in scene.vehicle.cameras:
+        if camera.shutter:
+            about = camera.shutter.model_dump(mode="json")
+            streak, skew = _longest_moves_px(scene, parts, simulation, camera, list(about.values()))
+            found.append({"id": camera.id, **about, "streak_px": streak, "skew_px": skew})
+    return found
+
+
+def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camera: Camera, times_s: list[float]
+                      ) -> list[float]:
+    """How far at most what the middle of an image sees moves in each of some times [px]."""
+    from varos_warp.scene.geometry.ranging import ranges
+
+    frames, model = simulation.frames, camera_model(camera)
+    frames = frames.rows(np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int)))
+    T_w_c = np.broadcast_to(camera_pose(camera, frames.poses()), (len(frames), 4, 4))
+    ray, reach = model.rays(model.K[:2, 2]), scene.render.depth_range_m[1]
+    start, along = T_w_c[:, :3, :3] @ ray.origin + T_w_c[:, :3, 3], T_w_c[:, :3, :3] @ ray.direction
+    points = start + np.minimum(ranges(parts, start, along, reach), reach)[:, None] * along
+    moves = np.zeros((len(frames), len(times_s)))
+    for k, (point, time_ns) in enumerate(zip(points, frames.time_ns.tolist(), strict=True)):
+        motion = simulation.motion(time_ns)
+        for i, seconds in enumerate(times_s):
+            T = np.broadcast_to(camera_pose(camera, motion(in_ns(seconds * np.array([-0.5, 0.5])))), (2, 4, 4))
+            begin, end = (model.project((point - pose[:3, 3]) @ pose[:3, :3]) for pose in T)
+            moves[k, i] = np.hypot(*(end - begin))
+    return np.nan_to_num(moves).max(0).round(2).tolist()
 
 
 def dataset_facts(scene: Scene, frames: int) -> dict:

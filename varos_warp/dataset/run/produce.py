@@ -401,6 +401,8 @@ class _Run:
             writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
             if has_lens(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
+            if writers.has_row_poses(camera):
+                writers.write_row_poses(self.layout, camera, self.frames, self.motion)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
         write_moving(self.layout, self.scene, time_ns)
 

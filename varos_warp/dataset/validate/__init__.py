@@ -10,6 +10,7 @@ of an integration. What is held against what:
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
 * `places`: S against the boxes of the scene's objects, by D and the poses.
 * `views`: D, B, C and S of each frame against those of its neighbours, through K and the poses.
+* `blur`: how far an exposure blurs B, which `views` and `alignment` leave out where they could not tell.
 * `alignment`: B warped into other frames and cameras by D, K and the poses, to a hundredth of a pixel.
 
 Without checksums some damage cannot be seen, since nothing else tells of it: an A whose PNG, EXR and exposure row were

@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project
+from varos_warp.dataset.reader.rows import sight
+from varos_warp.dataset.validate.blur import blur_of
 from varos_warp.dataset.validate.moving import of_still
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
@@ -54,6 +56,9 @@ class View:
     """bool [H, W]: no edge of D within two pixels."""
     model: CameraModel
     T_w_c: np.ndarray
+    """[4, 4], or that of each row."""
+    displaced: float
+    """What its exposure displaces at most [px], on the mean of a streak."""
 
     @classmethod
     def of(cls, data: Dataset, frame: int, camera: str) -> "View":
@@ -66,7 +71,7 @@ class View:
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False
         return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth & (near < 1e9), data.camera_model(camera),
-                   data.T_w_c(frame, camera))
+                   sight(data, frame, camera), blur_of(data, frame, camera, depth).displaced)
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
@@ -130,15 +135,17 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
 
 
 def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
-            ) -> tuple[np.ndarray, ...] | InputError:
+            ) -> tuple[np.ndarray, ...] | InputError | None:
     """Of two views, both ways: shifts [2n] [px], their weights [2n], and what each of `UNKNOWNS` does to them.
 
-    ``view`` reads that of a frame and a camera.
+    ``view`` reads that of a frame and a camera. None where one is blurred so that nothing is to be found out.
     """
     try:
         first, second = (view(*which) for which in pair)
     except InputError as error:
         return error
+    if max(first.displaced, second.displaced) > FLOOR_PX:
+        return None
     stereo, parts = pair[0][1] != pair[1][1], []
     for one, other in ((first, second),) if stereo else ((first, second), (second, first)):
         found = shifts(one, other)
@@ -197,7 +204,7 @@ def check_alignment(data: Dataset, result: Validation, frames: list[int], quiet:
         for found in in_threads(f"alignment {name}", partial(compare, view), pairs, unit="pairs", quiet=quiet):
             if isinstance(found, InputError):
                 result.add(result.problem_of(found))
-            else:
+            elif found is not None:
                 parts.append(found)
         if sum(len(d) for d, _, _ in parts) < 2 * FEWEST_BLOCKS:
             continue

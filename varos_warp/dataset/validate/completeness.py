@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from varos_warp.dataset.layout import POSE_FORMS
+from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import checksums
@@ -75,6 +76,8 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))
         if "rays" in data.camera(camera):
             yield layout.rays(camera)
+        if rows.is_rolling(data.camera(camera)):
+            yield layout.row_poses(camera)
     yield from exposure_tables(data)
     if data.meta["lights"]:
         yield layout.lights

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.moving import motions, of_moving, rolls
-from varos_warp.render.image.flow import Moved, flow_of
+from varos_warp.dataset.reader.rows import next_sight, sight
+from varos_warp.dataset.validate.moving import moving_parts
+from varos_warp.render.image.flow import Moved, MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.frames import inverse
@@ -21,23 +22,17 @@ SLACK_PX, SLACK_M = 1e-3, 1e-5
 
 def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, levels: np.ndarray) -> Iterator[str]:
     """What is wrong with F, where the pose of the next frame is on record; ``levels`` are the pixels of D [H, W]."""
-    T_w_next = data.next_T_w_c(frame, camera)
+    T_w_next = next_sight(data, frame, camera)
     row, col = (places[::EVERY, ::EVERY].ravel() for places in np.indices(levels.shape))
     inside = (levels[row, col] > 0) & (levels[row, col] < DEPTH_LEVELS)
-    if data.moving:
-        if "S" not in data.outputs:
-            return  # whose pixels are whose is not known
-        # of a rolling shutter, each row has what moves where it is at a time of its own
-        inside &= ~(of_moving(data, frame, camera)[row, col] & rolls(data, camera))
     row, col = row[inside], col[inside]
-    if T_w_next is None or not row.size:
+    unknown = data.moving and "S" not in data.outputs  # whose pixels are whose
+    if T_w_next is None or not row.size or unknown:
         return
-    T_w_c, T_next_w = data.T_w_c(frame, camera), inverse(T_w_next)
-    T = np.tile(T_next_w @ T_w_c, (len(row), 1, 1)) if data.moving else T_next_w @ T_w_c
-    numbers = data.pixels("S", frame, camera)[row, col] if data.moving else np.zeros(0)
-    for number, motion in motions(data, frame).items():
-        T[numbers == number] = T_next_w @ motion @ T_w_c
-    ends = [_moved(data, camera, T, row, col, levels[row, col] + offset) for offset in (-HALF_STEP, HALF_STEP)]
+    poses = sight(data, frame, camera), T_w_next
+    moving = moving_parts(data, frame, camera, row, col)
+    ends = [_moved(data, camera, poses, row, col, levels[row, col] + offset, moving)
+            for offset in (-HALF_STEP, HALF_STEP)]
     for name, image, slack in (("flow", found.flow, SLACK_PX), ("motion", found.motion, SLACK_M)):
         values = np.stack([getattr(end, name) for end in ends])
         known, value = np.isfinite(values).all((0, -1)), image[row, col]
@@ -49,10 +44,13 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
                    f"frames, the first in row {row[i]}, column {col[i]}")
 
 
-def _moved(data: Dataset, camera: str, T: np.ndarray, row: np.ndarray, col: np.ndarray, levels: np.ndarray) -> Moved:
-    """What pixels move that have values of D between its steps."""
+def _moved(data: Dataset, camera: str, poses: tuple[np.ndarray, np.ndarray], row: np.ndarray, col: np.ndarray,
+           levels: np.ndarray, moving: list[MovingPart]) -> Moved:
+    """What pixels move that have values of D between its steps; ``poses``: of the frame and of the next."""
     model, points = data.camera_model(camera), np.stack([col + 0.5, row + 0.5], -1)
     rays, distance = model.rays(points), data.meta["depth"]["range_m"][0] + levels * data.meta["depth"]["scale_m"]
     if data.meta["depth"]["kind"] == "z":
         distance = (distance - rays.origin[:, 2]) / rays.direction[:, 2]
-    return flow_of(model, points, rays, distance, T)
+    if poses[0].ndim == 3 or moving:
+        return flow_by_rows(model, points, rays, distance, *(T.reshape(-1, 4, 4) for T in poses), moving)
+    return flow_of(model, points, rays, distance, inverse(poses[1]) @ poses[0])

@@ -12,6 +12,7 @@ from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.reader.points import pixel_rays
+from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, places, surfaces
 from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
@@ -19,6 +20,7 @@ from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS, to_half
+from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
 """Steps of 8 bits by which C changes at a border: 18 degrees."""
@@ -174,7 +176,7 @@ class _FrameImages:
                 self.tell(self.png("S").name, "has nothing where D has a surface")
             self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
         if self.boxes:
-            model, T_w_c = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)
+            model, T_w_c = self.data.camera_model(self.camera), sight(self.data, self.frame, self.camera)
             self.sums["places"] = places.sums(self.planar, model, T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
@@ -210,13 +212,18 @@ class _FrameImages:
         """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""
         depth = self.planar[rows]
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
-        model, R = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)[:3, :3]
-        R, (row, col) = R.astype(np.float32), np.indices(depth.shape)
+        model, T_w_c = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)
+        R, (row, col) = T_w_c[:3, :3].astype(np.float32), np.indices(depth.shape)
         origins, rays = pixel_rays(model, row + rows.start, col)
         origins, rays = origins.astype(np.float32), rays.astype(np.float32)
+        along = depth if model.is_pinhole else (depth - origins[..., 2]) / rays[..., 2]
+        if (T_w_rows := sight(self.data, self.frame, self.camera)).ndim == 3:
+            T = (inverse(T_w_c) @ T_w_rows[rows]).astype(np.float32)  # to the axes at the time stamp
+            origins, rays = (np.einsum("hij,hwj->hwi", T[:, :3, :3], np.broadcast_to(x, rays.shape))
+                             for x in (origins, rays))
+            origins = origins + T[:, None, :3, 3]
         normal, to_pixel = OUTPUTS["C"].decode(self.pixels("C")[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
-        along = depth if model.is_pinhole else (depth - origins[..., 2]) / rays[..., 2]
         with np.errstate(invalid="ignore"):
             slope = surfaces.normals_of(origins + rays * along[..., None].astype(np.float32), rays) @ R.T
         noise = surfaces.slope_noise(depth, model.K, self.data.meta["depth"]["scale_m"])

@@ -9,6 +9,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.geometry import rebuilt
 from varos_warp.dataset.layout import POSE_FORMS, READINGS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
+from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.moving import check_moving
 from varos_warp.dataset.validate.outcome import Validation
@@ -123,6 +124,40 @@ def _check_mount(data: Dataset, result: Validation, name: str, about: dict) -> N
     told = result.add_rows(data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
                            ~(off <= limit), (T - expected)[:, :3].reshape(-1, 12), range(1, 13))
     result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m", told)
+
+
+def check_rows(data: Dataset, result: Validation) -> None:
+    """Poses of rows are those of the vehicle's motion at their times; the middle rows, of the camera's pose."""
+    for camera in data.cameras:
+        if rows.is_rolling(data.camera(camera)):
+            result.guard(_check_row_poses, data, result, camera)
+
+
+def _check_row_poses(data: Dataset, result: Validation, camera: str) -> None:
+    name, table = result.name(data.layout.row_poses(camera)), rows.read(data, camera)
+    limit = 1e-9 + 8 * EPS * np.abs(data.views(camera)[1]).max(initial=0.0)
+    problems, worst = [], 0.0
+    for frame, row_poses in zip(data.frames, table, strict=True):
+        square = np.sum(row_poses[:, 3:] ** 2, axis=1)
+        if not (np.abs(square - 1.0) <= 1e-12).all() or (row_poses[:, 3] < 0.0).any():
+            problems.append(f"{name}: frame {frame} has quaternions that are not of length 1 with w >= 0")
+            continue
+        off = _off_motion(data, frame, camera)
+        worst = max(worst, off.max())
+        if not off.max() <= limit:
+            problems.append(f"{name}: row {np.argmax(off)} of frame {frame} is not where the vehicle's motion has it")
+    result.add_all(problems, "poses of rows")
+    result.measure(f"{camera}: poses of rows against the vehicle's motion", worst, limit, "m", told=True)
+
+
+def _off_motion(data: Dataset, frame: int, camera: str) -> np.ndarray:
+    """How far poses of rows [H] are off those of the vehicle's motion; where it is not on record, off the frame's."""
+    T = rows.sight(data, frame, camera)
+    if (expected := rows.by_motion(data, frame, camera)) is not None:
+        return np.nan_to_num(np.abs(T - expected).max((1, 2)), nan=np.inf)
+    two, off = slice((len(T) - 1) // 2, len(T) // 2 + 1), np.zeros(len(T))  # the frame's pose lies between these rows
+    off[two] = np.abs(T[two].mean(0) - data.T_w_c(frame, camera)).max() - np.ptp(T[two], axis=0).max() / 2
+    return off
 
 
 def check_lights(data: Dataset, result: Validation) -> None:
@@ -436,5 +471,5 @@ def _columns(data: Dataset, name: str) -> range:
     return range(1 + count, 1 + 2 * count) if data.has_noise(name) else range(1, 1 + count)
 
 
-CHECKS = (check_poses, check_moving, check_mounting, check_lights, check_states, check_imu, check_depth_gauge,
-          check_magnetometer, check_dvl)
+CHECKS = (check_poses, check_moving, check_mounting, check_rows, check_lights, check_states, check_imu,
+          check_depth_gauge, check_magnetometer, check_dvl)

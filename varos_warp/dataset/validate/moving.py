@@ -7,7 +7,9 @@ without S nothing is then.
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.rows import is_rolling, offsets_ns
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.render.image.flow import MovingPart
 from varos_warp.scene.description.world import Stop
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.clock import frame_time_ns
@@ -59,15 +61,13 @@ def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.nd
     return np.where(seen, np.inf, depth) if seen.shape == depth.shape else depth
 
 
-def rolls(data: Dataset, camera: str) -> bool:
-    """Whether a camera has a rolling shutter."""
-    views = {view["id"]: view for view in data.meta["scene"].get("vehicle", {}).get("cameras", ())}
-    return bool((views.get(camera, {}).get("shutter") or {}).get("readout_s"))
-
-
-def motions(data: Dataset, frame: int) -> dict[int, np.ndarray]:
-    """How each object moves in the world from a frame to the next, T [4, 4], by its number in S."""
-    times = np.array([frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) for i in range(2)])
-    ids = {entry["key"]: entry["id"] for entry in data.meta.get("moving") or ()}
-    poses = {ids[key]: poses_along(stops, times) for key, stops in paths(data).items()}
-    return {number: then @ np.linalg.inv(now) for number, (now, then) in poses.items()}
+def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: np.ndarray) -> list[MovingPart]:
+    """Objects that move, for the flow from a frame of what pixels [N] see; S must be in the dataset."""
+    if not data.moving:
+        return []
+    ids = {entry["key"]: entry["id"] for entry in data.meta["moving"]}
+    numbers, about = data.pixels("S", frame, camera)[row, col], data.camera(camera)
+    offset = offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
+    times = [frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) + offset for i in range(2)]
+    return [MovingPart(numbers == ids[key], *(poses_along(stops, time_ns) for time_ns in times))
+            for key, stops in paths(data).items() if key in ids]

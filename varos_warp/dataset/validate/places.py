@@ -39,7 +39,7 @@ def sums(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: np.n
     Args:
         depth: Planar depth [H, W] [m]; inf where there is none.
         model: The camera.
-        T_w_c: Pose [4, 4] of the camera.
+        T_w_c: Pose [4, 4] of the camera, or that of each row.
         numbers: S [H, W].
         boxes: Corners [2, 3] by number.
     """

@@ -15,6 +15,8 @@ import numpy as np
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
+from varos_warp.dataset.reader.rows import sight
+from varos_warp.dataset.validate.blur import blur_of
 from varos_warp.dataset.validate.moving import of_still
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
@@ -44,9 +46,10 @@ class _View:
     """What a camera sees at a frame: planar depth [H, W], and pixels of some images [H, W, channels]."""
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
-        self.model, self.T_w_c = data.camera_model(camera), data.T_w_c(frame, camera)
+        self.model, self.T_w_c = data.camera_model(camera), sight(data, frame, camera)
         self.depth = of_still(data, data.planar_depth(frame, camera), frame, camera)
         self.images = {}
+        self.streak = blur_of(data, frame, camera, self.depth).streak if "B" in letters else None
         for letter in letters:
             with contextlib.suppress(InputError):  # told of already
                 pixels = data.pixels(letter, frame, camera)
@@ -142,7 +145,10 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
         return {}
     found = {"D": abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.model.K[0, 0])}
     row, col, u, v, *_ = (x[np.abs(seen - z) < 0.02 * z].astype(int) for x in matches)
-    for letter in first.images.keys() & second.images.keys() if len(row) >= FEWEST_POINTS else ():
+    letters = first.images.keys() & second.images.keys()
+    if "B" in letters and not np.hypot(*(first.streak - second.streak)) <= 1.0:
+        letters -= {"B"}  # it is blurred otherwise
+    for letter in letters if len(row) >= FEWEST_POINTS else ():
         here, there = first.images[letter][row, col].astype(np.int32), second.images[letter]
         nine = np.stack([there[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]).astype(np.int32)
         slack = letter != "S"  # a step of rounding

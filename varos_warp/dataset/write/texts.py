@@ -3,7 +3,7 @@
 import contextlib
 import itertools
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -26,6 +26,7 @@ from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics
 from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.water import optical_properties
 from varos_warp.sim.sensors.dvl import beam_directions
 
@@ -110,6 +111,21 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
     write_poses(layout, camera.id, time_ns, np.array([camera_pose(camera, T) for T in T_w_v]))
 
 
+def write_row_poses(layout: Layout, camera, frames: list[int], motion: Callable[[int], Callable]) -> None:
+    """Poses of every row of a rolling shutter, float64 [frames, rows, 7]: position, quaternion w x y z, w >= 0.
+
+    A text of so many numbers would be larger than the images. ``motion(frame)``: of the vehicle around a
+    frame, as `Simulation.motion` has it.
+    """
+    path, offset_ns = layout.row_poses(camera.id), in_ns(row_offsets_s(camera))
+    with files.atomic(path) as temp:
+        table = np.lib.format.open_memmap(temp, "w+", float, (len(frames), len(offset_ns), 7))
+        for k, frame in enumerate(frames):
+            table[k] = pose_columns("quaternion", camera_pose(camera, motion(frame)(offset_ns)))
+        table.flush()
+        del table
+
+
 def light_pose(light) -> np.ndarray:
     """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal."""
     return transform(light_axes(light), light.position)
@@ -141,6 +157,7 @@ def describe_camera(layout: Layout, camera) -> dict:
         "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
         "width": width, "height": height, "resolution": {"width": width, "height": height},
         "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
+        **describe_shutter(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
         "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
@@ -156,6 +173,22 @@ def describe_optics(camera) -> dict:
     if port is not None:
         about |= {"port": port.model_dump(mode="json"), "n_water": list(camera_model(camera).n_water)}
     return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
+
+
+def describe_shutter(layout: Layout, camera) -> dict:
+    """When its rows are exposed, and where their poses are; nothing of a camera without a shutter."""
+    if camera.shutter is None:
+        return {}
+    about = {**camera.shutter.model_dump(mode="json"), "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
+             "time_stamp": "middle of the exposure of the middle row"}
+    if has_row_poses(camera):
+        about["row_poses"] = layout.row_poses(camera.id).relative_to(layout.root).as_posix()
+    return {"shutter": about}
+
+
+def has_row_poses(camera) -> bool:
+    """Whether its rows are seen from poses of their own: a rolling shutter on the vehicle."""
+    return is_rolling(camera) and camera.mount == "vehicle"
 
 
 def describe_water(scene) -> dict:
@@ -250,6 +283,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
     absent |= set() if has_moving(scene) else {"moving"}
     absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
+    absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
     start, end = render.depth_range_m
     return {
@@ -277,6 +311,8 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
 _RAYS = {"z": "# z = 1: D is planar",
          "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
+_INSTANTS = """Each reading and image is for the instant of its time stamp (global
+  shutter; nothing is averaged over an interval)."""
 _PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
 
 
@@ -297,6 +333,8 @@ def write_readme(layout: Layout, scene) -> None:
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
              "MORE": "".join("\n" + _text(f"{key}_readme.txt") for key in more),
+             "SHUTTER": _text("shutter_readme.txt").rstrip("\n") if any(c.shutter for c in scene.vehicle.cameras)
+             else _INSTANTS,
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
     for word, value in words.items():
         text = text.replace("{" + word + "}", value)

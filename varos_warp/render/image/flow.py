@@ -48,7 +48,7 @@ class MovingPart(NamedTuple):
     """An object that moves, in an image."""
 
     seen: np.ndarray
-    """bool [height, width]: where it is."""
+    """Where it is, bool, of the image points [...]."""
     T_w_o: np.ndarray
     """Its pose for each row [height, 4, 4], or for all [1, 4, 4]."""
     T_w_next: np.ndarray
@@ -60,7 +60,7 @@ def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: n
     """The flow as `flow_of` has it, between images with a rolling shutter or of a world in which objects move.
 
     Args:
-        model, points, rays, distance: As for `flow_of`, of a whole image [height, width].
+        model, points, rays, distance: As for `flow_of`.
         T_w_c: Pose of the camera for each row [height, 4, 4].
         T_w_next: And in the next frame.
         moving: The objects.
@@ -68,18 +68,16 @@ def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: n
     Returns:
         ``eye`` is in world axes.
     """
-    T_start = np.repeat(T_w_c[:, None], points.shape[1], axis=1)
+    T_c_w = np.linalg.inv(T_w_next)
+    row, T_here = points[..., 1], at_row(T_w_c, points[..., 1])
     for part in moving:
         # what a pixel of the object sees, in its axes
-        rows = np.nonzero(part.seen)[0]
-        T_start[part.seen] = np.linalg.inv(at_row(part.T_w_o, rows + 0.5)) @ T_start[part.seen]
-    T_c_w = np.linalg.inv(T_w_next)
-    row = points[..., 1]
+        T_here[part.seen] = np.linalg.inv(at_row(part.T_w_o, row[part.seen])) @ T_here[part.seen]
     for _ in range(MOST_TRIES):
-        T_end = at_row(T_c_w, row)
+        T_there = at_row(T_c_w, row)
         for part in moving:
-            T_end[part.seen] = T_end[part.seen] @ at_row(part.T_w_next, row[part.seen])
-        found = flow_of(model, points, rays, distance, T_end @ T_start)
+            T_there[part.seen] = T_there[part.seen] @ at_row(part.T_w_next, row[part.seen])
+        found = flow_of(model, points, rays, distance, T_there @ T_here)
         before, row = row, np.where(np.isfinite(found.flow[..., 1]), points[..., 1] + found.flow[..., 1], row)
         if np.abs(row - before).max() < CONVERGED:
             break

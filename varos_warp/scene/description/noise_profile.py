@@ -78,6 +78,9 @@ class CameraNoise(Block):
     """Poisson noise of the electrons"""
     read_noise_electrons: NonNegative = 0.0
     """Standard deviation, per pixel [e-]"""
+    dark_current_electrons_per_s: NonNegative | None = None
+    """Electrons that gather without light while a pixel is exposed [e-/s]; for cameras whose ``shutter`` has an
+    ``exposure_s``"""
     row_noise_electrons: NonNegative = 0.0
     """Standard deviation of an offset that a row of all channels shares [e-]"""
     bits: Annotated[int, Field(ge=4, le=16)] = 12
@@ -85,6 +88,8 @@ class CameraNoise(Block):
     black_level: Annotated[int, Field(ge=0)] = 0
     """DN of no light; noise below it is kept until it is taken off"""
     vignetting: Vignetting | None = None
+
+    _written = unwritten_if_absent("dark_current_electrons_per_s")
 
     @model_validator(mode="after")
     def _one_exposure_and_room_above_black(self):

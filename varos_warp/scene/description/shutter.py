@@ -29,7 +29,7 @@ class Shutter(Block):
 class Strobe(Block):
     """A light that flashes with every frame instead of shining all the time."""
 
-    on_s: Annotated[float, Field(gt=0.0, le=60.0)]
+    on_s: Annotated[float, Field(gt=0.0, le=60.0, examples=[0.002])]
     """How long [s]."""
     delay_s: Annotated[float, Field(ge=-60.0, le=60.0)] = 0.0
     """From the frame's time stamp to the middle of the flash [s]."""

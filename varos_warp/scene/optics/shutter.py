@@ -31,8 +31,17 @@ STILL = Instants(np.zeros(1), 0.0, 0.0, 0.0)
 
 def row_offsets_s(camera: Any) -> np.ndarray:
     """From a frame's time stamp to the middle of the exposure of each row [H] [s]."""
-    rows = camera.resolution[1]
-    return ((np.arange(rows) + 0.5) / rows - 0.5) * (camera.shutter.readout_s if camera.shutter else 0.0)
+    return offsets_of_rows_s(camera.resolution[1], camera.shutter.readout_s if camera.shutter else 0.0)
+
+
+def offsets_of_rows_s(rows: int, readout_s: float) -> np.ndarray:
+    """The same [rows] [s] of a shutter by its numbers."""
+    return ((np.arange(rows) + 0.5) / rows - 0.5) * readout_s
+
+
+def in_ns(seconds: np.ndarray) -> np.ndarray:
+    """Whole nanoseconds, int64."""
+    return np.rint(1e9 * seconds).astype(np.int64)
 
 
 def is_rolling(camera: Any) -> bool:

@@ -1,0 +1,140 @@
+"""Code of the documents works: Python runs, scene files load, and the command line has what it is told."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import standins
+import trimesh
+import typer
+import yaml
+from PIL import Image
+
+import varos_warp as vw
+from varos_warp.cli import app
+from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.noise_profile import NoiseProfile
+from varos_warp.scene.description.vehicle import Vehicle
+from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.schema import find_key
+from varos_warp.scene.templates import TEMPLATES
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CAMERAS = [{"id": name, "position": [x, 0, 0], "resolution": [16, 9]}
+           for name, x in (("M0", 0.0), ("L0", -0.1), ("R0", 0.1))]
+SCENE = standins.scene_dict(
+    objects=[{"kind": "boulder", "diameter": 1.0, "chord_error_m": 0.1, "position": [0, 3, 0]}],
+    materials={"seafloor": {}, "rusty": {"kind": "rust"}},
+    trajectory={"waypoints": [{"position": [0, 0, 0]}, {"position": [0, 0.5, 0]}], "duration_s": 2.8},
+    render={"frame_rate_hz": 4, "spp": 2, "spp_b": 2, "integrator": "path", "outputs": ["A", "B", "C", "D", "F"],
+            "denoise": "none", "denoise_b": "none"})
+SCENE["vehicle"]["cameras"] = CAMERAS
+"""Three small cameras before a stone; documents change it by their blocks."""
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def as_parameters(pages) -> list:
+    return [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in pages]
+
+
+def pages_with(language: str) -> list:
+    return as_parameters(page for page in PAGES if blocks(page, language))
+
+
+# ------------------------------------------------------------------------------------------------------------ Python
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files that documents speak of: scenes, a dataset, a mesh, a photograph."""
+    place = tmp_path_factory.mktemp("docs")
+    for name in ("scene.yaml", "my.yaml", "examples/munkholmen/scene.yaml"):
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text(yaml.safe_dump(SCENE))
+    trimesh.creation.icosphere(2).export(place / "survey.ply")
+    Image.fromarray(np.random.default_rng(1).integers(0, 255, (24, 32, 3), np.uint8)).save(place / "photo.png")
+    produce(scene_from_dict(SCENE), place / "out", device="cpu", quiet=True)
+    return place
+
+
+@pytest.fixture(scope="module")
+def names(folder):
+    """What documents take for given."""
+    scene = scene_from_dict(SCENE)
+    frames = vw.simulate(scene).frames
+    return {"vw": vw, "renderer": vw.FrameRenderer(scene, "cpu"),
+            "T_w_v": frames.T_w_v(0), "T_w_v_next": frames.T_w_v(1),
+            "width": 16, "height": 9, "cos_theta": np.array([0.5]), "u": np.array([0.5])}
+
+
+def runnable(code: str) -> str:
+    """Code for a machine without PyTorch."""
+    return re.sub(r"^data\.torch\(.*\n", "", code, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_python_of_a_page_runs(page, folder, names, monkeypatch):
+    """Its blocks one after the other, as a reader would paste them, with a small scene in the place of each."""
+    monkeypatch.chdir(folder)
+    space = dict(names)
+    for code in blocks(page, "python"):
+        exec(compile(runnable(code), page.name, "exec"), space)
+
+
+# ------------------------------------------------------------------------------------------------------- scene files
+
+
+def merged(block: dict) -> dict:
+    """The small scene with what a block of a document says, which may begin at the vehicle."""
+    if not block.keys() <= Scene.model_fields.keys():
+        assert block.keys() <= Vehicle.model_fields.keys(), block
+        block = {"vehicle": block}
+    scene = SCENE | block
+    scene["vehicle"] = SCENE["vehicle"] | block.get("vehicle", {})
+    scene["render"] = {"outputs": ["A", "B"]} | block.get("render", {})
+    scene["materials"] = SCENE["materials"] | block.get("materials", {})
+    if "scatter" in block:
+        scene.setdefault("terrain", {"kind": "procedural"})
+    return scene
+
+
+@pytest.mark.parametrize("page", pages_with("yaml"))
+def test_scene_files_of_a_page_load(page):
+    """Each block on the small scene; one that is no part of a scene is a noise profile."""
+    for text in blocks(page, "yaml"):
+        block = yaml.safe_load(text)
+        if "imu" in block and "vehicle" not in block and "name" in block:
+            NoiseProfile(**block)
+        else:
+            scene_from_dict(merged(block))
+
+
+# ------------------------------------------------------------------------------------------------------ command line
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Arguments of each command in the page's code; what is a synopsis has `...` or alternatives."""
+    lines = re.findall(r"^ {4,}varos-warp (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [shlex.split(line.partition(" > ")[0], comments=True) for line in lines
+            if "..." not in line and "|mcap" not in line]
+
+
+@pytest.mark.parametrize("page", as_parameters(page for page in PAGES if commands(page)))
+def test_commands_of_a_page_exist(page):
+    """Verb, options and the number of arguments; keys that are set and templates that are named."""
+    group = typer.main.get_command(app)
+    for verb, *arguments in commands(page):
+        if verb.startswith("--"):
+            continue
+        context = group.commands[verb].make_context(verb, list(arguments))
+        for change in context.params.get("set_") or ():
+            assert find_key(change.partition("=")[0])
+        if template := context.params.get("template"):
+            assert template in TEMPLATES

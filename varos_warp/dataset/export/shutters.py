@@ -1,0 +1,47 @@
+"""A note beside every export on the shutters of its cameras, of which no format knows, and the poses of their rows."""
+
+import warnings
+from collections.abc import Iterator
+
+from varos_warp.dataset import files
+from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.reader.rows import is_rolling
+
+FOLDER = "shutter"
+
+
+def write(job: Job) -> None:
+    """Write ``shutter/README.txt`` and link the poses of rows beside it; nothing where no camera has a shutter."""
+    if not any(job.data.camera(camera).get("shutter") for camera in job.cameras):
+        return
+    job.text(f"{FOLDER}/README.txt", [
+        "Time stamps of this export are of the middle of the exposure of the middle row, and so are its camera poses.",
+        "A pixel is the mean over the exposure of its row; depth and points are of the middle of that.", "",
+        *(line for camera in job.cameras for line in _camera(job, camera))])
+    rolling = [camera for camera in job.cameras if is_rolling(job.data.camera(camera))]
+    for camera in rolling:
+        source = job.data.layout.row_poses(camera)
+        files.link(source, job.out / FOLDER / source.name)
+    if rolling:
+        warnings.warn(f"the format knows no rolling shutter: poses of {', '.join(rolling)} are of the time stamp, the "
+                      f"middle row; {FOLDER}/README.txt tells where those of the rows are", stacklevel=3)
+
+
+def _camera(job: Job, camera: str) -> Iterator[str]:
+    """What there is to know of one."""
+    about = job.data.camera(camera)
+    shutter, rows = about.get("shutter"), about["height"]
+    if shutter is None:
+        yield f"{camera}: each image is of one instant."
+        return
+    exposure_s, readout_s = shutter["exposure_s"], shutter["readout_s"]
+    if not readout_s:
+        yield f"{camera}: global shutter, exposure_s {exposure_s!r}."
+        return
+    yield f"{camera}: rolling shutter, first row first: exposure_s {exposure_s!r}, readout_s {readout_s!r},"
+    yield f"  line_delay_s {readout_s / rows!r}. The middle of the exposure of row r, from 0, is at its time stamp"
+    yield f"  + ((r + 0.5) / {rows} - 0.5) * {readout_s!r} s."
+    if is_rolling(about):
+        yield f"  {job.data.layout.row_poses(camera).name}: pose of the camera at that time for every row: NumPy,"
+        yield f"  float64 [{len(job.data)} frames, {rows} rows, 7], x y z, quaternion w x y z; camera (OpenCV axes) to"
+        yield "  world (z up, metres)."

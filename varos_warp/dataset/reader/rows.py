@@ -1,0 +1,80 @@
+"""From where each row of an image is seen: of a rolling shutter every row has a time and a pose of its own."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from varos_warp.dataset import files
+from varos_warp.scene.optics.shutter import in_ns, offsets_of_rows_s
+from varos_warp.sim.clock import frame_time_ns
+
+
+def is_rolling(about: dict) -> bool:
+    """Whether the rows of a camera's images have poses of their own; ``about`` is its entry in dataset.json."""
+    return "row_poses" in (about.get("shutter") or {})
+
+
+def exposure_s(about: dict) -> float:
+    """How long each pixel is exposed [s]; 0: an instant."""
+    return (about.get("shutter") or {"exposure_s": 0.0})["exposure_s"]
+
+
+def offsets_ns(about: dict) -> np.ndarray:
+    """From a frame's time stamp to the middle of the exposure of each row, int64 [H]."""
+    return in_ns(offsets_of_rows_s(about["height"], (about.get("shutter") or {"readout_s": 0.0})["readout_s"]))
+
+
+def sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray:
+    """Pose [4, 4] from which a camera sees, or of a rolling shutter that of each row [H, 4, 4]: for `points_at`.
+
+    Args:
+        data: The `Dataset`.
+        frame: Number of the frame.
+        camera: Its id; absent: the first.
+    """
+    T_w_c, about = data.T_w_c(frame, camera), data.camera(camera)
+    if not is_rolling(about):
+        return T_w_c
+    row_poses = data._once(("rows", about["id"]), lambda: read(data, camera))[data._index(frame)]
+    T = np.tile(np.eye(4), (len(row_poses), 1, 1))
+    T[:, :3, :3] = Rotation.from_quat(row_poses[:, 3:], scalar_first=True).as_matrix()
+    T[:, :3, 3] = row_poses[:, :3]
+    return T
+
+
+def read(data: Any, camera: str | None = None) -> np.ndarray:
+    """Poses of all rows as they are on disk, float64 [frames, H, 7], read where they are looked at.
+
+    Raises:
+        InputError: If they are not those of the frames and the rows, or not numbers.
+    """
+    about = data.camera(camera)
+    path, expected = data.layout.row_poses(about["id"]), (len(data), about["height"], 7)
+    with files.reading(path):
+        row_poses = np.lib.format.open_memmap(path, mode="r")
+        if row_poses.shape != expected or row_poses.dtype != np.float64:
+            raise ValueError(f"{row_poses.dtype} {row_poses.shape}, not float64 {expected}")
+    return row_poses
+
+
+def by_motion(data: Any, frame: int, camera: str | None = None, later_ns: int = 0) -> np.ndarray | None:
+    """`sight` as the vehicle's motion makes it, of any frame and so much later; None where that is not on record."""
+    about = data.camera(camera)
+    if "T_v_c" not in about or "vehicle" not in data.recorded:
+        return None
+    motion, offset = data.trajectory(), offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
+    time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + offset + later_ns
+    if time_ns[-1] > motion.time_ns[-1]:
+        return None
+    T = motion.from_before(time_ns).poses() @ np.array(about["T_v_c"], float)
+    return T if is_rolling(about) else T[0]
+
+
+def next_sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray | None:
+    """`sight` of the next frame of the sequence, to which F is the flow; None if it is not on record."""
+    if not is_rolling(data.camera(camera)):
+        return data.next_T_w_c(frame, camera)
+    if frame + 1 in data.frames:
+        return sight(data, frame + 1, camera)
+    return by_motion(data, frame + 1, camera)
