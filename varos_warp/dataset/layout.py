@@ -10,6 +10,7 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     vehicle0/mag0/mag0_data.csv  mag0_poses/...                    vehicle0/dvl0/dvl0_data.csv  dvl0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
     vehicle0/lights0/lights0_poses.csv
+    objects/objects.3_poses/objects.3_poses_*.csv (of what moves)
 """
 
 from dataclasses import dataclass
@@ -139,11 +140,13 @@ class Layout:
         return self.sensor("imu0").with_name("imu0_bias.csv")
 
     def poses(self, name: str, form: str) -> Path:
-        """Poses of a camera id, a sensor such as ``imu0``, or ``vehicle``; the form is one of `POSE_FORMS`."""
+        """Poses of a camera id, a sensor, ``vehicle`` or an object, as ``objects.3``; the form is of `POSE_FORMS`."""
         if name == "vehicle":
             folder, stem = self.vehicle_dir / f"ground_truth_vehicle{self.vehicle}_poses", f"vehicle{self.vehicle}"
         elif name in self.cameras:
             folder, stem = self.camera_dir(name) / f"cam{name}_poses", f"cam{name}"
+        elif name.startswith("objects."):
+            folder, stem = self.root / "objects" / f"{name}_poses", name
         else:
             folder, stem = self.vehicle_dir / name / f"{name}_poses", name
         return folder / f"{stem}_poses_{form}.csv"

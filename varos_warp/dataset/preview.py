@@ -77,10 +77,12 @@ class View(NamedTuple):
     T_w_v: np.ndarray
     course: np.ndarray
     """Positions of the vehicle [N, 3] [m]."""
+    time_ns: int = 0
+    """When [ns]."""
 
     def render(self, letter: str, **options) -> RadianceImage:
         """Image A or B."""
-        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, **options), letter)
+        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, time_ns=self.time_ns, **options), letter)
 
 
 def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int | None = None, device: str = "auto",
@@ -215,8 +217,8 @@ class _EditedScene:
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
         camera = _camera(cameras, self.viewpoint.camera)
         simulation = self._simulated(scene)
-        T_w_v = _pose(self.viewpoint, simulation)
-        return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position)
+        time_ns, T_w_v = _pose(self.viewpoint, simulation)
+        return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position, time_ns)
 
     def _simulated(self, scene: Scene):
         moving = scene.model_dump(exclude=NOT_MOVING)
@@ -288,15 +290,16 @@ def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
     return cameras[0] if wanted is None else known[wanted]
 
 
-def _pose(viewpoint: Viewpoint, simulation) -> np.ndarray:
-    """Pose [4, 4] of the vehicle from which to look."""
+def _pose(viewpoint: Viewpoint, simulation) -> tuple[int, np.ndarray]:
+    """When [ns], and the pose [4, 4] of the vehicle from which to look."""
     frame, time_s, trajectory = viewpoint.frame, viewpoint.time_s, simulation.trajectory
     if time_s is not None:
         end = 1e-9 * trajectory.time_ns[-1]
         if not 0.0 <= time_s <= end:
             raise InputError("is not on the course", key="--time", value=time_s, remedy=f"It lasts {end:g} s.")
-        return trajectory.at([min(round(1e9 * time_s), trajectory.time_ns[-1])]).T_w_v(0)
+        time_ns = min(round(1e9 * time_s), int(trajectory.time_ns[-1]))
+        return time_ns, trajectory.at([time_ns]).T_w_v(0)
     if not 0 <= frame < len(simulation.frames):
         raise InputError("there is no such frame", key="--frame", value=frame,
                          remedy=f"The sequence has frames 0 to {len(simulation.frames) - 1}.")
-    return simulation.frames.T_w_v(frame)
+    return int(simulation.frames.time_ns[frame]), simulation.frames.T_w_v(frame)

@@ -1,6 +1,6 @@
-"""What differs from sample to sample of an image, as kernels get it: camera and lights at instants of the exposure."""
+"""What differs from sample to sample of an image, as kernels get it: camera, lights and objects by instant."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -21,15 +21,17 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
         world: The scene on its device.
         view: The camera.
         T_w_v: Pose of the vehicle at the frame's time.
-        motion: Around it; None: the vehicle stands still.
+        motion: Around it; None: the vehicle stands still, and so does everything else.
         rng: For places on disks.
         pinhole: Whether the camera has no depth of field.
     """
     lights, moments = world.scene.vehicle.lights, Moments()
     when = STILL if view.shutter is None else instants(view, lights)
-    poses = np.broadcast_to(T_w_v, (len(when.offset_s), 4, 4)) if motion is None else motion(in_ns(when.offset_s))
+    offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
+    poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
     moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng)
+    moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
     return moments
 
@@ -38,3 +40,10 @@ def poses_of_rows(view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> np.
     """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
     offset_s = row_offsets_s(view)
     return np.broadcast_to(T_w_v, (len(offset_s), 4, 4)) if motion is None else motion(in_ns(offset_s))
+
+
+def times_seen(view: Camera, lights: Sequence, motion: Motion | None) -> np.ndarray:
+    """Times from a frame's stamp that some image of it shows, int64 [N] [ns]: those of `moments_of` and of rows."""
+    if view.shutter is None or motion is None:
+        return np.zeros(0, np.int64)
+    return in_ns(np.concatenate([instants(view, lights).offset_s, row_offsets_s(view)]))

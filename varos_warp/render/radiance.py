@@ -67,8 +67,10 @@ class Shot(NamedTuple):
     """Of its random numbers."""
     guides: Callable[[], dict[str, wp.array]]
     """Albedo and normals, traced once for all images of a frame."""
+    world: DeviceScene
+    """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
-    """Of the vehicle while the shutter is open; None: it stands still."""
+    """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
 
 
 class Seen(NamedTuple):
@@ -140,10 +142,10 @@ class RadianceRenderer:
         return self._vignettes[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
-        options, world = shot.options, self.world
+        options, world = shot.options, shot.world
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
-        seen = self._seen(shot.view, shot.T_w_v, shot.motion, key=shot.key)
+        seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view),
                                        seen.varies)
         before = [world.lit(shot.T_w_v), seen.camera, seen.moments]
@@ -152,12 +154,12 @@ class RadianceRenderer:
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
-        view, options, world = shot.view, shot.options, self.world
+        view, options, world = shot.view, shot.options, shot.world
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
-        seen = self._seen(view, shot.T_w_v, shot.motion, key=shot.key)
+        seen = self._seen(world, view, shot.T_w_v, shot.motion, key=shot.key)
         before = [scene, seen.camera, seen.moments]
         kinds = self._kinds_of_samples(shot, bounds, with_field, seen.varies)
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
@@ -207,38 +209,38 @@ class RadianceRenderer:
         self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 
-    def _seen(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0, pinhole: bool = False
-              ) -> Seen:
+    def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0,
+              pinhole: bool = False) -> Seen:
         """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only."""
-        camera = self.world.camera(view, T_w_v, pinhole=pinhole)
+        camera = world.camera(view, T_w_v, pinhole=pinhole)
         moves = motion is not None and view.shutter is not None
-        if not moves and (pinhole or not self.world.lights.vary):
+        if not moves and (pinhole or not world.lights.vary):
             return Seen(camera, Moments(), False)
         rng = np.random.default_rng([key, MOMENTS_SEED])
-        return Seen(camera, moments_of(self.world, view, T_w_v, motion if moves else None, rng, pinhole), True)
+        return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole), True)
 
     def ambient(self, shot: Shot) -> Steps[RadianceImage]:
         """Render B."""
-        resolution, method, world = shot.view.resolution, shot.options.denoise_b, self.world
+        resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
         if not world.has_surfaces:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
-        seen = self._seen(shot.view, shot.T_w_v, shot.motion, pinhole=True)
+        seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view), seen.varies)
         before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop([film], shot, (), method, shot.guides() if guided else {}))
 
-    def trace_guides(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> dict[str, wp.array]:
+    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None
+                     ) -> dict[str, wp.array]:
         """Albedo and normals at the centres of the pixels; means over an exposure."""
-        seen = self._seen(view, T_w_v, motion, pinhole=True)
+        seen = self._seen(world, view, T_w_v, motion, pinhole=True)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self.world.has_instances, self.world.has_textures, optics_spec(view),
-                                    seen.varies)
-        self.launcher.rows(kernel, shape, [self.world.data, seen.camera, seen.moments], list(guides.values()))
+        kernel = make_guides_kernel(world.has_instances, world.has_textures, optics_spec(view), seen.varies)
+        self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 
     def _develop(self, films: list[Film], shot: Shot, wanted_layers, method: str | None, guides=None,

@@ -10,15 +10,14 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_hidden_kernel
-from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.kernels.transport.first_hits import Rows, make_first_hits_kernel, make_hidden_kernel
 from varos_warp.render.image.films import Films
-from varos_warp.render.image.flow import flow_by_rows, flow_of
+from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
-from varos_warp.render.moments import Motion, poses_of_rows
+from varos_warp.render.moments import Motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
@@ -29,7 +28,8 @@ from varos_warp.scene.frames import camera_pose, inverse
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
-from varos_warp.scene.optics.shutter import is_rolling
+from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
+from varos_warp.sim.poses import poses_along
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
            "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
@@ -47,11 +47,13 @@ def _centre_rays(view: Camera) -> Rays:
 
 
 class Exposed(NamedTuple):
-    """A camera, and the vehicle while its shutter is open."""
+    """A camera, and the vehicle and objects while its shutter is open."""
 
     view: Camera
     T_w_v: np.ndarray
     motion: Motion | None
+    world: DeviceScene
+    """With what moves where it is at the frame's time."""
 
     @property
     def rolls(self) -> bool:
@@ -61,6 +63,15 @@ class Exposed(NamedTuple):
     def poses_of_rows(self) -> np.ndarray:
         """Pose [H, 4, 4] of the vehicle in the middle of the exposure of each row."""
         return poses_of_rows(self.view, self.T_w_v, self.motion)
+
+    def cameras_of_rows(self) -> np.ndarray:
+        """And of the camera [H, 4, 4]."""
+        poses = self.poses_of_rows()
+        return np.broadcast_to(camera_pose(self.view, poses), poses.shape)
+
+    def row_times(self) -> np.ndarray:
+        """Middles of the exposures of the rows from the frame's time, int64 [H] [ns]; of one instant, [1]."""
+        return in_ns(row_offsets_s(self.view)) if self.rolls else np.zeros(1, np.int64)
 
 
 class FrameRenderer:
@@ -105,8 +116,8 @@ class FrameRenderer:
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
                T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
-               motion: Motion | None = None, motion_next: Motion | None = None, seed: int | None = None,
-               frame: int = 0, **options: Any) -> Frame:
+               motion: Motion | None = None, motion_next: Motion | None = None, time_ns: int = 0,
+               time_ns_next: int | None = None, seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
@@ -116,8 +127,10 @@ class FrameRenderer:
             T_w_v_next: Pose [4, 4] of the vehicle at the next frame, to which F is the flow.
             camera_next: That of the next frame, if it is another: with the same pose, F is the disparity of a pair.
             motion: Of the vehicle around this frame, for cameras with a shutter (`Simulation.motion`); absent: it
-                stands still, and nothing is blurred.
+                stands still, as do objects, and nothing is blurred.
             motion_next: Around the next frame, for F with a rolling shutter.
+            time_ns: Time of the frame [ns], for objects that move.
+            time_ns_next: That of the next frame, for F; absent: the same, as for a pair.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
@@ -127,12 +140,14 @@ class FrameRenderer:
             TypeError: If there is no such option.
         """
         return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next,
-                                 motion=motion, motion_next=motion_next, seed=seed, frame=frame, **options))
+                                 motion=motion, motion_next=motion_next, time_ns=time_ns, time_ns_next=time_ns_next,
+                                 seed=seed, frame=frame, **options))
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
-              motion: Motion | None = None, motion_next: Motion | None = None, seed: int | None = None,
-              frame: int = 0, **options: Any) -> Steps[Frame]:
+              motion: Motion | None = None, motion_next: Motion | None = None, time_ns: int = 0,
+              time_ns_next: int | None = None, seed: int | None = None, frame: int = 0, **options: Any
+              ) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
         if "F" in outputs and T_w_v_next is None:
@@ -141,7 +156,8 @@ class FrameRenderer:
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
-        guides = functools.cache(lambda seen, moved: self.radiance.trace_guides(seen, T_w_v, moved))
+        here = self._exposed(view, T_w_v, motion, time_ns)
+        guides = functools.cache(lambda seen, moved: self.radiance.trace_guides(here.world, seen, T_w_v, moved))
         water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
         for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
@@ -152,14 +168,16 @@ class FrameRenderer:
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
                 images[letter] = yield from make(
-                    Shot(seen, T_w_v, how, key, functools.partial(guides, seen, moved), moved))
-        here = Exposed(view, T_w_v, motion)
+                    Shot(seen, T_w_v, how, key, functools.partial(guides, seen, moved), here.world, moved))
+        needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):
-            images |= yield from self._render_first_hits(here, geometry | ({"D"} if "F" in geometry else set()))
+            images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
         if "F" in geometry:
-            following = Exposed(self._camera(camera_next) if camera_next else view, np.asarray(T_w_v_next, np.float64),
-                                motion_next)
-            images["F"] = yield from self._render_flow(here, following, images["D"].range)
+            following = self._exposed(self._camera(camera_next) if camera_next else view,
+                                      np.asarray(T_w_v_next, np.float64), motion_next,
+                                      time_ns if time_ns_next is None else time_ns_next)
+            images["F"] = yield from self._render_flow(here, following, images["D"].range,
+                                                        images["S"].instance if "S" in images else None)
         return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
@@ -205,16 +223,29 @@ class FrameRenderer:
             raise InputError("no such camera", key="camera", value=name, remedy=f"There are: {', '.join(cameras)}.")
         return cameras[name]
 
+    def _exposed(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None, time_ns: int) -> Exposed:
+        """A camera, the vehicle and what moves at a time."""
+        moving = self.world.moving
+
+        def poses(offset_ns: np.ndarray) -> np.ndarray:
+            return np.stack([poses_along(part.path, time_ns + offset_ns) for part in moving], axis=1)
+
+        lights = self.scene.vehicle.lights
+        world = self.world.moved(poses, times_seen(view, lights, motion)) if moving else self.world
+        return Exposed(view, T_w_v, motion, world)
+
     def _twin(self, view: Camera) -> Camera:
         """The camera of P; strobes light it as they do A."""
         strobes = any(light.strobe for light in self.scene.vehicle.lights)
         return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
 
-    def _cameras_of_rows(self, here: Exposed) -> tuple[wp.array, bool]:
-        """Of a rolling shutter, and whether it is one."""
-        if not here.rolls:
-            return wp.empty(0, dtype=CameraData, device=self.device), False
-        return camera_records(here.view, here.poses_of_rows(), self.world.origin, self.device, pinhole=True), True
+    def _rows(self, here: Exposed) -> Rows:
+        """What the rows of a rolling shutter are of."""
+        rows = Rows()
+        if here.rolls:
+            rows.cameras = camera_records(here.view, here.poses_of_rows(), self.world.origin, self.device, pinhole=True)
+            rows.moving = here.world.moving_at(here.row_times())
+        return rows
 
     def _render_first_hits(self, here: Exposed, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
         view = here.view
@@ -223,9 +254,10 @@ class FrameRenderer:
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
         if self.world.has_surfaces:
-            camera, (of_rows, rolls) = self.world.camera(view, here.T_w_v, pinhole=True), self._cameras_of_rows(here)
-            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view), rolls)
-            self.launcher.rows(kernel, shape, [self.world.data, camera, of_rows], [normal, depth, distance, instance])
+            camera = self.world.camera(view, here.T_w_v, pinhole=True)
+            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view), here.rolls)
+            self.launcher.rows(kernel, shape, [here.world.data, camera, self._rows(here)],
+                               [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
         wanted = [letter for letter in arrays if letter in outputs]
         fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
@@ -236,12 +268,14 @@ class FrameRenderer:
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
-    def _render_flow(self, here: Exposed, following: Exposed, distance: np.ndarray) -> Steps[FlowImage]:
-        """F from the range of D: in float64 on the host, and what hides on the device."""
+    def _render_flow(self, here: Exposed, following: Exposed, distance: np.ndarray, parts: np.ndarray | None
+                     ) -> Steps[FlowImage]:
+        """F from the range of D and the parts of S: in float64 on the host, and what hides on the device."""
         view = here.view
         before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
-        if here.rolls or following.rolls:
-            moved = flow_by_rows(*before, *(camera_pose(at.view, at.poses_of_rows()) for at in (here, following)))
+        if here.rolls or following.rolls or self.world.moving:
+            T_w_c, T_w_next = (at.cameras_of_rows() for at in (here, following))
+            moved = flow_by_rows(*before, T_w_c, T_w_next, self._moving_parts(here, following, parts))
             eye = moved.eye
         else:
             T_w_next = camera_pose(following.view, following.T_w_v)
@@ -251,8 +285,21 @@ class FrameRenderer:
         if self.world.has_surfaces:
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
             self.launcher.upload(eye - self.world.origin, eyes)
-            camera, (of_rows, rolls) = self.world.camera(view, here.T_w_v, pinhole=True), self._cameras_of_rows(here)
-            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view), rolls)
-            self.launcher.rows(kernel, distance.shape, [self.world.data, camera, of_rows, eyes], [hidden])
+            next_row = wp.zeros(distance.shape, dtype=wp.int32, device=self.device)
+            if following.rolls and self.world.moving:
+                row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
+                self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
+            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view), here.rolls)
+            camera = self.world.camera(view, here.T_w_v, pinhole=True)
+            there = [following.world.data, following.world.moving_at(following.row_times()), eyes, next_row]
+            self.launcher.rows(kernel, distance.shape, [here.world.data, camera, self._rows(here), *there], [hidden])
         on_host, = yield from self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
+
+    def _moving_parts(self, here: Exposed, following: Exposed, parts: np.ndarray | None) -> list[MovingPart]:
+        """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
+        if parts is None:
+            return []
+        now, then = (at.world.poses(at.row_times()) for at in (here, following))
+        numbers = [self.world.part_names.index(part.name) + 1 for part in self.world.moving]
+        return [MovingPart(np.equal(parts, number), now[:, k], then[:, k]) for k, number in enumerate(numbers)]

@@ -1,6 +1,8 @@
 """A scene in device memory: meshes with their BVHs, copies, materials, lights and water, in a local float32 world."""
 
 import copy
+import itertools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -14,10 +16,10 @@ from varos_warp.kernels.world.optics import Coefficients, Optics, OpticsSpec
 from varos_warp.kernels.world.texture import DIFFUSE, Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.frames import camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import corner_normals, face_normals
-from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import corner_values, device_material
@@ -64,11 +66,13 @@ class DeviceScene:
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
         self.lights = Lights(scene, device)
+        self.moving = [part for part in parts if isinstance(part, Moving)]
         self.has_surfaces = bool(parts)
         self.has_textures = False
         self.part_names: list[str] = []
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
-        self.has_instances = copied_faces > MOST_JOINED_FACES[self.kind]
+        self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
+        self.has_instances = not self.joins_copies or bool(self.moving)
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         if parts:
@@ -87,24 +91,48 @@ class DeviceScene:
         other.data.medium = medium_record(other.water, self.device)
         return other
 
+    def moved(self, poses: Callable[[np.ndarray], np.ndarray], offset_ns: np.ndarray) -> "DeviceScene":
+        """The scene with what moves where it is at a frame; itself where nothing does.
+
+        Args:
+            poses: Of what moves [N, M, 4, 4], in the order of ``moving``, at times from the frame's, int64 [N] [ns].
+            offset_ns: All times but 0 that are asked for, int64 [N]: of these, `moving_at` may be rendered.
+        """
+        if not self.moving:
+            return self
+        other = copy.copy(self)
+        other.data = SceneData()
+        other.data.assign(self.data)
+        other.poses = poses
+        other._place(poses(np.concatenate([np.zeros(1, np.int64), offset_ns])))
+        return other
+
+    def moving_at(self, offset_ns: np.ndarray) -> wp.array:
+        """Records [N, M] of what moves at times from the frame's, int64 [N] [ns]."""
+        if not self.moving:
+            return wp.empty((len(offset_ns), 0), dtype=InstanceData, device=self.device)
+        return self._array(self._placed(self.poses(offset_ns)), InstanceData)
+
     def _upload_geometry(self, parts: list[Part | Instances]):
-        """One mesh of all parts in world axes, one of each instanced mesh in its own; arrays per face hold all."""
+        """One mesh of what stands still, one of each instanced mesh in its own axes; arrays per face of all."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
-        in_mesh = single if self.has_instances else [*single, *(copy for group in copied for copy in group.parts())]
+        self.part_names = [part.name for part in single]
+        self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
+        numbers = {name: number for number, name in enumerate(self.part_names)}
+        still = [part for part in single if not isinstance(part, Moving)]
+        in_mesh = [*still, *(copy for group in copied for copy in group.parts())] if self.joins_copies else still
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
             jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
-                    pool.submit(self._upload_normals, [*single, *copied])]
+                    pool.submit(self._upload_normals, [*still, *copied, *self.moving])]
         for job in jobs:
             job.result()
         counts = [len(part.faces) for part in in_mesh]
-        self.data.face_part = self._array(np.repeat(np.arange(len(in_mesh), dtype=np.int32), counts), wp.int32)
-        self.data.parts = len(in_mesh)
+        in_order = np.array([numbers[part.name] for part in in_mesh], np.int32)
+        self.data.face_part = self._array(np.repeat(in_order, counts), wp.int32)
         if self.has_instances:
-            self._upload_instances(copied, sum(counts))
-        self.part_names = [part.name for part in single]
-        self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
-        values = corner_values([*single, *copied] if self.has_instances else in_mesh)
+            self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
+        values = corner_values([*(in_mesh if self.joins_copies else [*still, *copied]), *self.moving])
         self.data.corner_values = self._array(values, wp.vec3)
 
     def _upload_mesh(self, parts: list[Part]):
@@ -119,7 +147,10 @@ class DeviceScene:
         # by their boxes, joined or not, so that a copy looks the same on every device
         placed = [*single, *(box for group in copied for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)
-        materials = [device_material(part, self.scene, self.origin, self.textures) for part in placed]
+        # of what moves, patterns are in the axes of its mesh
+        origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
+        materials = [device_material(part, self.scene, np.asarray(origin), self.textures)
+                     for part, origin in zip(placed, origins, strict=True)]
         self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.data.materials = self._array(materials, Material)
         if any(has_lobe(part.material) for part in [*single, *copied]):
@@ -134,26 +165,64 @@ class DeviceScene:
                        indices=self._array(faces.ravel().astype(np.int32), wp.int32),
                        bvh_leaf_size=LEAF_SIZE[self.kind])
 
-    def _upload_instances(self, groups: list[Instances], first_face: int):
-        """The meshes of what stands there many times, a record for each copy, and a BVH over the copies' boxes."""
-        self.instanced_meshes = [self._mesh(group.vertices, group.faces) for group in groups]
+    def _upload_instances(self, groups: list[Instances], first_face: int, numbers: dict[str, int]):
+        """The meshes of what stands there many times or moves, a record for each, and boxes around the copies."""
+        in_own_axes = [part.vertices - part.origin for part in self.moving]
+        self.instanced_meshes = [self._mesh(vertices, shape.faces) for vertices, shape in zip(
+            [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True)]
         records, boxes = [], []
-        for group, mesh in zip(groups, self.instanced_meshes, strict=True):
-            for T, box in zip(group.T_w_o, group.boxes(), strict=True):
-                record = InstanceData()
-                record.mesh, record.first_face = mesh.id, first_face
+        for group, mesh in zip(groups, self.instanced_meshes, strict=False):
+            for i, (T, box) in enumerate(zip(group.T_w_o, group.boxes(), strict=True)):
+                record = self._record(mesh, first_face, numbers[f"{group.name}.{i}"])
                 record.scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
                 record.R = wp.mat33(*(T[:3, :3] / record.scale).ravel())
                 record.p = wp.vec3(*(T[:3, 3] - self.origin))
                 records.append(record)
                 boxes.append((box.vertices.min(axis=0) - self.origin, box.vertices.max(axis=0) - self.origin))
             first_face += len(group.faces)
-        margin = 1e-6 * (1.0 + np.abs(boxes).max())  # the rounding of float32, on the safe side
-        low, high = np.moveaxis(boxes, 1, 0)
+        self.copy_boxes = np.array(boxes).reshape(-1, 2, 3)
+        self.data.instances = self._array(records, InstanceData)
+        unplaced = []
+        for part, mesh in zip(self.moving, self.instanced_meshes[len(groups):], strict=True):
+            unplaced.append(self._record(mesh, first_face, numbers[part.name]))
+            first_face += len(part.faces)
+        self._unplaced = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
+        start = np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4)
+        self.poses: Callable[[np.ndarray], np.ndarray] = lambda offset_ns: np.repeat(start, len(offset_ns), axis=0)
+        self._place(start)
+
+    def _record(self, mesh: wp.Mesh, first_face: int, number: int) -> InstanceData:
+        """Of an instance that is not placed yet."""
+        record = InstanceData()
+        record.mesh, record.first_face, record.part, record.scale = mesh.id, first_face, number, 1.0
+        return record
+
+    def _turned(self, T_w_o: np.ndarray) -> np.ndarray:
+        """Rotations [N, M, 3, 3] of the meshes of what moves, whose axes are the world's where it begins."""
+        return T_w_o[..., :3, :3] @ np.array([part.R_w_o.T for part in self.moving]).reshape(-1, 3, 3)
+
+    def _placed(self, T_w_o: np.ndarray) -> np.ndarray:
+        """Records [N, M] of what moves for its poses [N, M, 4, 4]."""
+        records = np.repeat(self._unplaced[None], len(T_w_o), axis=0)
+        records["R"], records["p"] = self._turned(T_w_o), T_w_o[..., :3, 3] - self.origin
+        return records
+
+    def _place(self, T_w_o: np.ndarray):
+        """What moves where the first of its poses [N, M, 4, 4] has it, and a BVH over where all of them have it."""
+        boxes = [self.copy_boxes]
+        for k, part in enumerate(self.moving):
+            corners = part.boxes()[0].vertices - part.origin
+            extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
+            corners = np.array(list(itertools.product(*extent.T)))
+            there = corners @ self._turned(T_w_o)[:, k].swapaxes(1, 2) + T_w_o[:, k, None, :3, 3] - self.origin
+            boxes.insert(k, np.stack([there.min(axis=(0, 1)), there.max(axis=(0, 1))])[None])
+        low, high = np.moveaxis(np.concatenate(boxes), 1, 0)
+        margin = 1e-6 * (1.0 + max(np.abs(low).max(), np.abs(high).max()))  # the rounding of float32, on the safe side
         self.instance_bvh = wp.Bvh(self._array((low - margin).astype(np.float32), wp.vec3),
                                    self._array((high + margin).astype(np.float32), wp.vec3),
                                    constructor="sah", leaf_size=1)
-        self.data.instances, self.data.instance_bvh = self._array(records, InstanceData), self.instance_bvh.id
+        self.data.instance_bvh = self.instance_bvh.id
+        self.data.moving = self._array(self._placed(T_w_o[:1])[0], InstanceData)
 
     def _upload_normals(self, parts: list[Part | Instances]):
         smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
@@ -167,7 +236,7 @@ class DeviceScene:
         """Normals [F, 3, 3] of each part as one array; of copies that join the mesh, turned with each of them."""
         turned = []
         for part, own in zip(parts, normals, strict=True):
-            if isinstance(part, Part) or self.has_instances:
+            if isinstance(part, Part) or not self.joins_copies:
                 turned.append(own)
             else:
                 turned += [own @ (T[:3, :3].T / np.cbrt(np.linalg.det(T[:3, :3]))) for T in part.T_w_o]

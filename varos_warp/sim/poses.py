@@ -1,9 +1,11 @@
-"""Trajectories through exact poses, without dynamics: a static observer, a path from elsewhere, a test.
+"""Trajectories through exact poses, without dynamics: a static observer, a path from elsewhere, an object that moves.
 
 Position and attitude are twice continuously differentiable at all times, so that the IMU feels every change of speed:
 splines through the poses, at whose ends the vehicle has the speed that they give it. After the last pose it brakes and
 is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -11,8 +13,10 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
+from varos_warp.scene.description.world import Stop
 from varos_warp.scene.frames import attitudes
-from varos_warp.sim.clock import TICK_RATE_HZ, TICK_S
+from varos_warp.scene.geometry.parts import Moving
+from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ, TICK_S
 
 REST_S = 2.0
 """Time from the last pose to rest, and from rest to the first pose [s]."""
@@ -27,7 +31,7 @@ RATES = ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_ac
 """Order of the derivatives of position and attitude, and their names."""
 
 
-def pose_times(poses: list[description.Pose]) -> np.ndarray:
+def pose_times(poses: Sequence[description.Pose | Stop]) -> np.ndarray:
     """Times of the poses [n] in ticks; those within a microtick of a tick are on it.
 
     Raises:
@@ -49,10 +53,29 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
 
     A pose whose time falls on a tick is that row, to the last digit.
     """
+    return at_ticks(poses, np.arange(ticks, dtype=float))
+
+
+def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
+    """Poses T_w_o [N, 4, 4] of an object on its path at times int64 [N] [ns], also before the first stop."""
+    columns = at_ticks(stops, np.asarray(time_ns) / TICK_NS)
+    T = np.tile(np.eye(4), (len(time_ns), 1, 1))
+    T[:, :3, :3] = Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix()
+    T[:, :3, 3] = columns["position"]
+    return T
+
+
+def poses_of_moving(parts: Sequence, time_ns: np.ndarray) -> dict[str, np.ndarray]:
+    """`poses_along` of everything among parts that moves, by its name."""
+    return {part.name: poses_along(part.path, time_ns) for part in parts if isinstance(part, Moving)}
+
+
+def at_ticks(poses: Sequence[description.Pose | Stop], tick: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of a `trajectory.Trajectory` (all but ``time_ns``) at times [N] in ticks and parts of them."""
     times, turned = pose_times(poses), attitudes(poses)
     positions = np.array([pose.position for pose in poses], float)
     q = np.array([attitude.as_quat(scalar_first=True) for attitude in turned])
-    tick = np.arange(ticks, dtype=float)
+    ticks = len(tick)
     on_course = np.clip(tick, times[0], times[-1])
     pose = np.searchsorted(times, on_course)
     columns = {"position": positions[pose], "quaternion": q[pose]}

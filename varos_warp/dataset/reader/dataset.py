@@ -313,11 +313,19 @@ class Dataset:
         return files.read_numbers(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
 
     def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera id, a sensor such as ``imu0``, or ``vehicle``."""
+        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera, a sensor, ``vehicle`` or one of `moving`."""
         table = files.read_numbers(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
         return table[0], T
+
+    @property
+    def moving(self) -> list[str]:
+        """Keys of the objects that move, such as ``objects.3``, whose poses at the frames `poses` gives.
+
+        ``meta["moving"]`` has their numbers in S and their boxes, too.
+        """
+        return [entry["key"] for entry in self.meta.get("moving") or ()]
 
     def views(self, camera: str | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Times int64 [N] and T_w_c [N, 4, 4] of a camera at the frames; both are kept, so do not change them.

@@ -77,7 +77,10 @@ def _metadata() -> type[BaseModel]:
     sensors = dict[Literal["imu0", "depth0", "mag0", "dvl0"], sensor]  # type: ignore[valid-type]
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
+    corner = tuple[Vec3, Vec3]
+    moving = _block(key=Annotated[str, Field(pattern=r"^objects\.\d+$")], id=Count, box_m=corner)
     return _block(
+        {"moving": list[moving]},  # type: ignore[valid-type]
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
         outputs=list[Literal["A", "B", "C", "D", "S", "P", "F"]],

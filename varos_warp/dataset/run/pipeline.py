@@ -27,6 +27,7 @@ from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import usable_cores
+from varos_warp.sim.clock import frame_time_ns
 
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
@@ -159,10 +160,15 @@ class Pipeline:
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
             T_w_v_next=self.T_w_v(job.frame + 1) if "F" in job.letters else None,
             motion=self.motion(job.frame), motion_next=self.motion(job.frame + 1),
+            time_ns=self.time_ns(job.frame), time_ns_next=self.time_ns(job.frame + 1),
             **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)
+
+    def time_ns(self, frame: int) -> int:
+        """When a frame is."""
+        return frame_time_ns(frame, self.store.render.frame_rate_hz)
 
     def samples_of(self, job: ImageJob, image) -> dict:
         """What the log says of an image's samples; tells the user of any that were not numbers."""

@@ -25,6 +25,7 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import Record
 from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
+from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.render.image.denoise import available_method
@@ -335,7 +336,7 @@ class _Run:
             from varos_warp.scene.checks import check_scene
             from varos_warp.sim.trajectory import path_samples
 
-            parts = self.build() if self.parts is None else self.parts
+            parts = self.parts = self.build() if self.parts is None else self.parts
             for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
                 self.say(warning)
             self.renderer = FrameRenderer(self.scene, self.device, parts)
@@ -385,7 +386,7 @@ class _Run:
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
                                    outputs=self.outputs, plan=self.plan, device=self.recorded_device,
-                                   denoisers=self.denoisers)
+                                   denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]
         files.write_json(self.layout.metadata, content)
@@ -403,6 +404,7 @@ class _Run:
             if writers.has_row_poses(camera):
                 writers.write_row_poses(self.layout, camera, self.frames, self.motion)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
+        write_moving(self.layout, self.scene, time_ns)
 
     # -------------------------------------------------------------------------------------------------- rendering
 

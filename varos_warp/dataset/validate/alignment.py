@@ -19,6 +19,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.blur import blur_of
+from varos_warp.dataset.validate.moving import of_still
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -65,6 +66,7 @@ class View:
         depth, light = data.planar_depth(frame, camera), data.image("B", frame, camera).mean(-1)
         if light.shape != depth.shape:
             raise InputError("has another size than D", file=data.layout.png(camera, "B", frame))
+        depth = of_still(data, depth, frame, camera)
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False

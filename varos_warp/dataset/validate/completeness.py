@@ -70,7 +70,7 @@ def exposure_tables(data: Dataset) -> list[Path]:
 def _texts(data: Dataset) -> Iterator[Path]:
     layout = data.layout
     yield data.root / "README.txt"
-    for name in (*data.recorded, *data.cameras):
+    for name in (*data.recorded, *data.cameras, *data.moving):
         yield from (layout.poses(name, form) for form in POSE_FORMS)
     for camera in data.cameras:
         yield from (layout.camera_file(camera, suffix) for suffix in (".yaml", "_timestamps.csv"))

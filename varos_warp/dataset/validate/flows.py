@@ -6,7 +6,8 @@ import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import next_sight, sight
-from varos_warp.render.image.flow import Moved, flow_by_rows, flow_of
+from varos_warp.dataset.validate.moving import moving_parts
+from varos_warp.render.image.flow import Moved, MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.frames import inverse
@@ -25,10 +26,13 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
     row, col = (places[::EVERY, ::EVERY].ravel() for places in np.indices(levels.shape))
     inside = (levels[row, col] > 0) & (levels[row, col] < DEPTH_LEVELS)
     row, col = row[inside], col[inside]
-    if T_w_next is None or not row.size:
+    unknown = data.moving and "S" not in data.outputs  # whose pixels are whose
+    if T_w_next is None or not row.size or unknown:
         return
     poses = sight(data, frame, camera), T_w_next
-    ends = [_moved(data, camera, poses, row, col, levels[row, col] + offset) for offset in (-HALF_STEP, HALF_STEP)]
+    moving = moving_parts(data, frame, camera, row, col)
+    ends = [_moved(data, camera, poses, row, col, levels[row, col] + offset, moving)
+            for offset in (-HALF_STEP, HALF_STEP)]
     for name, image, slack in (("flow", found.flow, SLACK_PX), ("motion", found.motion, SLACK_M)):
         values = np.stack([getattr(end, name) for end in ends])
         known, value = np.isfinite(values).all((0, -1)), image[row, col]
@@ -41,12 +45,12 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
 
 
 def _moved(data: Dataset, camera: str, poses: tuple[np.ndarray, np.ndarray], row: np.ndarray, col: np.ndarray,
-           levels: np.ndarray) -> Moved:
+           levels: np.ndarray, moving: list[MovingPart]) -> Moved:
     """What pixels move that have values of D between its steps; ``poses``: of the frame and of the next."""
     model, points = data.camera_model(camera), np.stack([col + 0.5, row + 0.5], -1)
     rays, distance = model.rays(points), data.meta["depth"]["range_m"][0] + levels * data.meta["depth"]["scale_m"]
     if data.meta["depth"]["kind"] == "z":
         distance = (distance - rays.origin[:, 2]) / rays.direction[:, 2]
-    if poses[0].ndim == 3:
-        return flow_by_rows(model, points, rays, distance, *poses)
+    if poses[0].ndim == 3 or moving:
+        return flow_by_rows(model, points, rays, distance, *(T.reshape(-1, 4, 4) for T in poses), moving)
     return flow_of(model, points, rays, distance, inverse(poses[1]) @ poses[0])

@@ -11,11 +11,13 @@ from varos_warp.dataset.layout import POSE_FORMS, READINGS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.validate.moving import check_moving
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.sim.clock import times_ns
+from varos_warp.sim.poses import poses_of_moving
 from varos_warp.sim.sensors.dvl import Dvl, bottom_track
 
 EPS = np.finfo(float).eps
@@ -32,7 +34,7 @@ PAIRS = ((1, 2), (2, 0), (0, 1))
 
 def check_poses(data: Dataset, result: Validation) -> None:
     """Euler angles, quaternions and matrices are the same poses, and the matrices are rotations."""
-    for name in (*data.recorded, *data.cameras):
+    for name in (*data.recorded, *data.cameras, *data.moving):
         result.guard(_check_forms, data, result, name)
 
 
@@ -418,7 +420,9 @@ def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, 
         return
     least, most = data.meta["sensors"]["dvl0"]["range_m"]
     directions = (beams @ T[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
-    there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most).reshape(truth.range.shape)
+    moving = poses_of_moving(parts, np.repeat(truth.time_ns, len(beams)))
+    there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most, moving)
+    there = there.reshape(truth.range.shape)
     expected = np.where((there >= least) & np.isfinite(there), there, np.nan)
     same = np.isclose(truth.range, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
     result.measure("dvl0: beams with another range than to the scene's meshes", np.mean(~same),
@@ -467,5 +471,5 @@ def _columns(data: Dataset, name: str) -> range:
     return range(1 + count, 1 + 2 * count) if data.has_noise(name) else range(1, 1 + count)
 
 
-CHECKS = (check_poses, check_mounting, check_rows, check_lights, check_states, check_imu, check_depth_gauge,
-          check_magnetometer, check_dvl)
+CHECKS = (check_poses, check_moving, check_mounting, check_rows, check_lights, check_states, check_imu,
+          check_depth_gauge, check_magnetometer, check_dvl)

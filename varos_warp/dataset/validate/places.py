@@ -1,7 +1,7 @@
 """S against the scene: what an object's number marks lies, by D and the poses, in the box of that object.
 
-The box is known of parametric objects only: meshes are files from outside of the dataset, and where copies of `scatter`
-stand only all meshes together tell.
+The box is known of parametric objects that stand still only: meshes are files from outside of the dataset, and where
+copies of `scatter` stand only all meshes together tell.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def boxes(data: Dataset) -> dict[int, np.ndarray]:
     """Lowest and highest corner [2, 3] [m] of the parametric objects, by their numbers in S; none without S and D."""
     scene, found = scene_from_dict(data.meta["scene"]), {}
     for i, block in enumerate(scene.objects if {"D", "S"} <= set(data.outputs) else ()):
-        if not isinstance(block, MeshObject):
+        if not isinstance(block, MeshObject) and not block.path:
             corners = object_part(scene, block.model_copy(update={"chord_error_m": None}), f"objects.{i}").vertices
             low, high = corners.min(0), corners.max(0)
             # steps of D, and that the default mesh is coarser than the one rendered

@@ -17,6 +17,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.blur import blur_of
+from varos_warp.dataset.validate.moving import of_still
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -46,7 +47,7 @@ class _View:
 
     def __init__(self, data: Dataset, frame: int, camera: str, letters: str = ""):
         self.model, self.T_w_c = data.camera_model(camera), sight(data, frame, camera)
-        self.depth = data.planar_depth(frame, camera)
+        self.depth = of_still(data, data.planar_depth(frame, camera), frame, camera)
         self.images = {}
         self.streak = blur_of(data, frame, camera, self.depth).streak if "B" in letters else None
         for letter in letters:

@@ -3,7 +3,7 @@
 import contextlib
 import itertools
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -257,8 +257,13 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
+def has_moving(scene) -> bool:
+    """Whether some object moves."""
+    return any(block.path for block in scene.objects)
+
+
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
-             device: dict | None, denoisers: dict[str, str | None]) -> dict:
+             device: dict | None, denoisers: dict[str, str | None], moving: Sequence[dict] = ()) -> dict:
     """Everything that dataset.json says.
 
     Args:
@@ -270,11 +275,13 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         plan: What the planner chose; None: nothing is rendered yet.
         device: Where it was rendered first; None: nowhere yet.
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
+        moving: Entries of objects that move (moving.py).
     """
     vehicle, render = scene.vehicle, scene.render
     conventions = yaml.safe_load(_text("conventions.yaml"))
     bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
+    absent |= set() if has_moving(scene) else {"moving"}
     absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
@@ -295,6 +302,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "lights": [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
                    for light in vehicle.lights],
         "water": describe_water(scene),
+        **({"moving": list(moving)} if moving else {}),
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
         "sources": sources(scene), "scene": scene_to_dict(scene),
     }
@@ -317,13 +325,14 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
+    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)] + ["moving"] * has_moving(scene)
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
-             "MORE": "".join("\n" + _text(f"{key}_readme.txt") for key in LATER_SENSORS if getattr(scene.vehicle, key)),
+             "MORE": "".join("\n" + _text(f"{key}_readme.txt") for key in more),
              "SHUTTER": _text("shutter_readme.txt").rstrip("\n") if any(c.shutter for c in scene.vehicle.cameras)
              else _INSTANTS,
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}

@@ -91,7 +91,9 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
         for sample in range(part.begin, part.end):
             u = uniforms(key, pixel, sample, 0)
             if wp.static(varies):
-                camera = moments.cameras[moment_of(moments, part.row, key, pixel, sample).instant]
+                moment = moment_of(moments, part.row, key, pixel, sample)
+                camera = moments.cameras[moment.instant]
+                scene.moving = moments.moving[moment.instant]
             if wp.static(optics.bends):
                 x, y = float(part.col) + u[0], float(part.row) + u[1]
                 ray, seen = bent_ray(camera, x, y, wp.vec2(0.0, 0.0), GREEN)

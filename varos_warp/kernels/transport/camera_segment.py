@@ -119,6 +119,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 scene.lights = moments.lights[moment.lights]
                 camera = moments.cameras[moment.instant]
+                scene.moving = moments.moving[moment.instant]
             u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
             if wp.static(spec.optics.bends):

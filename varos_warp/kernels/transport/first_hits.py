@@ -8,11 +8,28 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.bsdf import surface_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
-from varos_warp.kernels.world.intersect import SceneData, corner_normal, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.intersect import (
+    Instance,
+    SceneData,
+    corner_normal,
+    make_hit_surface,
+    make_rays,
+    shading_normal,
+    to_instance,
+)
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Rows:
+    """Of a rolling shutter, what each row of the image is of; empty for others."""
+
+    cameras: wp.array(dtype=Camera)
+    moving: wp.array2d(dtype=Instance)
+    """[row, object that moves]"""
 
 
 @cache
@@ -46,7 +63,7 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -
     def trace_first_hits(
         scene: SceneData,
         camera: Camera,
-        of_rows: wp.array(dtype=Camera),  # of a rolling shutter
+        of_rows: Rows,
         first_row: int,
         # out
         normal: wp.array2d(dtype=wp.vec3),
@@ -61,7 +78,8 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -
         tile_row, col = wp.tid()
         row = first_row + tile_row
         if wp.static(rolling):
-            camera = of_rows[row]
+            camera = of_rows.cameras[row]
+            scene.moving = of_rows.moving[row]
         ray, hit = centre_hit(scene, camera, row, col)
         if hit.face < 0:
             normal[row, col] = wp.vec3(0.0)
@@ -89,22 +107,36 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp
     def find_hidden(
         scene: SceneData,
         camera: Camera,
-        of_rows: wp.array(dtype=Camera),  # of a rolling shutter
+        of_rows: Rows,
+        next_scene: SceneData,
+        next_moving: wp.array2d(dtype=Instance),  # what moves, in the next frame: of each row, or once
         eyes: wp.array2d(dtype=wp.vec3),  # where the point is looked for from [m], NaN: nowhere; shape [height, width]
+        next_row: wp.array2d(dtype=wp.int32),  # of next_moving, when it is looked for; shape [height, width]
         first_row: int,
         # out
         hidden: wp.array2d(dtype=wp.uint8),
     ):
-        """1 where something is between the pixel's first hit and its eye, [height, width]; 0 where nothing is hit."""
+        """1 where something hides the pixel's first hit from its eye, [height, width]; 0 where nothing is hit.
+
+        Both are where they are in the next frame.
+        """
         tile_row, col = wp.tid()
         row = first_row + tile_row
         hidden[row, col] = wp.uint8(0)
         eye = eyes[row, col]
         if wp.static(rolling):
-            camera = of_rows[row]
+            camera = of_rows.cameras[row]
+            scene.moving = of_rows.moving[row]
         _ray, hit = centre_hit(scene, camera, row, col)
         if hit.face >= 0 and wp.isfinite(eye):
-            if not visible(scene, hit.start, eye):
+            start = hit.start
+            if wp.static(instances):
+                next_scene.moving = next_moving[next_row[row, col]]
+                if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
+                    now = scene.moving[hit.instance]
+                    then = next_scene.moving[hit.instance]
+                    start = then.R * to_instance(now, hit.start - now.p) + then.p
+            if not visible(next_scene, start, eye):
                 hidden[row, col] = wp.uint8(1)
 
     return find_hidden
@@ -157,6 +189,7 @@ def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, vari
             sums = Guides()
             for k in range(INSTANTS):
                 instant = instant_of_row(moments, row, (float(k) + 0.5) / float(INSTANTS))
+                scene.moving = moments.moving[instant]
                 seen = centre_guides(scene, moments.cameras[instant], row, col)
                 sums.albedo += seen.albedo / float(INSTANTS)
                 sums.normal += seen.normal / float(INSTANTS)

@@ -1,8 +1,9 @@
 """Moments: what differs from sample to sample of one image, tabulated before it is rendered.
 
-While a shutter is open, the camera and the lights move with the vehicle, and strobes flash; and every point of a disk
-shines as a point light there would. A sample sees the camera and the lights of one instant and one place on the disks,
-so the image is the mean over all of them. Kernels are compiled for moments only where an image has them.
+While a shutter is open, the camera and the lights move with the vehicle, objects move, and strobes flash; and every
+point of a disk shines as a point light there would. A sample sees the camera, the lights and the objects of one instant
+and one place on the disks, so the image is the mean over all of them. Kernels are compiled for moments only where an
+image has them.
 """
 
 import warp as wp
@@ -10,6 +11,7 @@ import warp as wp
 from varos_warp.kernels.sampling import half_key
 from varos_warp.kernels.sobol import sobol2
 from varos_warp.kernels.world.camera import Camera
+from varos_warp.kernels.world.intersect import Instance
 from varos_warp.kernels.world.light import Light
 
 wp.set_module_options({"enable_backward": False})
@@ -20,9 +22,11 @@ TIME = wp.constant(wp.uint32(0x85EBCA6B))
 
 @wp.struct
 class Moments:
-    """Camera and lights by instant, and of each instant lights by place on the disks."""
+    """Camera, objects and lights by instant, and of each instant lights by place on the disks."""
 
     cameras: wp.array(dtype=Camera)
+    moving: wp.array2d(dtype=Instance)
+    """[instant, object that moves]"""
     lights: wp.array2d(dtype=Light)
     """[instant * places + place, light]"""
     places: int

@@ -287,6 +287,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                     moment = moment_of(moments, part.row, key, pixel, sample)
                     scene.lights = moments.lights[moment.lights]
                     camera = moments.cameras[moment.instant]
+                    scene.moving = moments.moving[moment.instant]
                     group = group_of(moment.instant, moments, virtual_lights)
                 place = image_place(scene, camera, part.row, part.col, u)
                 if wp.static(spec.optics.bends):

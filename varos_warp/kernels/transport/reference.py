@@ -198,6 +198,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 scene.lights = moments.lights[moment.lights]
                 camera = moments.cameras[moment.instant]
+                scene.moving = moments.moving[moment.instant]
             if wp.static(optics.bends):
                 x, y = float(part.col) + u[0], float(part.row) + u[1]
                 ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)

@@ -14,7 +14,7 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.sobol import sobol2, sobol4
-from varos_warp.kernels.transport.moments import Moments
+from varos_warp.kernels.transport.moments import Moment, Moments
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
@@ -75,13 +75,15 @@ def group_of(instant: int, moments: Moments, points: wp.array2d(dtype=VirtualLig
 
 
 @wp.func
-def lights_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
-    """Row of the moments' lights for a virtual point light: one of the group's instants, and a place on the disks."""
+def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
+    """The moment of a virtual point light: one of the group's instants, and a place on the disks."""
     instants = moments.cameras.shape[0]
     first = (group * instants + groups - 1) / groups
     after = ((group + 1) * instants + groups - 1) / groups
-    instant = first + int(u[0] * float(after - first))
-    return instant * moments.places + int(u[1] * float(moments.places))
+    moment = Moment()
+    moment.instant = first + int(u[0] * float(after - first))
+    moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
+    return moment
 
 
 @cache
@@ -106,7 +108,9 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) ->
         u = sobol4(half_key(key, row), -1, col, 0)
         if wp.static(varies):
             v = sobol2(half_key(key, row), -1, col, 2)
-            scene.lights = moments.lights[lights_of_group(moments, row / 2, points.shape[0] / 2, v)]
+            moment = moment_of_group(moments, row / 2, points.shape[0] / 2, v)
+            scene.lights = moments.lights[moment.lights]
+            scene.moving = moments.moving[moment.instant]
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])

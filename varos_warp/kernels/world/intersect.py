@@ -14,9 +14,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Instance:
-    """One of many copies of a mesh: x_world = scale R x + p."""
+    """One of many copies of a mesh, or an object that moves: x_world = scale R x + p."""
 
     mesh: wp.uint64
+    part: int
     first_face: int
     """Where the mesh's faces start in the arrays per face."""
     R: wp.mat33
@@ -28,16 +29,18 @@ class Instance:
 class SceneData:
     """Everything that rays meet, in the local world; the host's DeviceScene owns the handles.
 
-    All objects that occur once form one mesh in world axes. Copies are instances: they share a mesh in its own axes,
-    and a BVH over their boxes finds those that a ray may hit.
+    All objects that occur once and stand still form one mesh in world axes. Objects that move and copies are instances:
+    they have, or share, a mesh in its own axes, and a BVH over their boxes finds those that a ray may hit.
     """
 
     mesh: wp.uint64
     """0 if all objects are instances."""
     instance_bvh: wp.uint64
+    """Over what moves, wherever it is while a shutter is open, and then over the copies."""
+    moving: wp.array(dtype=Instance)
+    """What moves, where it is at one instant."""
     instances: wp.array(dtype=Instance)
-    parts: int
-    """Number of parts of the mesh; instance k is part ``parts + k``."""
+    """Copies."""
     face_part: wp.array(dtype=wp.int32)
     """Part that a face of the mesh belongs to, shape [F]."""
     materials: wp.array(dtype=Material)
@@ -67,7 +70,7 @@ class Hit:
     """Index in the arrays per face."""
     part: int
     instance: int
-    """-1 in the mesh of single objects."""
+    """Its number in the BVH of instances; -1 in the mesh of single objects."""
     bary: wp.vec2
     p: wp.vec3
     """Point on the surface."""
@@ -103,6 +106,15 @@ def count_ray(scene: SceneData):
 
 
 @wp.func
+def get_instance(scene: SceneData, k: int):
+    """The instance with a number in their BVH: what moves comes first."""
+    moving = scene.moving.shape[0]
+    if k < moving:
+        return scene.moving[k]
+    return scene.instances[k - moving]
+
+
+@wp.func
 def to_instance(instance: Instance, q: wp.vec3):
     """A vector of the world in an instance's axes and units; of a point, its offset from ``instance.p``."""
     return (wp.transpose(instance.R) * q) / instance.scale
@@ -115,7 +127,7 @@ def nearest_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, before: Hit):
     query = wp.bvh_query_ray(scene.instance_bvh, o, d)
     k = int(0)
     while wp.bvh_query_next(query, k, hit.t):
-        copy = scene.instances[k]
+        copy = get_instance(scene, k)
         # the direction is not normalised, so that t stays in units of the world
         found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
         if found.result:
@@ -133,7 +145,7 @@ def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
     query = wp.bvh_query_ray(scene.instance_bvh, o, d)
     k = int(0)
     while wp.bvh_query_next(query, k, t_max):
-        copy = scene.instances[k]
+        copy = get_instance(scene, k)
         if any_hit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
             return True
     return False
@@ -149,12 +161,12 @@ def locate(scene: SceneData, d: wp.vec3, found: Hit):
         offset = offset_distance(scene.mesh, hit.face, hit.p)
         hit.part = scene.face_part[hit.face]
     else:
-        copy = scene.instances[hit.instance]
+        copy = get_instance(scene, hit.instance)
         p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
         hit.p = copy.scale * (copy.R * p) + copy.p
         offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
         hit.n = copy.R * hit.n
-        hit.part = scene.parts + hit.instance
+        hit.part = copy.part
         hit.face += copy.first_face
     hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
     hit.start = hit.p + offset * hit.n
@@ -221,7 +233,7 @@ def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
     """Interpolated corner normal in the world, flipped to the side of ``hit.n``."""
     n = wp.normalize(between_corners(normals, hit))
     if hit.instance >= 0:
-        n = scene.instances[hit.instance].R * n
+        n = get_instance(scene, hit.instance).R * n
     return wp.where(wp.dot(n, hit.n) < 0.0, -n, n)
 
 
@@ -249,7 +261,11 @@ def make_hit_surface(textures: bool):
             if scene.corner_values.shape[0] > 0:
                 at = between_corners(scene.corner_values, hit)
             if hit.instance >= 0 and m.kind == MAPPED:
-                at[2] = at[2] / scene.instances[hit.instance].scale
+                at[2] = at[2] / get_instance(scene, hit.instance).scale
+            if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
+                # patterns move with their object
+                copy = scene.moving[hit.instance]
+                return surface_at(m, to_instance(copy, hit.p - copy.p), to_instance(copy, n), at, footprint)
             return surface_at(m, hit.p, n, at, footprint)
         surface = Surface()
         surface.reflectance = scene.materials[hit.part].base

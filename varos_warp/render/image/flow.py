@@ -1,5 +1,6 @@
 """Optical flow: where a camera sees again, from its next place, what it sees now."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,19 +46,40 @@ LOST = 1e-3
 """Rows; of a point for which these tries differ by more from each other, there is no flow."""
 
 
+class MovingPart(NamedTuple):
+    """An object that moves, in an image."""
+
+    seen: np.ndarray
+    """Where it is, bool, of the image points [...]."""
+    T_w_o: np.ndarray
+    """Its pose for each row [height, 4, 4], or for all [1, 4, 4]."""
+    T_w_next: np.ndarray
+    """And in the next frame."""
+
+
 def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,
-                 T_w_next: np.ndarray) -> Moved:
-    """The flow as `flow_of` has it, between images with a rolling shutter; ``eye`` is in world axes.
+                 T_w_next: np.ndarray, moving: Sequence[MovingPart] = ()) -> Moved:
+    """The flow as `flow_of` has it, between images with a rolling shutter or of a world in which objects move.
 
     Args:
         model, points, rays, distance: As for `flow_of`.
         T_w_c: Pose of the camera for each row [height, 4, 4].
         T_w_next: And in the next frame.
+        moving: The objects.
+
+    Returns:
+        ``eye`` is in world axes.
     """
     T_c_w = np.linalg.inv(T_w_next)
     row, T_here = points[..., 1], at_row(T_w_c, points[..., 1])
+    for part in moving:
+        # what a pixel of the object sees, in its axes
+        T_here[part.seen] = np.linalg.inv(at_row(part.T_w_o, row[part.seen])) @ T_here[part.seen]
     for _ in range(MOST_TRIES):
-        found = flow_of(model, points, rays, distance, at_row(T_c_w, row) @ T_here)
+        T_there = at_row(T_c_w, row)
+        for part in moving:
+            T_there[part.seen] = T_there[part.seen] @ at_row(part.T_w_next, row[part.seen])
+        found = flow_of(model, points, rays, distance, T_there @ T_here)
         before, row = row, np.where(np.isfinite(found.flow[..., 1]), points[..., 1] + found.flow[..., 1], row)
         if np.abs(row - before).max() < CONVERGED:
             break

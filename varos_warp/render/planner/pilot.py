@@ -11,6 +11,7 @@ from varos_warp.render.options import of_scene
 from varos_warp.render.planner.errors import relative
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.sim.clock import frame_time_ns
 
 POSES = 5
 SMALL, SMALL_SPP = 160 * 90, 4
@@ -79,7 +80,8 @@ def pilot_views(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator
     for frame in pilot_frames(len(poses)):
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
-            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame}
+            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
+                                      "time_ns": frame_time_ns(frame, scene.render.frame_rate_hz)}
             images = tuple(renderer.render(poses[frame], small, "A", seed=seed, **how).A
                            for seed in (None, SECOND_SEED))
             yield View(frame, camera, poses[frame], images)

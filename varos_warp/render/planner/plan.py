@@ -25,6 +25,7 @@ from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.optics.pinhole import port_worth
+from varos_warp.sim.clock import frame_time_ns
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
@@ -155,6 +156,7 @@ class Planner:
     def image(self, T_w_v, camera, spp: int, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
+        how["time_ns"] = frame_time_ns(self.worst.frame, self.render.frame_rate_hz)
         return self.renderer.render(T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
 
     def denoised(self, T_w_v, camera, spp: int, number: int) -> np.ndarray:

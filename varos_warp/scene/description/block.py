@@ -50,6 +50,17 @@ class Block(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
 
 
+def check_look_at(block):
+    """A direction to look in must be given once, and exist."""
+    if block.look_at is None:
+        return block
+    if block.rotation_euler_deg not in (None, (0.0, 0.0, 0.0)):
+        raise ValueError("give look_at or rotation_euler_deg, not both")
+    if block.look_at == block.position:
+        raise ValueError("look_at must differ from the position")
+    return block
+
+
 def unwritten_if_absent(*keys: str) -> Any:
     """Serializer of a block that does not write down some keys where they are absent.
 

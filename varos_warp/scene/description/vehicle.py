@@ -16,6 +16,7 @@ from varos_warp.scene.description.block import (
     Unit,
     Vec3,
     VehicleId,
+    check_look_at,
     kind_by_default,
     outside,
     unwritten_if_absent,
@@ -163,17 +164,6 @@ Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(disc
                   kind_by_default("spot")]
 
 
-def _check_look_at(block):
-    """A direction to look in must be given once, and exist."""
-    if block.look_at is None:
-        return block
-    if block.rotation_euler_deg not in (None, (0.0, 0.0, 0.0)):
-        raise ValueError("give look_at or rotation_euler_deg, not both")
-    if block.look_at == block.position:
-        raise ValueError("look_at must differ from the position")
-    return block
-
-
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 """[mm]; within these bounds every field of view is representable in single precision."""
 
@@ -222,7 +212,7 @@ class Camera(Block):
     shutter: Shutter | None = None
     """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 
-    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+    _looks_somewhere = model_validator(mode="after")(check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
     _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting", "shutter")
 
@@ -420,7 +410,7 @@ class Waypoint(Block):
     dwell_s: NonNegative | None = Field(default=None, examples=[0.5])
     """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
 
-    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+    _looks_somewhere = model_validator(mode="after")(check_look_at)
 
 
 class Pose(Block):
@@ -436,7 +426,7 @@ class Pose(Block):
     """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
     attitude stays that of the pose before."""
 
-    _looks_somewhere = model_validator(mode="after")(_check_look_at)
+    _looks_somewhere = model_validator(mode="after")(check_look_at)
 
 
 class Trajectory(Block):

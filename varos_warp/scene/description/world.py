@@ -1,5 +1,6 @@
 """The world: terrain, objects, scattered copies, materials and water."""
 
+import itertools
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -15,7 +16,9 @@ from varos_warp.scene.description.block import (
     Rectangle,
     Unit,
     UnitRgb,
+    check_look_at,
     kind_by_default,
+    unwritten_if_absent,
 )
 from varos_warp.scene.description.phase import FournierForand, HenyeyGreenstein, MeanCosine, Phase
 
@@ -74,6 +77,63 @@ class Placed(Block):
     """Edges at most this sharp get smooth normals (paper, image type C) [degrees]."""
 
 
+class Stop(Block):
+    """Where an object that moves is at a time. Attitude as for a pose of the vehicle."""
+
+    time_s: Annotated[float, Field(ge=0.0, le=86_400.0)] = 0.0
+    """When the object is here, from the start of the sequence [s]."""
+    position: Position = Field(examples=[[2, 5, 1]])
+    """Where its origin is, in world axes [m]."""
+    look_at: Position | None = Field(default=None, examples=[[4, 5, 1]])
+    """Point that its own y axis faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
+    rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[0, 0, 90]])
+    """Rotation about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the attitude stays
+    that of the stop before, at first the object's own."""
+
+    _looks_somewhere = model_validator(mode="after")(check_look_at)
+
+
+class Movable(Placed):
+    """Anything that may move: what is one of ``objects``."""
+
+    path: Annotated[list[Stop], Field(min_length=2)] | None = Field(default=None, examples=[[
+        {"time_s": 0, "position": [2, 5, 1]}, {"time_s": 10, "position": [4, 5, 1]}]])
+    """Where the object is at times; splines pass through these stops, as through the poses of a vehicle. After the
+    last it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
+
+    _written = unwritten_if_absent("path")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _begins_its_path(cls, block):
+        stops = block.get("path") if isinstance(block, dict) else None
+        if isinstance(stops, list) and stops and isinstance(stops[0], dict) and "position" in stops[0]:
+            return {"position": stops[0]["position"], **block}
+        return block
+
+    @model_validator(mode="after")
+    def _path_leads_on(self):
+        stops = self.path or []
+        if stops and self.position != stops[0].position:
+            raise ValueError(f"path begins at {list(stops[0].position)}, not at the object's position "
+                             f"{list(self.position)}; leave out position")
+        for i, (before, stop) in enumerate(itertools.pairwise(stops), 1):
+            if stop.time_s <= before.time_s:
+                raise ValueError(f"path.{i}.time_s: {stop.time_s:g} s is not after the stop before it, at "
+                                 f"{before.time_s:g} s; give the stops in order of time, each its own time")
+        return self
+
+    @property
+    def stops(self) -> list[Stop]:
+        """The path, empty for none, with the object's own attitude at the first stop if that names none."""
+        if not self.path:
+            return []
+        first, *rest = self.path
+        if first.look_at is None and first.rotation_euler_deg is None:
+            first = first.model_copy(update={"rotation_euler_deg": self.rotation_euler_deg})
+        return [first, *rest]
+
+
 class Terrain(Placed):
     """The sea floor: one mesh file, or several to join."""
 
@@ -113,7 +173,7 @@ class ProceduralTerrain(Placed):
 AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind"), kind_by_default("file")]
 
 
-class MeshObject(Placed):
+class MeshObject(Movable):
     """An object from a mesh file."""
 
     kind: Literal["mesh"] = "mesh"
@@ -129,7 +189,7 @@ Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
 """Of an object made from its measures [m]; its triangles stay few enough to be made in seconds."""
 
 
-class Parametric(Placed):
+class Parametric(Movable):
     """An object made from its measures."""
 
     chord_error_m: Annotated[float, Field(ge=1e-6)] | None = Field(default=None, examples=[0.001])
@@ -218,7 +278,7 @@ class Boulder(Parametric):
     """Its shape follows from it."""
 
 
-class CalibrationBoard(Placed):
+class CalibrationBoard(Movable):
     """A checkerboard in its own xz plane that faces -y, centred at its origin, with a margin of one square.
 
     Unrotated, it stands upright before a camera that looks along +y. Without ``material`` its squares are black and
@@ -280,6 +340,8 @@ class Scatter(Block):
     def _one_area(self):
         if sum(region is not None for region in (self.area, self.circle, self.polygon)) > 1:
             raise ValueError("give at most one of area, circle, polygon")
+        if self.object.path is not None:
+            raise ValueError("object.path: copies of a scatter stand still; give an object that moves among objects")
         if any(self.object.position):
             raise ValueError("the object of a scatter has no position; sink_m lowers the copies, or raises them")
         if self.scale_range[0] > self.scale_range[1]:

@@ -6,12 +6,12 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain
-from varos_warp.scene.frames import euler_to_matrix
+from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.boards import checkerboard
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.scatter import Ground, scatter
 
 SMALLEST_M, LARGEST_M = 1e-9, 1e9
@@ -54,7 +54,14 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         mesh = vertices, faces, skin if block.material is None else None
     else:
         mesh = assets.make_asset(block, key)
-    return _part(scene, block, key, *mesh)
+    return _moving(_part(scene, block, key, *mesh), block)
+
+
+def _moving(part: Part, block: Object) -> Part:
+    """A part that knows its path, if its block has one; it stands at the first stop."""
+    if not block.path:
+        return part
+    return Moving(**vars(part), path=tuple(block.stops), R_w_o=attitude(block.stops[0]))
 
 
 def _terrain_mesh(scene):
@@ -93,7 +100,7 @@ def _preprocessed(vertices, faces, options):
 def _part(scene, block, key, vertices, faces, skin=None):
     """A mesh where its block places it: scaled, turned, moved."""
     with np.errstate(over="ignore", invalid="ignore"):
-        turned = (vertices * block.scale) @ euler_to_matrix(block.rotation_euler_deg).T
+        turned = (vertices * block.scale) @ attitude(next(iter(getattr(block, "stops", ())), block)).T
     reach, size = float(np.abs(turned).max()), float(np.ptp(turned, axis=0).max())
     if not (reach <= LARGEST_M and size >= SMALLEST_M):
         what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"

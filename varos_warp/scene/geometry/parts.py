@@ -4,7 +4,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
-from varos_warp.scene.description.world import Material
+from varos_warp.scene.description.world import Material, Stop
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,16 @@ class Part(Shape):
     def boxes(self) -> list["Part"]:
         """The part itself, as what encloses it."""
         return [self]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moving(Part):
+    """An object that moves along a path; its vertices are where it begins."""
+
+    path: tuple[Stop, ...]
+    """All that it takes to know where it is (sim/objects.py)."""
+    R_w_o: np.ndarray
+    """float64 [3, 3]: its attitude where it begins; its place there is ``origin``."""
 
 
 @dataclass(frozen=True)

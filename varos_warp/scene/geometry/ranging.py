@@ -4,11 +4,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.surface import Surface
 
 
-def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float) -> np.ndarray:
+def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float,
+           T_w_o: dict[str, np.ndarray] | None = None) -> np.ndarray:
     """Distance [N] along rays to the first surface, float64 [m]; infinite where there is none within ``reach`` [m].
 
     Args:
@@ -16,13 +17,24 @@ def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.nda
         points: Where the rays start, float64 [N, 3] [m], world axes.
         directions: Unit vectors [N, 3].
         reach: [m]
+        T_w_o: Pose [N, 4, 4] for each ray of what moves, by name; absent: where it begins.
     """
-    single = [(part.vertices, part.faces) for part in parts if isinstance(part, Part)]
+    moves = T_w_o or {}
+    single = [(part.vertices, part.faces) for part in parts if isinstance(part, Part) and part.name not in moves]
     t = Surface(*join(single)).distances(points, directions) if single else np.full(len(points), np.inf)
     for group in parts:
+        if group.name in moves:
+            t = np.minimum(t, _to_moving(group, points, directions, moves[group.name]))
         if isinstance(group, Instances):
             t = np.minimum(t, _to_copies(group, points, directions, np.minimum(t, reach)))
     return np.where(t <= reach, t, np.inf)
+
+
+def _to_moving(part: Moving, points: np.ndarray, directions: np.ndarray, T_w_o: np.ndarray) -> np.ndarray:
+    """Distance [N] along rays to an object at its pose for each of them [N, 4, 4]."""
+    R_o_w = T_w_o[:, :3, :3].swapaxes(1, 2)
+    start, d = (np.einsum("nij,nj->ni", R_o_w, x) for x in (points - T_w_o[:, :3, 3], directions))
+    return Surface((part.vertices - part.origin) @ part.R_w_o, part.faces).distances(start, d)
 
 
 def _to_copies(group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:

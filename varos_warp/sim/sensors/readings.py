@@ -8,6 +8,7 @@ from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.clock import frames_until, times_ns
 from varos_warp.sim.motion import Trajectory
+from varos_warp.sim.poses import poses_of_moving
 from varos_warp.sim.sensors.dvl import Dvl, beam_directions, bottom_track
 from varos_warp.sim.sensors.noise import imu_noise
 
@@ -90,7 +91,9 @@ def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer
 
 
 def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dvl:
-    """Beams d of the sensor meet the still world: range along d, velocity - d . R_sv (R_vw v + w x l).
+    """Beams d of the sensor: range along d to what is there at the time, velocity - d . R_sv (R_vw v + w x l).
+
+    What a beam meets counts as still, also where it moves.
 
     Args:
         trajectory: Of the vehicle.
@@ -104,7 +107,8 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dv
     T_w_s = there.poses() @ frames.pose_matrix(dvl)
     directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
     least, most = dvl.range_m
-    distance = ranges(parts, np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), directions, most)
+    moving = poses_of_moving(parts, np.repeat(there.time_ns, len(beams)))
+    distance = ranges(parts, np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), directions, most, moving)
     distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan).reshape(-1, len(beams))
     return bottom_track(there.time_ns, beams, distance, -velocity @ beams.T)
 
