@@ -262,11 +262,13 @@ def make_hit_surface(textures: bool):
                 at = between_corners(scene.corner_values, hit)
             if hit.instance >= 0 and m.kind == MAPPED:
                 at[2] = at[2] / get_instance(scene, hit.instance).scale
-            p, up = hit.p, n
+            p = hit.p
+            up = n
             if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
                 # patterns move with their object
                 copy = scene.moving[hit.instance]
-                p, up = to_instance(copy, hit.p - copy.p), to_instance(copy, n)
+                p = to_instance(copy, hit.p - copy.p)
+                up = to_instance(copy, n)
             return surface_at(m, p, up, at, footprint)
         surface = Surface()
         surface.reflectance = scene.materials[hit.part].base
