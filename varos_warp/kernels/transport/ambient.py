@@ -22,7 +22,7 @@ wp.set_module_options({"enable_backward": False})
 def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
     first_hit, _ = make_rays(instances)
-    hit_surface = make_hit_surface(textures)
+    hit_surface = make_hit_surface(textures, instances)
 
     @wp.func
     def ambient_radiance(

@@ -158,7 +158,7 @@ class Guides:
 def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
     """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
     centre_hit = make_centre_hit(instances, optics)
-    hit_surface = make_hit_surface(textures)
+    hit_surface = make_hit_surface(textures, instances)
 
     @wp.func
     def centre_guides(scene: SceneData, camera: Camera, row: int, col: int):

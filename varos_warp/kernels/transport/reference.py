@@ -120,7 +120,7 @@ def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
 @cache
 def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Function]:
     """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
-    hit_surface = make_hit_surface(textures)
+    hit_surface = make_hit_surface(textures, instances)
     scattered_light, reflected_light = make_gather(instances)
 
     @wp.func

@@ -106,7 +106,7 @@ class Segment(NamedTuple):
 def make_segment(spec: PathSpec) -> Segment:
     """The functions of a segment, specialised to ``spec``."""
     first_hit, visible = make_rays(spec.instances)
-    hit_surface = make_hit_surface(spec.textures)
+    hit_surface = make_hit_surface(spec.textures, spec.instances)
     # where a light is seen is known of straight rays only
     straight = not spec.optics.bends
     peaks_at_lights = straight and spec.medium and (spec.single or spec.multiple) and not spec.camera_field

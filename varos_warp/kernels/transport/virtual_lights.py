@@ -90,7 +90,7 @@ def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
 def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit, _ = make_rays(instances)
-    hit_surface = make_hit_surface(textures)
+    hit_surface = make_hit_surface(textures, instances)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_virtual_lights(

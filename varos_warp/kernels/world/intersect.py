@@ -246,7 +246,7 @@ def shading_normal(scene: SceneData, hit: Hit):
 
 
 @cache
-def make_hit_surface(textures: bool):
+def make_hit_surface(textures: bool, instances: bool):
     """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
 
     On a GPU textures take half as many registers again, which spill to memory.
@@ -264,11 +264,12 @@ def make_hit_surface(textures: bool):
                 at[2] = at[2] / get_instance(scene, hit.instance).scale
             p = hit.p
             up = n
-            if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
-                # patterns move with their object
-                copy = scene.moving[hit.instance]
-                p = to_instance(copy, hit.p - copy.p)
-                up = to_instance(copy, n)
+            if wp.static(instances):
+                if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
+                    # patterns move with their object
+                    copy = scene.moving[hit.instance]
+                    p = to_instance(copy, hit.p - copy.p)
+                    up = to_instance(copy, n)
             return surface_at(m, p, up, at, footprint)
         surface = Surface()
         surface.reflectance = scene.materials[hit.part].base
