@@ -1,11 +1,23 @@
 """The dataset is tested with stand-ins for what makes its contents."""
 
+import shutil
 from functools import cache
 
 import pytest
 import standins
 
 from varos_warp.dataset.run.produce import produce
+
+
+@pytest.fixture
+def unchecked(tmp_path):
+    """Makes a copy of a dataset without its checksums, so that only the checks of what it holds find a change."""
+    def copy_of(dataset):
+        copied = shutil.copytree(dataset, tmp_path / "copy")
+        (copied / "checksums").unlink()
+        return copied
+
+    return copy_of
 
 
 @pytest.fixture(autouse=True)

@@ -1,7 +1,6 @@
 """Cameras with a shutter: poses of rows in the dataset, read and checked; blur that checks of sharp images bear."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -37,10 +36,8 @@ def whole(tmp_path_factory):
 
 
 @pytest.fixture
-def copy(whole, tmp_path):
-    copied = shutil.copytree(whole, tmp_path / "copy")
-    (copied / "checksums").unlink()
-    return copied
+def copy(whole, unchecked):
+    return unchecked(whole)
 
 
 # ------------------------------------------------------------------------------------------------------- in the dataset

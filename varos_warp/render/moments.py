@@ -23,14 +23,15 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
         T_w_v: Pose of the vehicle at the frame's time.
         motion: Around it; None: the vehicle stands still, and so does everything else.
         rng: For places on disks.
-        pinhole: Whether the camera has no depth of field.
+        pinhole: Whether the camera has no depth of field; such images are not of lights, of which there are none then.
     """
     lights, moments = world.scene.vehicle.lights, Moments()
     when = STILL if view.shutter is None else instants(view, lights)
     offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
-    moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng)
+    if not pinhole:
+        moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng)
     moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
     return moments

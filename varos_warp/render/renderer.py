@@ -66,8 +66,7 @@ class Exposed(NamedTuple):
 
     def cameras_of_rows(self) -> np.ndarray:
         """And of the camera [H, 4, 4]."""
-        poses = self.poses_of_rows()
-        return np.broadcast_to(camera_pose(self.view, poses), poses.shape)
+        return camera_pose(self.view, self.poses_of_rows())
 
     def row_times(self) -> np.ndarray:
         """Middles of the exposures of the rows from the frame's time, int64 [H] [ns]; of one instant, [1]."""

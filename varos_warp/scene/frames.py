@@ -43,12 +43,13 @@ def look_at_matrix(position, target) -> np.ndarray:
 
 
 def transform(rotation=None, position=None) -> np.ndarray:
-    """Homogeneous matrix [4, 4] from a rotation [3, 3] and a position [3]."""
-    T = np.eye(4)
+    """Homogeneous matrix [..., 4, 4] from a rotation [..., 3, 3] and a position [..., 3]."""
+    many = np.broadcast_shapes(np.shape(rotation)[:-2], np.shape(position)[:-1])
+    T = np.tile(np.eye(4), (*many, 1, 1))
     if rotation is not None:
-        T[:3, :3] = rotation
+        T[..., :3, :3] = rotation
     if position is not None:
-        T[:3, 3] = position
+        T[..., :3, 3] = position
     return T
 
 

@@ -46,9 +46,7 @@ class Trajectory:
 
     def poses(self) -> np.ndarray:
         """Poses [N, 4, 4] of all rows, vehicle to world."""
-        T = np.tile(np.eye(4), (len(self), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = self.rotation().as_matrix(), self.position
-        return T
+        return transform(self.rotation().as_matrix(), self.position)
 
     def at(self, time_ns: ArrayLike) -> "Trajectory":
         """The motion at other times: rows as they are, and between two of them what joins their states.

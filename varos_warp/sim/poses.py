@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.description.world import Stop
-from varos_warp.scene.frames import attitudes
+from varos_warp.scene.frames import attitudes, transform
 from varos_warp.scene.geometry.parts import Moving
 from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ, TICK_S
 
@@ -59,10 +59,7 @@ def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.nda
 def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
     """Poses T_w_o [N, 4, 4] of an object on its path at times int64 [N] [ns], also before the first stop."""
     columns = at_ticks(stops, np.asarray(time_ns) / TICK_NS)
-    T = np.tile(np.eye(4), (len(time_ns), 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix()
-    T[:, :3, 3] = columns["position"]
-    return T
+    return transform(Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix(), columns["position"])
 
 
 def poses_of_moving(parts: Sequence, time_ns: np.ndarray) -> dict[str, np.ndarray]:

@@ -42,10 +42,8 @@ def made(scene, tmp_path_factory):
 
 
 @pytest.fixture
-def copy(made, tmp_path):
-    copied = shutil.copytree(made, tmp_path / "copy")
-    (copied / "checksums").unlink()
-    return copied
+def copy(made, unchecked):
+    return unchecked(made)
 
 
 def test_they_are_those_of_the_model_to_rounding(scene, made):

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
+from varos_warp.scene.frames import transform
 from varos_warp.scene.optics.shutter import in_ns, offsets_of_rows_s
 from varos_warp.sim.clock import frame_time_ns
 
@@ -37,10 +38,7 @@ def sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray:
     if not is_rolling(about):
         return T_w_c
     row_poses = data._once(("rows", about["id"]), lambda: read(data, camera))[data._index(frame)]
-    T = np.tile(np.eye(4), (len(row_poses), 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(row_poses[:, 3:], scalar_first=True).as_matrix()
-    T[:, :3, 3] = row_poses[:, :3]
-    return T
+    return transform(Rotation.from_quat(row_poses[:, 3:], scalar_first=True).as_matrix(), row_poses[:, :3])
 
 
 def read(data: Any, camera: str | None = None) -> np.ndarray:

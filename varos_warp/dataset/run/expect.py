@@ -30,8 +30,6 @@ START_S = {"cpu": 40.0, "cuda": 30.0}
 """To compile, load and plan: seconds on one device, however many cores."""
 USUAL_SPP = 8
 """Samples of A that the planner often chooses."""
-
-
 MOST_FRAMES = 50
 """At which streaks are looked for."""
 
@@ -58,7 +56,7 @@ def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camer
 
     frames, model = simulation.frames, camera_model(camera)
     frames = frames.rows(np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int)))
-    T_w_c = np.broadcast_to(camera_pose(camera, frames.poses()), (len(frames), 4, 4))
+    T_w_c = camera_pose(camera, frames.poses())
     ray, reach = model.rays(model.K[:2, 2]), scene.render.depth_range_m[1]
     start, along = T_w_c[:, :3, :3] @ ray.origin + T_w_c[:, :3, 3], T_w_c[:, :3, :3] @ ray.direction
     points = start + np.minimum(ranges(parts, start, along, reach), reach)[:, None] * along
@@ -66,7 +64,7 @@ def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camer
     for k, (point, time_ns) in enumerate(zip(points, frames.time_ns.tolist(), strict=True)):
         motion = simulation.motion(time_ns)
         for i, seconds in enumerate(times_s):
-            T = np.broadcast_to(camera_pose(camera, motion(in_ns(seconds * np.array([-0.5, 0.5])))), (2, 4, 4))
+            T = camera_pose(camera, motion(in_ns(seconds * np.array([-0.5, 0.5]))))
             begin, end = (model.project((point - pose[:3, 3]) @ pose[:3, :3]) for pose in T)
             moves[k, i] = np.hypot(*(end - begin))
     return np.nan_to_num(moves).max(0).round(2).tolist()

@@ -22,15 +22,14 @@ def paths(data: Dataset) -> dict[str, list[Stop]]:
     """Stops of the paths of all objects that move, by key."""
     if not data.moving:
         return {}
-    blocks = scene_from_dict(data.meta["scene"]).objects
-    return {f"objects.{i}": block.stops for i, block in enumerate(blocks) if block.path}
+    return {f"objects.{i}": block.stops for i, block in scene_from_dict(data.meta["scene"]).moving.items()}
 
 
 def check_moving(data: Dataset, result: Validation) -> None:
     """dataset.json names the objects that the scene lets move; their poses are those of their paths at the frames."""
     scene = scene_from_dict(data.meta["scene"])
-    known = {f"objects.{i}": block.stops for i, block in enumerate(scene.objects) if block.path}
-    numbers = [[key, int(key.split(".")[1]) + 1 + (scene.terrain is not None)] for key in known]
+    known = {f"objects.{i}": block.stops for i, block in scene.moving.items()}
+    numbers = [[f"objects.{i}", scene.number_of_object(i)] for i in scene.moving]
     if (named := [[entry["key"], entry["id"]] for entry in data.meta.get("moving") or ()]) != numbers:
         result.add(f"dataset.json: moving names {named}, but the scene lets {numbers} move")
         return

@@ -23,19 +23,17 @@ def describe_moving(scene: Scene, parts: list | None) -> list[dict]:
     """
     found = {part.name: part for part in parts or ()}
     entries = []
-    for i, block in enumerate(scene.objects):
+    for i, block in scene.moving.items():
         key = f"objects.{i}"
-        if block.path:
-            part = found.get(key) or object_part(scene, block, key)
-            assert isinstance(part, Moving)
-            own = (part.vertices - part.origin) @ part.R_w_o
-            entries.append({"key": key, "id": i + 1 + (scene.terrain is not None),
-                            "box_m": [own.min(axis=0).tolist(), own.max(axis=0).tolist()]})
+        part = found.get(key) or object_part(scene, block, key)
+        assert isinstance(part, Moving)
+        own = (part.vertices - part.origin) @ part.R_w_o
+        entries.append({"key": key, "id": scene.number_of_object(i),
+                        "box_m": [own.min(axis=0).tolist(), own.max(axis=0).tolist()]})
     return entries
 
 
 def write_moving(layout: Layout, scene: Scene, time_ns: np.ndarray) -> None:
     """Poses of every object that moves at the times of the frames, int64 [N]."""
-    for i, block in enumerate(scene.objects):
-        if block.path:
-            write_poses(layout, f"objects.{i}", time_ns, poses_along(block.stops, time_ns))
+    for i, block in scene.moving.items():
+        write_poses(layout, f"objects.{i}", time_ns, poses_along(block.stops, time_ns))

@@ -257,11 +257,6 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
-def has_moving(scene) -> bool:
-    """Whether some object moves."""
-    return any(block.path for block in scene.objects)
-
-
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
              device: dict | None, denoisers: dict[str, str | None], moving: Sequence[dict] = ()) -> dict:
     """Everything that dataset.json says.
@@ -281,7 +276,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     conventions = yaml.safe_load(_text("conventions.yaml"))
     bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
-    absent |= set() if has_moving(scene) else {"moving"}
+    absent |= set() if scene.moving else {"moving"}
     absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
@@ -325,7 +320,7 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
-    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)] + ["moving"] * has_moving(scene)
+    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)] + ["moving"] * bool(scene.moving)
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",

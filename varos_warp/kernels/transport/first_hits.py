@@ -14,6 +14,7 @@ from varos_warp.kernels.world.intersect import (
     corner_normal,
     make_hit_surface,
     make_rays,
+    moves,
     shading_normal,
     to_instance,
 )
@@ -132,7 +133,7 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp
             start = hit.start
             if wp.static(instances):
                 next_scene.moving = next_moving[next_row[row, col]]
-                if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
+                if moves(scene, hit):
                     now = scene.moving[hit.instance]
                     then = next_scene.moving[hit.instance]
                     start = then.R * to_instance(now, hit.start - now.p) + then.p

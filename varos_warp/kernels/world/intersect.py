@@ -115,6 +115,12 @@ def get_instance(scene: SceneData, k: int):
 
 
 @wp.func
+def moves(scene: SceneData, hit: Hit):
+    """Whether what a ray hit is one of the objects that move; ``scene.moving[hit.instance]`` then."""
+    return hit.instance >= 0 and hit.instance < scene.moving.shape[0]
+
+
+@wp.func
 def to_instance(instance: Instance, q: wp.vec3):
     """A vector of the world in an instance's axes and units; of a point, its offset from ``instance.p``."""
     return (wp.transpose(instance.R) * q) / instance.scale
@@ -260,12 +266,12 @@ def make_hit_surface(textures: bool, instances: bool):
             at = wp.vec3(0.0)
             if scene.corner_values.shape[0] > 0:
                 at = between_corners(scene.corner_values, hit)
-            if hit.instance >= 0 and m.kind == MAPPED:
-                at[2] = at[2] / get_instance(scene, hit.instance).scale
             p = hit.p
             up = n
             if wp.static(instances):
-                if hit.instance >= 0 and hit.instance < scene.moving.shape[0]:
+                if hit.instance >= 0 and m.kind == MAPPED:
+                    at[2] = at[2] / get_instance(scene, hit.instance).scale
+                if moves(scene, hit):
                     # patterns move with their object
                     copy = scene.moving[hit.instance]
                     p = to_instance(copy, hit.p - copy.p)

@@ -80,6 +80,15 @@ class Scene(Block):
                              "leave out P, or give a camera one of them")
         return self
 
+    @property
+    def moving(self) -> dict[int, Object]:
+        """The objects that move, by their place among ``objects``."""
+        return {i: block for i, block in enumerate(self.objects) if block.path}
+
+    def number_of_object(self, i: int) -> int:
+        """Number in image S of the i-th of ``objects``: the terrain comes before them."""
+        return i + 1 + (self.terrain is not None)
+
     def resolve(self, file: str) -> Path:
         """Path of a file that the scene names, or of a lamp that comes with the package."""
         return LAMPS[file] if file in LAMPS else absolute(self._base_dir, file)
