@@ -92,9 +92,9 @@ class ShutterRenderer(HillsRenderer):
         T = camera_pose(view, motion(in_ns(row_offsets_s(view))))
         return T[:, None] if is_rolling(view) else T[0]
 
-    def render(self, T_w_v, camera, outputs, *, motion, motion_next, **how):
+    def render(self, T_w_v, camera, outputs, *, motion, following=None, **how):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
-        made = super().render(T_w_v, camera, outputs, motion=motion, **how)
+        made = super().render(T_w_v, camera, outputs, motion=motion, following=following, **how)
         exposure_ns = in_ns(view.shutter.exposure_s * (np.arange(EXPOSED) + 0.5 - EXPOSED / 2) / EXPOSED).tolist()
         if "B" in outputs and any(exposure_ns):
             made.B.radiance = np.mean([super(ShutterRenderer, self).render(
@@ -102,7 +102,7 @@ class ShutterRenderer(HillsRenderer):
                 for later in exposure_ns], axis=0)
         if "F" in outputs:
             model, points = camera_model(view), pixel_centres(*view.resolution)
-            here, there = (camera_pose(view, moved(in_ns(row_offsets_s(view)))) for moved in (motion, motion_next))
+            here, there = (camera_pose(view, moved(in_ns(row_offsets_s(view)))) for moved in (motion, following.motion))
             moved = flow_by_rows(model, points, model.rays(points), made.D.range, here, there)
             made.F = FlowImage(moved.flow.astype(np.float32), np.zeros(points.shape[:2], bool),
                                moved.motion.astype(np.float32))

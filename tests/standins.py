@@ -109,7 +109,7 @@ class FlatFloorRenderer:
         return self.render(*args, **how)
         yield
 
-    def render(self, T_w_v, camera, outputs, *, spp, frame, T_w_v_next=None, **_):
+    def render(self, T_w_v, camera, outputs, *, spp, frame, following=None, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
         if isinstance(camera, str):
@@ -148,7 +148,7 @@ class FlatFloorRenderer:
         F = None
         if "F" in outputs:  # a floor hides nothing
             points = pixel_centres(*view.resolution)
-            T_next_c = inverse(camera_pose(view, T_w_v_next)) @ T_w_c
+            T_next_c = inverse(camera_pose(view, following.T_w_v)) @ T_w_c
             moved = flow_of(model, points, model.rays(points), D.range, T_next_c)
             F = FlowImage(moved.flow.astype(np.float32), np.zeros(z.shape, bool), moved.motion.astype(np.float32))
         made = {"A": A, "B": B, "C": C, "D": D, "S": S, "P": P, "F": F}

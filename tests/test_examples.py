@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from varos_warp.render.renderer import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import load_scene
@@ -51,8 +51,8 @@ def test_every_shipped_scene_renders(path):
     simulation, renderer = simulate(scene, parts), FrameRenderer(scene, "cpu", parts)
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
-        frame = renderer.render(T_w_v, camera.id, "ABCDSF", T_w_v_next=T_w_v_next, spp=2, spp_b=2, denoise="none",
-                                denoise_b="none")
+        frame = renderer.render(T_w_v, camera.id, "ABCDSF", following=NextFrame(T_w_v_next), spp=2, spp_b=2,
+                                denoise="none", denoise_b="none")
         for image in (frame.A, frame.B):
             assert np.isfinite(image.radiance).all()
             assert image.radiance.shape == (9, 16, 3)

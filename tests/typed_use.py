@@ -22,6 +22,12 @@ def scene_to_image(path: Path) -> np.ndarray:
     return radiance
 
 
+def disparity(renderer: vw.FrameRenderer, T_w_v: np.ndarray) -> np.ndarray | None:
+    """Of a stereo pair [pixels]."""
+    flow = renderer.render(T_w_v, "L0", "F", following=vw.NextFrame(T_w_v, camera="R0")).F
+    return None if flow is None else -flow.flow[..., 0]
+
+
 def dataset_to_arrays(path: Path) -> list[np.ndarray]:
     """Reading back."""
     data = vw.Dataset(path)

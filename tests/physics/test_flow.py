@@ -10,7 +10,7 @@ from test_lens import rectangle
 from test_ports_in_images import CAMERAS, scene_of
 
 from varos_warp.errors import InputError
-from varos_warp.render.renderer import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import R_V_C, transform
 from varos_warp.scene.load import scene_from_dict
@@ -29,7 +29,7 @@ def wall(y=WALL_M, x=(-30, 30), name="wall"):
 
 def flow_of(T_next, *parts, **camera):
     renderer = FrameRenderer(scene_of(camera), "cpu", parts=list(parts) or [wall()])
-    return renderer.render(np.eye(4), outputs="F", T_w_v_next=T_next).F
+    return renderer.render(np.eye(4), outputs="F", following=NextFrame(T_next)).F
 
 
 def test_a_translation_along_a_wall_moves_all_by_its_share_of_the_distance(truth):
@@ -67,7 +67,7 @@ def test_to_the_other_camera_of_a_pair_it_is_the_disparity(truth):
                     "position": [x, 0, 0]} for name, x in (("L0", -0.1), ("R0", 0.1)))
     scene = Scene(water="none", vehicle={"cameras": [left, right]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
     renderer = FrameRenderer(scene, "cpu", parts=[wall(), wall(1.5, (0.05, 30), "plate")])
-    frame = renderer.render(np.eye(4), "L0", "DF", T_w_v_next=np.eye(4), camera_next="R0")
+    frame = renderer.render(np.eye(4), "L0", "DF", following=NextFrame(np.eye(4), "R0"))
     f = 256 / 4.416 * 3.4
     truth("disparity [px]", source="f b / Z", expected=f * 0.2 / frame.D.depth, got=-frame.F.flow[..., 0],
           tolerance=1e-4, reason="float32 of the flow")
@@ -84,7 +84,7 @@ def test_it_is_where_points_of_the_world_are_seen_next(truth, camera):
     """Through every lens and port: `project` from the next pose of what `rays` and D see now."""
     scene = scene_of(CAMERAS[camera])
     renderer = FrameRenderer(scene, "cpu", parts=[rectangle((-30, -6, -30), (60, 18, 0), (0, 0, 60), 0.5, "plane")])
-    frame = renderer.render(np.eye(4), outputs="DF", T_w_v_next=MOVED)
+    frame = renderer.render(np.eye(4), outputs="DF", following=NextFrame(MOVED))
     hit = np.isfinite(frame.D.depth)
     rays = renderer.rays(np.eye(4))
     points = rays.origin[hit] + frame.D.range[hit][:, None] * rays.direction[hit]
@@ -111,7 +111,7 @@ def test_a_plate_before_a_wall_hides_a_band(camera):
     scene = scene_of(CAMERAS.get(camera, {}) | {"resolution": [width, height], "sensor_mm": [4.416, 0.0087]})
     renderer = FrameRenderer(scene, "cpu", parts=[wall(), wall(near, (-30, edge), "plate")])
     T_next = transform(position=[-step, 0, 0])
-    frame = renderer.render(np.eye(4), outputs="DF", T_w_v_next=T_next)
+    frame = renderer.render(np.eye(4), outputs="DF", following=NextFrame(T_next))
     rays = renderer.rays(np.eye(4))
     points = rays.origin + frame.D.range[..., None] * rays.direction
     on_wall = points[..., 1] > 2.5
@@ -134,7 +134,7 @@ def test_what_hides_is_what_the_next_d_has_something_nearer_of():
     scene = scene_of({"resolution": [320, 180]})
     posts = [wall(y, (x, x + 0.15), f"post {x}") for x, y in ((-0.8, 2.0), (-0.2, 1.4), (0.3, 1.8))]
     renderer = FrameRenderer(scene, "cpu", parts=[wall(), *posts])
-    frame = renderer.render(np.eye(4), outputs="DF", T_w_v_next=MOVED)
+    frame = renderer.render(np.eye(4), outputs="DF", following=NextFrame(MOVED))
     there = renderer.render(MOVED, outputs="D").D.depth
     to = pixel_centres(320, 180) + frame.F.flow
     inside = ((to > 1) & (to < [319, 179])).all(-1)
@@ -202,7 +202,7 @@ def test_it_warps_the_next_b_to_this_one(truth, tmp_path, camera):
     """By Lucas and Kanade of OpenCV: in textured places less than 0.05 px are left, of 5."""
     scene, (width, height) = textured_scene(tmp_path, CAMERAS.get(camera, {})), SIZE
     renderer, how = FrameRenderer(scene, "cpu"), {"spp_b": 64, "denoise_b": "none"}
-    here = renderer.render(np.eye(4), outputs="BF", T_w_v_next=MOVED, **how)
+    here = renderer.render(np.eye(4), outputs="BF", following=NextFrame(MOVED), **how)
     there = renderer.render(MOVED, outputs="B", frame=1, **how)
     this, following = (np.clip(f.B.radiance.mean(-1) * 300, 0, 255).astype(np.uint8) for f in (here, there))
     to = (pixel_centres(width, height) - 0.5 + here.F.flow).astype(np.float32)  # OpenCV counts from the first centre

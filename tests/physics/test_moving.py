@@ -8,7 +8,7 @@ from rig import TURBID
 from test_lens import rectangle
 from test_shutters import FOCAL, SIZE, scene_of, steady
 
-from varos_warp.render.renderer import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene import device
 from varos_warp.scene.description.world import Rust, Stop
 from varos_warp.scene.frames import transform
@@ -153,7 +153,7 @@ def test_flow_follows_the_object_and_what_it_comes_to_hide(truth):
     """A plate at 1.2 m that moves by 0.1 m: f v / Z; ahead of it a band of the wall hides, behind it none does."""
     parts = [moving(plate(), (1.0, 0, 0)), wall()]
     frame = FrameRenderer(scene_of(), "cpu", parts=parts).render(
-        np.eye(4), outputs="FS", T_w_v_next=np.eye(4), time_ns=SECOND // 10, time_ns_next=SECOND // 5)
+        np.eye(4), outputs="FS", time_ns=SECOND // 10, following=NextFrame(np.eye(4), time_ns=SECOND // 5))
     on_plate, step = frame.S.instance == 1, FOCAL * 0.1 / 1.2
     expected = np.where(on_plate[..., None], [step, 0.0], 0.0)
     truth("flow of a moving plate [px]", source="f v dt / Z", tolerance=2e-4, expected=expected, got=frame.F.flow,
@@ -174,8 +174,8 @@ def test_flow_between_rolling_shutters_follows_the_object(truth):
     readout, depth, velocity = 0.06, 3.0, np.array([0.4, 0.0, -0.7])
     board = rectangle((-30, depth, -30), (60, 0, 0), (0, 0, 60), 0.5, "board")
     F = FrameRenderer(scene_of({"readout_s": readout}), "cpu", parts=[moving(board, velocity)]).render(
-        np.eye(4), outputs="F", T_w_v_next=np.eye(4), motion=steady(), motion_next=steady(), time_ns=SECOND // 2,
-        time_ns_next=SECOND // 2 + 100_000_000).F
+        np.eye(4), outputs="F", motion=steady(), time_ns=SECOND // 2,
+        following=NextFrame(np.eye(4), motion=steady(), time_ns=SECOND // 2 + 100_000_000)).F
     image_speed = FOCAL * np.array([velocity[0], -velocity[2]]) / depth
     dt = 0.1 / (1.0 - image_speed[1] * readout / SIZE[1])
     got = F.flow[8:-8]

@@ -12,7 +12,7 @@ from tests.chance import ALPHA
 from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.render.moments import poses_of_rows
-from varos_warp.render.renderer import FrameRenderer
+from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.shutter import Strobe
 from varos_warp.scene.frames import transform
@@ -185,8 +185,8 @@ def test_the_flow_between_rolling_shutters_is_that_of_a_point_seen_when_its_row_
     around = steady(velocity)
     renderer = FrameRenderer(scene_of({"readout_s": readout}), "cpu",
                              parts=[rectangle((-30, depth, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")])
-    F = renderer.render(np.eye(4), outputs="F", T_w_v_next=around(np.array([frame_ns]))[0], motion=around,
-                        motion_next=lambda ns: around(ns + frame_ns)).F
+    F = renderer.render(np.eye(4), outputs="F", motion=around, following=NextFrame(
+        around(np.array([frame_ns]))[0], motion=lambda ns: around(ns + frame_ns))).F
     image_speed = FOCAL * np.array([-speed[0], speed[1]]) / depth
     dt = 1e-9 * frame_ns / (1.0 - image_speed[1] * readout / SIZE[1])
     inside = slice(8, -8)  # beyond the image, rows are those of its borders
@@ -202,10 +202,11 @@ def test_a_camera_in_the_world_sees_no_flow_through_a_rolling_shutter():
     rig = scene.vehicle.cameras[0]
     world = rig.model_copy(update={"mount": "world"})
     renderer = FrameRenderer(scene, "cpu", parts=room())
-    how = {"outputs": "F", "T_w_v_next": np.eye(4), "motion": motion}
-    assert not np.abs(renderer.render(np.eye(4), world, **how, motion_next=motion).F.flow).max() > 1e-4
-    pair = renderer.render(np.eye(4), rig, camera_next=world, **how, motion_next=motion).F
-    still = renderer.render(np.eye(4), rig, **how).F  # after which the vehicle stands still
+    how, there = {"outputs": "F", "motion": motion}, NextFrame(np.eye(4), motion=motion)
+    assert not np.abs(renderer.render(np.eye(4), world, following=there, **how).F.flow).max() > 1e-4
+    pair = renderer.render(np.eye(4), rig, following=there._replace(camera=world), **how).F
+    # after which the vehicle stands still
+    still = renderer.render(np.eye(4), rig, following=NextFrame(np.eye(4)), **how).F
     np.testing.assert_array_equal(pair.flow, still.flow)
 
 
@@ -214,8 +215,8 @@ def test_flow_is_not_told_where_the_image_moves_as_fast_as_rows_are_read():
     around = steady((0.0, 0.0, -60.0))
     renderer = FrameRenderer(scene_of({"readout_s": 0.06}), "cpu",
                              parts=[rectangle((-30, 3, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")])
-    F = renderer.render(np.eye(4), outputs="F", T_w_v_next=around(np.array([10_000_000]))[0], motion=around,
-                        motion_next=lambda ns: around(ns + 10_000_000)).F
+    F = renderer.render(np.eye(4), outputs="F", motion=around, following=NextFrame(
+        around(np.array([10_000_000]))[0], motion=lambda ns: around(ns + 10_000_000))).F
     assert np.isnan(F.flow[8:-8]).all()
     assert not F.occluded[8:-8].any()
 
@@ -287,9 +288,10 @@ def test_a_gpu_exposes_as_a_cpu_does(shutter):
     """Both lamps disks, one a strobe: the same random numbers, so that rounding alone differs, but at edges."""
     lights = [LAMPS[0] | {"radius_m": 0.05, "strobe": {"on_s": 0.1}}, LAMPS[1] | {"radius_m": 0.02}]
     scene = scene_of(shutter, lights, {"coefficients": TURBID})
+    motion = steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
     how = {"outputs": "ABDF", "spp": 6, "spp_b": 6, "integrator": "path", "layers": ALL[:2], "denoise": "none",
-           "denoise_b": "none", "motion": steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9)), "T_w_v_next": np.eye(4)}
-    cpu, gpu = (FrameRenderer(scene, device, parts=room()).render(np.eye(4), motion_next=how["motion"], **how)
+           "denoise_b": "none", "motion": motion, "following": NextFrame(np.eye(4), motion=motion)}
+    cpu, gpu = (FrameRenderer(scene, device, parts=room()).render(np.eye(4), **how)
                 for device in ("cpu", "cuda:0"))
     for letter in "AB":
         of_cpu, of_gpu = (getattr(frame, letter).radiance for frame in (cpu, gpu))

@@ -31,8 +31,8 @@ from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, p
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
-__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NormalImage", "RadianceImage",
-           "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
+__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NextFrame", "NormalImage",
+           "RadianceImage", "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
 
 
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
@@ -44,6 +44,19 @@ def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
 def _centre_rays(view: Camera) -> Rays:
     """Rays of the pixels' centres in camera axes, kept from frame to frame: a second at 1280 x 720 with distortion."""
     return camera_model(view).rays(pixel_centres(*view.resolution))
+
+
+class NextFrame(NamedTuple):
+    """The frame to which output F is the flow."""
+
+    T_w_v: ArrayLike
+    """Pose [4, 4] of the vehicle."""
+    camera: str | Camera | None = None
+    """If it is another one: with the same pose, F is the disparity of a pair."""
+    motion: Motion | None = None
+    """Of the vehicle around it, for a rolling shutter."""
+    time_ns: int | None = None
+    """For objects that move [ns]; absent: that of this frame, as for a pair."""
 
 
 class Exposed(NamedTuple):
@@ -114,43 +127,36 @@ class FrameRenderer:
         return self.launcher.compile_seconds
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-               T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
-               motion: Motion | None = None, motion_next: Motion | None = None, time_ns: int = 0,
-               time_ns_next: int | None = None, seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
+               following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
+               seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Args:
             T_w_v: Pose of the vehicle in the world.
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
             outputs: Any of A, B, C, D, S, P and F.
-            T_w_v_next: Pose [4, 4] of the vehicle at the next frame, to which F is the flow.
-            camera_next: That of the next frame, if it is another: with the same pose, F is the disparity of a pair.
+            following: The next frame, to which F is the flow.
             motion: Of the vehicle around this frame, for cameras with a shutter (`Simulation.motion`); absent: it
                 stands still, as do objects, and nothing is blurred.
-            motion_next: Around the next frame, for F with a rolling shutter.
             time_ns: Time of the frame [ns], for objects that move.
-            time_ns_next: That of the next frame, for F; absent: the same, as for a pair.
             seed: Of the random numbers; absent: the scene's.
             frame: Number of the frame; the random numbers follow from it too.
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
 
         Raises:
-            InputError: If something unknown is asked for, or F without ``T_w_v_next``.
+            InputError: If something unknown is asked for, or F without ``following``.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, T_w_v_next=T_w_v_next, camera_next=camera_next,
-                                 motion=motion, motion_next=motion_next, time_ns=time_ns, time_ns_next=time_ns_next,
-                                 seed=seed, frame=frame, **options))
+        return finish(self.steps(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns, seed=seed,
+                                 frame=frame, **options))
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              T_w_v_next: ArrayLike | None = None, camera_next: str | Camera | None = None,
-              motion: Motion | None = None, motion_next: Motion | None = None, time_ns: int = 0,
-              time_ns_next: int | None = None, seed: int | None = None, frame: int = 0, **options: Any
-              ) -> Steps[Frame]:
+              following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
+              seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
         """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
         check_names("outputs", outputs, OUTPUTS)
-        if "F" in outputs and T_w_v_next is None:
-            raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="T_w_v_next",
+        if "F" in outputs and following is None:
+            raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
                              remedy="Give it, or leave F out of the outputs.")
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
@@ -171,11 +177,11 @@ class FrameRenderer:
         needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):
             images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
-        if "F" in geometry:
-            following = self._exposed(self._camera(camera_next) if camera_next else view,
-                                      np.asarray(T_w_v_next, np.float64), motion_next,
-                                      time_ns if time_ns_next is None else time_ns_next)
-            images["F"] = yield from self._render_flow(here, following, images["D"].range,
+        if "F" in geometry and following is not None:
+            there = self._exposed(self._camera(following.camera) if following.camera else view,
+                                  np.asarray(following.T_w_v, np.float64), following.motion,
+                                  time_ns if following.time_ns is None else following.time_ns)
+            images["F"] = yield from self._render_flow(here, there, images["D"].range,
                                                         images["S"].instance if "S" in images else None)
         return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 

@@ -299,7 +299,7 @@ class Clockwork:
         self.now = 0.0
 
     def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
-        assert ("F" in outputs) == ("T_w_v_next" in how)
+        assert ("F" in outputs) == ("following" in how)
         pixels = camera.resolution[0] * camera.resolution[1]
         self.now += 1e-6 * (pixels * {"A": spp, "B": spp_b}.get(outputs, 1) + OVERHEAD)
         self.compile_seconds += 5.0

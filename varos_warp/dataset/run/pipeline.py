@@ -25,6 +25,7 @@ from varos_warp.render.launch import finish
 from varos_warp.render.moments import Motion
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
+from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns
@@ -158,13 +159,16 @@ class Pipeline:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            T_w_v_next=self.T_w_v(job.frame + 1) if "F" in job.letters else None,
-            motion=self.motion(job.frame), motion_next=self.motion(job.frame + 1),
-            time_ns=self.time_ns(job.frame), time_ns_next=self.time_ns(job.frame + 1),
+            following=self.following(job.frame) if "F" in job.letters else None,
+            motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
             **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)
+
+    def following(self, frame: int) -> NextFrame:
+        """The next frame, for F."""
+        return NextFrame(self.T_w_v(frame + 1), None, self.motion(frame + 1), self.time_ns(frame + 1))
 
     def time_ns(self, frame: int) -> int:
         """When a frame is."""

@@ -10,6 +10,7 @@ from varos_warp.render.options import of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import pilot_camera
+from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
@@ -48,7 +49,7 @@ def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) 
 
     def measured(view: Camera, factor: float) -> float:
         few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = of_scene(scene) | plan.options | few | ({"T_w_v_next": T_w_v} if "F" in letters else {})
+        how = of_scene(scene) | plan.options | few | ({"following": NextFrame(T_w_v)} if "F" in letters else {})
         return timed(renderer, lambda: renderer.render(T_w_v, view, letters, **how))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
