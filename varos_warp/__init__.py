@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # what __getattr__ fetches, for type checkers and editors
     from varos_warp.dataset.reader.dataset import Dataset as Dataset
     from varos_warp.errors import InputError as InputError
+    from varos_warp.render.moments import NextFrame as NextFrame
     from varos_warp.render.planner.plan import plan_render as plan_render
     from varos_warp.render.renderer import FrameRenderer as FrameRenderer
-    from varos_warp.render.renderer import NextFrame as NextFrame
     from varos_warp.scene.description import Scene as Scene
     from varos_warp.scene.load import load_scene as load_scene
     from varos_warp.scene.water import phase_function as phase_function
@@ -23,7 +23,7 @@ _HOMES = {
     "phase_function": "varos_warp.scene.water",
     "simulate": "varos_warp.sim.trajectory",
     "FrameRenderer": "varos_warp.render.renderer",
-    "NextFrame": "varos_warp.render.renderer",
+    "NextFrame": "varos_warp.render.moments",
     "plan_render": "varos_warp.render.planner.plan",
     "Dataset": "varos_warp.dataset.reader.dataset",
 }

@@ -1,8 +1,10 @@
 """What differs from sample to sample of an image, as kernels get it: camera, lights and objects by instant."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.scene.description.vehicle import Camera
@@ -11,6 +13,19 @@ from varos_warp.scene.optics.shutter import STILL, in_ns, instants, row_offsets_
 
 Motion = Callable[[np.ndarray], np.ndarray]
 """Poses [N, 4, 4] of the vehicle at times from the frame's stamp, int64 [N] [ns] (`Simulation.motion`)."""
+
+
+class NextFrame(NamedTuple):
+    """The frame to which output F is the flow."""
+
+    T_w_v: ArrayLike
+    """Pose [4, 4] of the vehicle."""
+    camera: str | Camera | None = None
+    """If it is another one: with the same pose, F is the disparity of a pair."""
+    motion: Motion | None = None
+    """Of the vehicle around it, for a rolling shutter."""
+    time_ns: int | None = None
+    """For objects that move [ns]; absent: that of this frame, as for a pair."""
 
 
 def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, rng: np.random.Generator,

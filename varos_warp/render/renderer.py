@@ -17,7 +17,7 @@ from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalIm
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.launch import Launcher, Steps, finish
-from varos_warp.render.moments import Motion, poses_of_rows, times_seen
+from varos_warp.render.moments import Motion, NextFrame, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
@@ -44,19 +44,6 @@ def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
 def _centre_rays(view: Camera) -> Rays:
     """Rays of the pixels' centres in camera axes, kept from frame to frame: a second at 1280 x 720 with distortion."""
     return camera_model(view).rays(pixel_centres(*view.resolution))
-
-
-class NextFrame(NamedTuple):
-    """The frame to which output F is the flow."""
-
-    T_w_v: ArrayLike
-    """Pose [4, 4] of the vehicle."""
-    camera: str | Camera | None = None
-    """If it is another one: with the same pose, F is the disparity of a pair."""
-    motion: Motion | None = None
-    """Of the vehicle around it, for a rolling shutter."""
-    time_ns: int | None = None
-    """For objects that move [ns]; absent: that of this frame, as for a pair."""
 
 
 class Exposed(NamedTuple):

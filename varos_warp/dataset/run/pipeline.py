@@ -22,10 +22,9 @@ from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.launch import finish
-from varos_warp.render.moments import Motion
+from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
-from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import pilot_camera
-from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
