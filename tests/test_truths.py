@@ -78,6 +78,11 @@ def test_a_page_that_misses_a_truth_is_not_written(run, missing):
     result.stdout.fnmatch_lines("*not written*test_it_*")
 
 
+def test_a_test_that_records_no_truth_fails_without_a_page_too(run):
+    result, _ = run("def test_it_says_nothing(truth): pass\n", "--validation=", "-k", "it")
+    result.assert_outcomes(failed=1)
+
+
 @pytest.mark.parametrize("narrower", [["-k", "one"], ["-m", "subject"], ["test_it.py"]])
 def test_a_page_of_some_truths_is_refused(run, narrower):
     result, page = run(RIGHT, *narrower)

@@ -218,6 +218,15 @@ def knows_a_truth(item) -> bool:
     return "truth" in getattr(item, "fixturenames", ()) and "truth" not in parameters
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """A test that asks for the fixture and records nothing fails by itself, whether a page is asked for or not."""
+    result = yield
+    if knows_a_truth(pyfuncitem) and not pyfuncitem.config.stash[RECORDED].get(pyfuncitem.nodeid):
+        pytest.fail("asks for the fixture truth, and recorded none", pytrace=False)
+    return result
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node, error):
     """Take over what a worker process of pytest-xdist recorded."""
