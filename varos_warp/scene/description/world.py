@@ -279,26 +279,51 @@ class Boulder(Parametric):
 
 
 class CalibrationBoard(Movable):
-    """A checkerboard in its own xz plane that faces -y, centred at its origin, with a margin of one square.
+    """A checkerboard or an AprilGrid in its own xz plane that faces -y, centred at its origin.
 
-    Unrotated, it stands upright before a camera that looks along +y. Without ``material`` its squares are black and
-    white.
+    Unrotated, it stands upright before a camera that looks along +y. Without ``material`` it is black and white.
     """
 
     kind: Literal["calibration_board"]
-    pattern: Literal["checkerboard"] = "checkerboard"
-    """What is printed on it."""
+    pattern: Literal["checkerboard", "aprilgrid"] = "checkerboard"
+    """What is printed on it: squares, with a margin of one square; or tags with a black border of two of their cells
+    and black squares between their corners, as Kalibr prints them."""
     rows: Annotated[int, Field(ge=2, le=100)] = 6
-    """Inner corners along its height, as OpenCV and Kalibr count them: one less than squares."""
+    """Along its height: of a checkerboard inner corners, as OpenCV and Kalibr count them, one less than squares; of an
+    AprilGrid tags."""
     columns: Annotated[int, Field(ge=2, le=100)] = 9
-    """Inner corners along its width."""
-    square_m: Measure = Field(examples=[0.05])
-    """Side of a square [m]."""
+    """Likewise along its width."""
+    square_m: Measure | None = Field(default=None, examples=[0.05])
+    """Side of a square of a checkerboard [m]; a checkerboard needs it."""
+    family: Literal["36h11"] | None = Field(default=None, examples=["36h11"])
+    """Of the tags of an AprilGrid; absent: 36h11. It has 587, so rows times columns are at most that."""
+    tag_m: Measure | None = Field(default=None, examples=[0.088])
+    """Side of a tag of an AprilGrid with its border [m], Kalibr's tagSize; an AprilGrid needs it."""
+    spacing: Annotated[Positive, Field(le=1.0)] | None = Field(default=None, examples=[0.3])
+    """Gap between tags of an AprilGrid over ``tag_m``, Kalibr's tagSpacing; absent: 0.3."""
     thickness_m: Measure = 0.005
     """Thickness of the board, behind the pattern [m]."""
     shading: Literal["flat", "smooth"] = "flat"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
+    _written = unwritten_if_absent("path", "square_m", "family", "tag_m", "spacing")
+
+    @model_validator(mode="after")
+    def _has_what_its_pattern_needs(self):
+        needs, foreign = {"checkerboard": ("square_m", ("family", "tag_m", "spacing")),
+                          "aprilgrid": ("tag_m", ("square_m",))}[self.pattern]
+        for key in foreign:
+            if getattr(self, key) is not None:
+                raise ValueError(f"{key}: is not a key of a board with pattern {self.pattern}; leave it out")
+        if getattr(self, needs) is None:
+            raise ValueError(f"{needs}: is missing; a board with pattern {self.pattern} needs it")
+        if self.pattern == "aprilgrid" and self.rows * self.columns > TAGS:
+            raise ValueError(f"rows times columns: {self.rows * self.columns} is more than the {TAGS} tags of 36h11")
+        return self
+
+
+TAGS = 587
+"""In the family 36h11."""
 
 ParametricObject = Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder
 Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),

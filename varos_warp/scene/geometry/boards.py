@@ -1,31 +1,67 @@
 """Boards with a printed pattern, to calibrate cameras with."""
 
+from importlib import resources
+
 import numpy as np
 
 from varos_warp.scene.description.world import CalibrationBoard
 from varos_warp.scene.geometry.parts import Skin
 
+DATA = resources.files("varos_warp") / "data"
 BLACK, WHITE = 0.04, 0.8
 """Reflectances of print and board."""
 
 
-def checkerboard(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
-    """Vertices float64 [V, 3] [m], faces int32 [F, 3] and colours of a board, its square at the lower left black.
+def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
+    """Vertices float64 [V, 3] [m], faces int32 [F, 3] and colours of a board.
 
-    Each square is two triangles, so that edges of the pattern are edges of the mesh; a box is behind it.
+    Each cell of the pattern is two triangles, so that edges of the pattern are edges of the mesh; a box is behind it.
     """
-    squares = np.array([block.columns + 1, block.rows + 1])
-    x, z = ((np.arange(-1, n + 2) - 0.5 * n) * block.square_m for n in squares)
-    i, j = (index.ravel() for index in np.indices((len(x) - 1, len(z) - 1)))
-    black = (i >= 1) & (i <= squares[0]) & (j >= 1) & (j <= squares[1]) & ((i + j) % 2 == 0)
+    x, z, black = aprilgrid(block) if block.pattern == "aprilgrid" else checkerboard(block)
+    x, z = x - x.mean(), z - z.mean()
     quads = [_grid(x, z, 0.0, turned=False), _grid(x, z, block.thickness_m, turned=True),
              _rim(x, z, block.thickness_m)]
     corners = np.concatenate(quads)  # [quads, 4, 3], counter-clockwise from outside
     colours = np.full(len(corners), WHITE, np.float32)
-    colours[:len(black)][black] = BLACK
+    colours[:black.size][black.ravel()] = BLACK
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.int32)
     return vertices, faces, Skin(np.broadcast_to(colours.repeat(2)[:, None, None], (len(faces), 3, 3)).copy())
+
+
+def checkerboard(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Edges x [X + 1] and z [Z + 1] [m] of its cells, and which are black, bool [X, Z]: that at the lower left is."""
+    black = np.indices((block.columns + 1, block.rows + 1)).sum(axis=0) % 2 == 0
+    x, z = (np.arange(n + 3) * block.square_m for n in black.shape)
+    return x, z, np.pad(black, 1)
+
+
+def aprilgrid(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `checkerboard`, of what Kalibr's ``kalibr_create_target_pdf`` prints: tag 0 at the lower left, 1 beside it.
+
+    Squares as wide as the gaps lie between the corners of tags, also at the outer ones; the margin is a gap wide.
+    """
+    gap = (block.spacing or SPACING) * block.tag_m
+    cell = block.tag_m / (BITS + 2 * BORDER)
+    period = BITS + 2 * BORDER + 1  # cells of a tag, and the gap before it
+    black = np.zeros((1 + period * block.columns, 1 + period * block.rows), bool)
+    black[::period, ::period] = True
+    for number, bits in enumerate(tags(block.rows * block.columns)):
+        row, column = divmod(number, block.columns)
+        at = (slice(1 + period * k, period * (k + 1)) for k in (column, row))
+        black[tuple(at)] = np.pad(bits[::-1].T, BORDER, constant_values=True)  # from images' rows to x, z
+    x, z = (np.cumsum([0.0, gap, *([gap, *[cell] * (period - 1)] * n), gap, gap]) for n in (block.columns, block.rows))
+    return x, z, np.pad(black, 1)
+
+
+BITS, BORDER, SPACING = 6, 2, 0.3
+"""Cells along a tag's code and in its border; gap between tags over their side where a board does not say."""
+
+
+def tags(count: int) -> np.ndarray:
+    """Black cells of the first tags of 36h11, bool [count, 6, 6], rows from above (AprilTag, tag36h11.c)."""
+    codes = np.array([int(line, 16) for line in (DATA / "tag36h11.txt").read_text().split()[:count]])
+    return (codes[:, None] >> np.arange(BITS * BITS)[::-1] & 1 == 0).reshape(-1, BITS, BITS)
 
 
 def _grid(x, z, y, *, turned) -> np.ndarray:

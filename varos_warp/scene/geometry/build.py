@@ -8,7 +8,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain
 from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
-from varos_warp.scene.geometry.boards import checkerboard
+from varos_warp.scene.geometry.boards import board
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
@@ -50,7 +50,7 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         path = scene.resolve(block.file)
         mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
     elif isinstance(block, CalibrationBoard):
-        vertices, faces, skin = checkerboard(block)
+        vertices, faces, skin = board(block)
         mesh = vertices, faces, skin if block.material is None else None
     else:
         mesh = assets.make_asset(block, key)
