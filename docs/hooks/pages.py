@@ -72,6 +72,11 @@ def on_post_page(output, page, config):
     return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
 
 
+def on_post_template(output_content, template_name, config):
+    """The same on the page that says that there is no such page."""
+    return on_post_page(output_content, None, config) if template_name == "404.html" else output_content
+
+
 def target(page: str, link: str) -> str:
     """Path in the repository of what a page of the site links to; links of pages made here begin at its root."""
     origin = next((path for path, site in OUTSIDE.items() if site == page), f"docs/{page}")

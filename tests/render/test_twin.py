@@ -52,7 +52,7 @@ def test_a_camera_without_port_and_distortion_is_rendered_once():
 
 @pytest.mark.parametrize("outputs", ["P", "ABCDP"])
 def test_a_scene_in_which_no_camera_has_a_twin_is_refused(outputs):
-    with pytest.raises(InputError, match="P is A without port, distortion and vignetting") as error:
+    with pytest.raises(InputError, match="P is A without port, distortion, vignetting and shutter") as error:
         scene_of(PLAIN, outputs=outputs)
     assert error.value.key == "render.outputs"
 

@@ -59,7 +59,8 @@ def test_paths_at_which_there_is_no_file_are_refused(tmp_path, name, key, verb):
 
 
 @pytest.mark.parametrize("override", [
-    "vehicle.mass_kg=5e-324", "vehicle.mass_kg=1e30", "render.frame_rate_hz=1e-300", "trajectory.duration_s=1e12",
+    "vehicle.mass_kg=5e-324", "vehicle.mass_kg=1e30", "vehicle.cameras=[{shutter: {exposure_s: 5e-324}}]",
+    "render.frame_rate_hz=1e-300", "trajectory.duration_s=1e12",
     "vehicle.cameras=[{resolution: [1000000000000, 2]}]", "gravity=1e300", "trajectory.speed=5e-324",
     "water={principled: {density: 1e308, color: [1, 1, 1], absorption_color: [0, 0, 0]}}",
     "current={velocity: [1e300, 0, 0]}", "vehicle.net_buoyancy=-1e308", "surface_depth_m=1e999",

@@ -170,6 +170,17 @@ def test_dark_and_light_differ_and_follow_what_the_user_prefers(browser, address
     assert found[0][2] != found[1][2]
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_rule_of_accessibility_is_broken(browser, address, scheme):
+    if not os.environ.get("CI"):
+        pytest.importorskip("axe_playwright_python")
+    from axe_playwright_python.sync_playwright import Axe
+
+    for page in opened(browser, address, color_scheme=scheme):
+        found = Axe().run(page).response["violations"]
+        assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found] == []
+
+
 @pytest.mark.parametrize("options", [{"images": False}, {"frames": slice(4, 5)}, {"sensors": False}])
 def test_what_is_not_there_is_no_error(browser, tmp_path, options):
     produce(make_scene(), tmp_path / "data", quiet=True, **options)

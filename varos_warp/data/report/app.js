@@ -73,7 +73,7 @@ function buildSheet() {
   const fill = () => {
     sheet.replaceChildren();
     for (const { letter } of DATA.outputs) for (const index of picks) {
-      const picture = element("img", { src: source(letter, index), alt: `${letter} ${DATA.frames[index]}`, loading: "lazy" });
+      const picture = element("img", { src: source(letter, index), alt: "", loading: "lazy" });
       const button = element("button", { type: "button", onclick: () => show(index) }, picture,
                              element("span", {}, `${letter} ${DATA.frames[index]}`));
       button.dataset.index = index;

@@ -39,7 +39,7 @@ def note(text: str, kind: str = "note") -> Raw:
 
 def table(rows: Iterable[Iterable], header: Sequence[str] = (), kind: str = "") -> Raw:
     """An HTML table; the first column names the rows. On a narrow screen each row becomes a block of named values."""
-    head = f"<thead><tr>{cells(header, 'th')}</tr></thead>" if header else ""
+    head = f"<thead><tr>{cells(header, 'th')}</tr></thead>".replace("<th></th>", "<td>&nbsp;</td>") if header else ""
     body = "".join(f"<tr><th>{html.escape(str(first))}</th>{cells(rest, names=header[1:])}</tr>"
                    for first, *rest in rows)
     return Raw(f'<div class="scroll"><table class="{kind}">{head}<tbody>{body}</tbody></table></div>')

@@ -76,8 +76,8 @@ class Scene(Block):
     def _twin_differs(self):
         cameras = self.vehicle.cameras
         if "P" in self.render.outputs and not any(map(has_twin, cameras)):
-            raise ValueError("render.outputs: P is A without port, distortion and vignetting, and no camera has any; "
-                             "leave out P, or give a camera one of them")
+            raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
+                             "has any; leave out P, or give a camera one of them")
         return self
 
     @property

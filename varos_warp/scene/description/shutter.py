@@ -4,9 +4,11 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block
+from varos_warp.scene.description.block import Block, outside
 
-Duration = Annotated[float, Field(ge=0.0, le=60.0)]
+SHORTEST_S = 1e-9
+"""Times are counted in nanoseconds."""
+Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
 """[s]"""
 
 
@@ -29,7 +31,7 @@ class Shutter(Block):
 class Strobe(Block):
     """A light that flashes with every frame instead of shining all the time."""
 
-    on_s: Annotated[float, Field(gt=0.0, le=60.0, examples=[0.002])]
+    on_s: Annotated[float, Field(ge=SHORTEST_S, le=60.0, examples=[0.002])]
     """How long [s]."""
     delay_s: Annotated[float, Field(ge=-60.0, le=60.0)] = 0.0
     """From the frame's time stamp to the middle of the flash [s]."""
