@@ -78,7 +78,7 @@ def test_opencv_reads_the_tags_of_an_aprilgrid_where_kalibr_has_them():
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     corners, ids, _ = cv2.aruco.ArucoDetector(family, how).detectMarkers(grey)
     assert sorted(ids.ravel()) == list(range(columns * rows))
-    found = cv2.cornerSubPix(grey, np.concatenate(corners).reshape(-1, 1, 2), (2, 2), (-1, -1), (3, 100, 1e-5)) + 0.5
+    found = cv2.cornerSubPix(grey, np.concatenate(corners).reshape(-1, 1, 2), (4, 4), (-1, -1), (3, 100, 1e-5)) + 0.5
     step, ids = (1.0 + spacing) * tag, ids.reshape(-1, 1)
     left = (ids % columns) * step - 0.5 * (columns * step - spacing * tag)
     low = (ids // columns) * step - 0.5 * (rows * step - spacing * tag)
