@@ -93,6 +93,8 @@ def test_python_of_a_page_runs(page, folder, names, monkeypatch):
 
 def merged(block: dict) -> dict:
     """The small scene with what a block of a document says, which may begin at the vehicle."""
+    if "vehicles" in block:
+        return {key: value for key, value in SCENE.items() if key not in ("vehicle", "trajectory")} | block
     if not block.keys() <= Scene.model_fields.keys():
         assert block.keys() <= Vehicle.model_fields.keys(), block
         block = {"vehicle": block}

@@ -32,6 +32,7 @@ SMALL = {
     "hull": ["objects.0.chord_error_m=0.02"],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],  # other tests render through ports
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
+    "vehicles": ["terrain.resolution=33"],
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3"],
 }
 """What makes each scene cheap, by file or folder; no block goes."""
@@ -45,8 +46,10 @@ def name_of(path: Path) -> str:
 @pytest.mark.parametrize("path", SHIPPED, ids=name_of)
 def test_every_shipped_scene_renders(path):
     """First frame through every camera, all outputs: finite numbers, and none of the images is black."""
-    small = [f"vehicle.cameras.{i}.resolution=[16, 9]" for i in range(len(load_scene(path).vehicle.cameras))]
-    scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", "trajectory.duration_s=0.5"])
+    shipped = load_scene(path)
+    own, course = ("vehicles.0", "vehicles.0.trajectory") if shipped.vehicles else ("vehicle", "trajectory")
+    small = [f"{own}.cameras.{i}.resolution=[16, 9]" for i in range(len(shipped.vehicle.cameras))]
+    scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", f"{course}.duration_s=0.5"])
     parts = build_parts(scene)
     simulation, renderer = simulate(scene, parts), FrameRenderer(scene, "cpu", parts)
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)

@@ -19,6 +19,11 @@ class InputError(ValueError):
         self.problem, self.file, self.key, self.value, self.remedy, self.line = problem, file, key, value, remedy, line
         super().__init__(self.message)
 
+    def at(self, key: str) -> "InputError":
+        """The same of another key; none if it is empty."""
+        return InputError(self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy,
+                          line=self.line)
+
     @property
     def message(self) -> str:
         """``file:line: key = value: problem. Remedy.`` with the parts that are known."""

@@ -16,8 +16,10 @@ from varos_warp.scene.schema import KIND_KEYS, blocks_in, entries, facts, find_k
 
 ROOT = Path(__file__).parents[2]
 PAGES_OF_KEYS = ("terrain", "objects", "scatter", "materials", "water", "current", "vehicle", "vehicle.lights",
-                 "vehicle.cameras", "trajectory", "render")
+                 "vehicle.cameras", "trajectory", "vehicles", "render")
 """Keys of scene files with a page of their own."""
+AS_ELSEWHERE = {"trajectory": "trajectory", "body": "objects"}
+"""Pages of the blocks under ``vehicles``; those of all others are under ``vehicle``."""
 FRAME_TYPES = ("Frame", "RadianceImage", "NormalImage", "DepthImage", "SegmentImage", "FlowImage")
 EXAMPLES = ("varos_warp/data/starter.yaml", "varos_warp/data/templates/*.yaml", "examples/*/*.yaml")
 
@@ -82,8 +84,9 @@ def sections(key: str, page: str) -> list[str]:
                           if any(blocks_in(schema, json_schema())))
     for name in inner:
         path = f"{key}.{name}"
-        if path in PAGES_OF_KEYS:
-            parts.append(f"## `{path}`\n\nHas [a page of its own](docs/scene/{path}.md).\n")
+        if path in PAGES_OF_KEYS or key == "vehicles":
+            there = path if path in PAGES_OF_KEYS else AS_ELSEWHERE.get(name, "vehicle")
+            parts.append(f"## `{path}`\n\nHas [a page of its own](docs/scene/{there}.md).\n")
         else:
             parts += sections(path, page)
     return parts

@@ -13,22 +13,30 @@ from varos_warp.cli.tables import print_json, print_table
 @verb
 def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
     """Read everything back and check it against itself; status 2 if something does not agree."""
+    from varos_warp.dataset.layout import datasets_in
     from varos_warp.dataset.validate import validate as check
 
-    result = check(dataset, quiet)
-    result.keep()
+    results = [check(folder, quiet) for folder in datasets_in(dataset)]
+    for result in results:
+        result.keep()
+        if not json_:
+            _print_outcome(result)
     if json_:
-        print_json({"dataset": str(dataset), **result.plain()})
-    else:
-        print_table(["measure", "value", "limit", "unit"],
-                     [[m["name"], f"{m['value']:.3g}", f"{m['limit']:.3g}", m["unit"]] for m in result.measures])
-        for problem in result.problems:
-            print(f"problem: {problem}")
-        sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
-        count = len(result.problems)
-        print(f"{dataset}: {result.files_read} images read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
-    if result.problems:
+        first, *others = ({"dataset": str(result.root), **result.plain()} for result in results)
+        print_json({"valid": not any(result.problems for result in results), "datasets": [first, *others]} if others
+                   else first)
+    if any(result.problems for result in results):
         raise typer.Exit(2)
+
+
+def _print_outcome(result) -> None:
+    print_table(["measure", "value", "limit", "unit"],
+                 [[m["name"], f"{m['value']:.3g}", f"{m['limit']:.3g}", m["unit"]] for m in result.measures])
+    for problem in result.problems:
+        print(f"problem: {problem}")
+    sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
+    count = len(result.problems)
+    print(f"{result.root}: {result.files_read} images read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
 
 
 @verb

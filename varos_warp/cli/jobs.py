@@ -13,6 +13,7 @@ from varos_warp.cli.options import (
     Seed,
     Set,
     Shard,
+    Vehicle,
     Workers,
     parse_frames,
     parse_shard,
@@ -35,10 +36,10 @@ def render(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, wo
 
 
 @verb
-def simulate(scene: SceneFile, out: Out, seed: Seed = None, set_: Set = None, json_: Json = False,
-             quiet: Quiet = False):
+def simulate(scene: SceneFile, out: Out, seed: Seed = None, vehicle: Vehicle = None, set_: Set = None,
+             json_: Json = False, quiet: Quiet = False):
     """Write trajectory, IMU and depth gauge only."""
-    make(scene, out, Choices(seed=seed, set_=set_), json_, quiet, images=False)
+    make(scene, out, Choices(seed=seed, vehicle=vehicle, set_=set_), json_, quiet, images=False)
 
 
 @resumable
@@ -57,20 +58,27 @@ def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Sha
 
 
 def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **options) -> bool:
-    """Produce a dataset and print what was done; returns whether all that was asked for is there."""
-    from varos_warp.dataset.run.produce import produce
+    """Produce the dataset of each vehicle and print what was done; returns whether all that was asked for is there."""
+    from varos_warp.dataset.run.fleet import produce_each
     from varos_warp.scene.load import load_scene
 
-    summary = produce(load_scene(path, choices.overrides()), out, device=choices.device,
-                      frames=parse_frames(choices.frames), quiet=quiet, **options)
+    loaded = load_scene(path, choices.overrides())
+    made = produce_each(loaded, out, choices.vehicle, device=choices.device, frames=parse_frames(choices.frames),
+                        quiet=quiet, **options)
     if json_:
-        print_json(asdict(summary))
-        return summary.complete
-    images = f"{summary.rendered} images rendered, {summary.kept} kept" if options.get("images", True) else "no images"
+        summaries = {each: asdict(summary) for each, summary in made.items()}
+        print_json({"vehicles": summaries} if loaded.vehicles else summaries[loaded.vehicle.id])
+    else:
+        for summary in made.values():
+            _print_summary(summary, options.get("images", True))
+    return all(summary.complete for summary in made.values())
+
+
+def _print_summary(summary, with_images: bool) -> None:
+    images = f"{summary.rendered} images rendered, {summary.kept} kept" if with_images else "no images"
     where = f" on {summary.device}" if summary.device else ""
     state = "" if summary.complete else "; not complete yet"
     print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
-    return summary.complete
 
 
 @verb

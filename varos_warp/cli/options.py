@@ -1,5 +1,6 @@
 """Arguments and options of the command line, and what their words mean."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
 
 
+Vehicle = Annotated[str | None, typer.Option(metavar="ID", help="Only this one of the scene's vehicles.")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Choices:
     """What may be chosen for one call; what is absent is as the scene says."""
@@ -41,6 +45,7 @@ class Choices:
                                                    help="How A is computed.")] = None
     seed: Seed = None
     denoise: Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")] = None
+    vehicle: Vehicle = None
     linear_exr: Annotated[bool, typer.Option(
         "--linear-exr", help="Also write A as rendered, with its standard error.")] = False
     set_: Set = None
@@ -60,7 +65,13 @@ class Choices:
             "render.layers": self.layers and f"[{self.layers}]", "render.integrator": self.integrator,
             "seed": self.seed, "render.denoise": self.denoise, "render.linear_exr": "true" if self.linear_exr else None,
         }
-        return list(self.set_ or ()) + [f"{key}={value}" for key, value in changes.items() if value is not None]
+        return [*(self.set_ or ()), *observer(self.vehicle),
+                *(f"{key}={value}" for key, value in changes.items() if value is not None)]
+
+
+def observer(vehicle: str | None) -> list[str]:
+    """What ``--vehicle`` changes in the scene, as ``key.path=value``."""
+    return [] if vehicle is None else [f"observer={json.dumps(vehicle)}"]
 
 
 @dataclass(frozen=True, kw_only=True)

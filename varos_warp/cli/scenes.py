@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from varos_warp.cli.app import verb
-from varos_warp.cli.options import Device, Json, PreviewOptions, Quiet, Repair, SceneFile, Set
+from varos_warp.cli.options import (
+    Device,
+    Json,
+    PreviewOptions,
+    Quiet,
+    Repair,
+    SceneFile,
+    Set,
+    Vehicle,
+    observer,
+)
 from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed, print_table
 from varos_warp.errors import InputError
 
@@ -16,36 +26,45 @@ from varos_warp.errors import InputError
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Show what is in a scene, and warn of what looks wrong."""
+    from varos_warp.scene.load import load_scene
+    from varos_warp.scene.named_files import require_files
+
+    loaded = load_scene(scene, set_ or ())
+    require_files(loaded)
+    seen = [loaded.observed_by(vehicle.id) for vehicle in loaded.vehicles or ()] or [loaded]
+    facts = [_facts(alone, quiet) for alone in seen]
+    if json_:
+        print_json(dict(zip([alone.vehicle.id for alone in seen], facts, strict=True)) if loaded.vehicles else facts[0])
+        return
+    for alone, each in zip(seen, facts, strict=True):
+        if loaded.vehicles:
+            print(f"--- vehicle {alone.vehicle.id}")
+        print_info(each)
+        for warning in each["warnings"]:
+            print(f"warning: {warning}")
+
+
+def _facts(scene, quiet: bool) -> dict:
+    """What `info` tells of a scene as its vehicle sees it."""
     from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
-    from varos_warp.scene.load import load_scene
-    from varos_warp.scene.named_files import require_files
     from varos_warp.sim.trajectory import course_facts, path_samples
 
-    loaded = load_scene(scene, set_ or ())
-    require_files(loaded)
-    parts = build_parts(loaded)
-    simulation = simulated(loaded, quiet, parts)
-    facts, found = scene_info(loaded, parts), check_scene(loaded, parts, path_samples(simulation))
-    found += simulation.messages
+    parts = build_parts(scene)
+    simulation = simulated(scene, quiet, parts)
+    facts, found = scene_info(scene, parts), check_scene(scene, parts, path_samples(simulation))
     facts["trajectory"] |= course_facts(simulation)
-    facts["dataset"] = dataset_facts(loaded, len(simulation.frames))
-    facts["shutters"] = shutter_facts(loaded, parts, simulation)
-    if json_:
-        print_json({**facts, "warnings": found})
-        return
-    print_info(facts)
-    for warning in found:
-        print(f"warning: {warning}")
+    return {**facts, "dataset": dataset_facts(scene, len(simulation.frames)),
+            "shutters": shutter_facts(scene, parts, simulation), "warnings": found + simulation.messages}
 
 
 @verb
 def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | None, typer.Option(
         "-o", "--out", metavar="FOLDER", help="Keep preview.png there up to date, without the viewer.")] = None,
         once: Annotated[bool, typer.Option("--once", help="End after the last refinement.")] = False,
-        device: Device = "auto", set_: Set = None, quiet: Quiet = False):
+        device: Device = "auto", vehicle: Vehicle = None, set_: Set = None, quiet: Quiet = False):
     """Show a small image A of a scene that refines, and again whenever the scene is saved; Ctrl-C ends it."""
     from varos_warp.dataset.preview import Viewpoint
     from varos_warp.dataset.preview import preview as show
@@ -53,7 +72,8 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
 
     viewpoint = Viewpoint(**options.parsed())
     screen = RerunScreen() if out is None else FolderScreen(out)
-    show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=set_ or (), once=once, quiet=quiet)
+    show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=[*(set_ or ()), *observer(vehicle)],
+         once=once, quiet=quiet)
 
 
 def _complete_key(typed: str) -> list[str]:

@@ -10,7 +10,7 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     vehicle0/mag0/mag0_data.csv  mag0_poses/...                    vehicle0/dvl0/dvl0_data.csv  dvl0_poses/...
     vehicle0/ground_truth_vehicle0_poses/vehicle0_poses_*.csv  vehicle0_states.csv
     vehicle0/lights0/lights0_poses.csv
-    objects/objects.3_poses/objects.3_poses_*.csv (of what moves)
+    objects/objects.3_poses/objects.3_poses_*.csv (of what moves; vehicles.2_poses/... of the body of another vehicle)
 """
 
 from dataclasses import dataclass
@@ -140,12 +140,12 @@ class Layout:
         return self.sensor("imu0").with_name("imu0_bias.csv")
 
     def poses(self, name: str, form: str) -> Path:
-        """Poses of a camera id, a sensor, ``vehicle`` or an object, as ``objects.3``; the form is of `POSE_FORMS`."""
+        """Poses of a camera id, a sensor, ``vehicle`` or what moves, as ``objects.3``; the form is of `POSE_FORMS`."""
         if name == "vehicle":
             folder, stem = self.vehicle_dir / f"ground_truth_vehicle{self.vehicle}_poses", f"vehicle{self.vehicle}"
         elif name in self.cameras:
             folder, stem = self.camera_dir(name) / f"cam{name}_poses", f"cam{name}"
-        elif name.startswith("objects."):
+        elif name.startswith(("objects.", "vehicles.")):
             folder, stem = self.root / "objects" / f"{name}_poses", name
         else:
             folder, stem = self.vehicle_dir / name / f"{name}_poses", name
@@ -160,6 +160,16 @@ class Layout:
     def lights(self) -> Path:
         """Where the lights are and point at every frame."""
         return self.vehicle_dir / "lights0" / "lights0_poses.csv"
+
+
+def folder_of_vehicle(out: Path, vehicle: str) -> Path:
+    """Folder of the dataset of one of several vehicles, in that of their run."""
+    return out / f"veh{vehicle}"
+
+
+def datasets_in(out: Path) -> list[Path]:
+    """Folders of the datasets that a run of several vehicles made; of a dataset, the folder itself."""
+    return sorted(path.parent for path in out.glob("veh?/dataset.json")) or [out]
 
 
 def runs(frames) -> list[list[int]]:

@@ -41,7 +41,8 @@ POLL_SECONDS = 0.1
 KEPT_ORIGIN_M = 100.0
 """A course that moves farther has its geometry uploaded anew, around a nearer origin."""
 
-NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current", "vehicle", "trajectory", "render"}
+NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current", "vehicle", "trajectory", "render",
+             "vehicles", "observer"}
 """Blocks that terrain, objects and materials do not depend on."""
 NOT_MOVING: dict[str, Any] = dict.fromkeys(
     ("name", "sequence", "terrain", "objects", "scatter", "materials", "water"), True)
@@ -52,6 +53,8 @@ NOT_MOVING["vehicle"] = {"lights", "cameras"}
 def _solid(scene: Scene) -> dict[str, Any]:
     """What terrain, objects and materials depend on."""
     solid = scene.model_dump(exclude=NOT_SOLID)
+    if bodies := [vehicle.body.model_dump() for vehicle in scene.companions.values() if vehicle.body]:
+        solid["bodies"] = bodies
     return solid | {"files": files_named(scene, solid)}
 
 

@@ -40,13 +40,14 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
         rng: For places on disks.
         pinhole: Whether the camera has no depth of field; such images are not of lights, of which there are none then.
     """
-    lights, moments = world.scene.vehicle.lights, Moments()
+    lights, moments = world.scene.lights, Moments()
     when = STILL if view.shutter is None else instants(view, lights)
     offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
     if not pinhole:
-        moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng)
+        moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng,
+                                                           world.carriers_at(offset_ns))
     moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
     return moments

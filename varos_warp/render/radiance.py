@@ -117,7 +117,7 @@ class RadianceRenderer:
         options = shot.options
         integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
         medium = bool(self.world.water.sigma_s.any())
-        if not (self.world.has_surfaces or medium) or not self.scene.vehicle.lights:
+        if not (self.world.has_surfaces or medium) or not self.scene.lights:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))

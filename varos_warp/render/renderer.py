@@ -29,7 +29,8 @@ from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
-from varos_warp.sim.poses import poses_along
+from varos_warp.sim.companions import companions
+from varos_warp.sim.poses import poses_of_moving
 
 __all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NextFrame", "NormalImage",
            "RadianceImage", "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
@@ -92,6 +93,7 @@ class FrameRenderer:
         self.device_name = wp.get_device(self.device).name
         self.parts = build_parts(scene) if parts is None else parts
         self.world = DeviceScene(scene, self.parts, self.device)
+        self.companions = companions(scene)
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
         self.launcher = Launcher(self.device, threads)
@@ -104,7 +106,7 @@ class FrameRenderer:
         Not for use at the same time as this one: both render into the same films.
         """
         other = copy.copy(self)
-        other.scene, other.world = scene, self.world.relit(scene)
+        other.scene, other.world, other.companions = scene, self.world.relit(scene), companions(scene)
         other.radiance = RadianceRenderer(scene, other.world, self.films)
         return other
 
@@ -217,18 +219,14 @@ class FrameRenderer:
 
     def _exposed(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None, time_ns: int) -> Exposed:
         """A camera, the vehicle and what moves at a time."""
-        moving = self.world.moving
+        def poses(offset_ns: np.ndarray) -> dict[str, np.ndarray]:
+            return poses_of_moving(self.world.moving, time_ns + offset_ns, self.companions)
 
-        def poses(offset_ns: np.ndarray) -> np.ndarray:
-            return np.stack([poses_along(part.path, time_ns + offset_ns) for part in moving], axis=1)
-
-        lights = self.scene.vehicle.lights
-        world = self.world.moved(poses, times_seen(view, lights, motion)) if moving else self.world
-        return Exposed(view, T_w_v, motion, world)
+        return Exposed(view, T_w_v, motion, self.world.moved(poses, times_seen(view, self.scene.lights, motion)))
 
     def _twin(self, view: Camera) -> Camera:
         """The camera of P; strobes light it as they do A."""
-        strobes = any(light.strobe for light in self.scene.vehicle.lights)
+        strobes = any(light.strobe for light in self.scene.lights)
         return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
 
     def _rows(self, here: Exposed) -> Rows:
@@ -292,6 +290,6 @@ class FrameRenderer:
         """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
         if parts is None:
             return []
-        now, then = (at.world.poses(at.row_times()) for at in (here, following))
+        now, then = (at.world.poses_at(at.row_times()) for at in (here, following))
         numbers = [self.world.part_names.index(part.name) + 1 for part in self.world.moving]
         return [MovingPart(np.equal(parts, number), now[:, k], then[:, k]) for k, number in enumerate(numbers)]

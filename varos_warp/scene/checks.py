@@ -12,7 +12,7 @@ from varos_warp.scene.geometry.course import find_course, local_origin, standpoi
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import clearance, is_inside
-from varos_warp.scene.hull import displaced_volume, sphere_radius
+from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.named_files import check_textures
 from varos_warp.scene.optics.camera import camera_model
@@ -39,12 +39,14 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     places = scene.trajectory.stops
     poses = [transform(turned.as_matrix(), stop.position)
              for stop, turned in zip(places, attitudes(places), strict=True)]
-    solids = _gather(scene, parts, poses, path)
+    still = [part for part in parts if part.name not in scene.companions]  # which go their ways
+    solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    return [*check_textures(scene), *_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
-            *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
-            *_check_inside(scene, solids, poses), *at_stops, *on_the_way]
+    found = [*check_textures(scene), *_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
+             *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
+             *_check_inside(scene, solids, poses), *at_stops, *on_the_way]
+    return [scene.key_in_file(words) for words in found]
 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
@@ -106,11 +108,6 @@ def camera_info(camera) -> dict:
             "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
             "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
             "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1]}
-
-
-def vehicle_radius(scene: Scene) -> float:
-    """Radius [m] of the vehicle's hull."""
-    return sphere_radius(displaced_volume(scene.vehicle.mass_kg, scene.vehicle.net_buoyancy, scene.gravity))
 
 
 def _gather(scene, parts, poses, path):
@@ -248,7 +245,7 @@ def _check_strobes(lights, camera):
 
 def _check_lights(scene, poses):
     lights = scene.vehicle.lights
-    if {"A", "P"} & set(scene.render.outputs) and not any(any(light.intensity) for light in lights):
+    if {"A", "P"} & set(scene.render.outputs) and not any(any(light.intensity) for light in scene.lights):
         return ["vehicle.lights: there is no light, so A will be black"]
     warnings = []
     for i, light in enumerate(lights):

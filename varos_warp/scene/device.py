@@ -48,6 +48,8 @@ def kind_of(device: str) -> str:
 
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
 """Triangles per BVH leaf, by kind of device: 10 % faster than 4 on a CPU; 6 % faster than 8 on a GPU."""
+Poses = Callable[[np.ndarray], dict[str, np.ndarray]]
+"""Poses T_w_o [N, 4, 4] of everything that moves but the vehicle, by key, at times int64 [N] [ns]."""
 MOST_JOINED_FACES = {"cpu": 0, "cuda": 1 << 23}
 """Copies with no more triangles in all join the one mesh (2 GB at most). On a GPU, the stack of a query over copies
 fills the memory close to the cores, and without it everything takes two thirds of the time; on a CPU, two levels are
@@ -69,12 +71,14 @@ class DeviceScene:
         self.moving = [part for part in parts if isinstance(part, Moving)]
         self.has_surfaces = bool(parts)
         self.has_textures = False
-        self.part_names: list[str] = []
+        self.part_names = self._names(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
         self.has_instances = not self.joins_copies or bool(self.moving)
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
+        self.poses: Poses = lambda offset_ns: {}
+        """Of everything that moves but the vehicle, while a shutter is open: known of a frame (`moved`) only."""
         if parts:
             self._upload_geometry(parts)
 
@@ -91,34 +95,50 @@ class DeviceScene:
         other.data.medium = medium_record(other.water, self.device)
         return other
 
-    def moved(self, poses: Callable[[np.ndarray], np.ndarray], offset_ns: np.ndarray) -> "DeviceScene":
+    def moved(self, poses: Poses, offset_ns: np.ndarray) -> "DeviceScene":
         """The scene with what moves where it is at a frame; itself where nothing does.
 
         Args:
-            poses: Of what moves [N, M, 4, 4], in the order of ``moving``, at times from the frame's, int64 [N] [ns].
+            poses: At times from the frame's.
             offset_ns: All times but 0 that are asked for, int64 [N]: of these, `moving_at` may be rendered.
         """
-        if not self.moving:
+        if not self.moving and not self.lights.carriers:
             return self
         other = copy.copy(self)
-        other.data = SceneData()
-        other.data.assign(self.data)
         other.poses = poses
-        other._place(poses(np.concatenate([np.zeros(1, np.int64), offset_ns])))
+        if self.moving:
+            other.data = SceneData()
+            other.data.assign(self.data)
+            other._place(other.poses_at(np.concatenate([np.zeros(1, np.int64), offset_ns])))
         return other
+
+    def poses_at(self, offset_ns: np.ndarray) -> np.ndarray:
+        """Poses T_w_o [N, M, 4, 4] of the meshes that move, in the order of ``moving``."""
+        poses = self.poses(offset_ns)
+        return np.stack([poses[part.name] for part in self.moving], axis=1)
+
+    def carriers_at(self, offset_ns: np.ndarray) -> dict[str, np.ndarray]:
+        """Poses [N, 4, 4] of the companions that carry lights, by key, at times from the frame's, int64 [N] [ns]."""
+        return self.poses(offset_ns) if self.lights.carriers else {}
 
     def moving_at(self, offset_ns: np.ndarray) -> wp.array:
         """Records [N, M] of what moves at times from the frame's, int64 [N] [ns]."""
         if not self.moving:
             return wp.empty((len(offset_ns), 0), dtype=InstanceData, device=self.device)
-        return self._array(self._placed(self.poses(offset_ns)), InstanceData)
+        return self._array(self._placed(self.poses_at(offset_ns)), InstanceData)
+
+    def _names(self, parts: list[Part | Instances]) -> list[str]:
+        """Of all that has a number, in their order; the observer's own body, which nobody sees here, among them."""
+        names = [part.name for part in parts if isinstance(part, Part)]
+        names += [f"{group.name}.{i}" for group in parts if isinstance(group, Instances) for i in range(len(group))]
+        if (own := f"vehicles.{self.scene.observer}") in self.scene.numbered:
+            names.insert(self.scene.number_of(own) - 1, own)
+        return names
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """One mesh of what stands still, one of each instanced mesh in its own axes; arrays per face of all."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
-        self.part_names = [part.name for part in single]
-        self.part_names += [f"{group.name}.{i}" for group in copied for i in range(len(group))]
         numbers = {name: number for number, name in enumerate(self.part_names)}
         still = [part for part in single if not isinstance(part, Moving)]
         in_mesh = [*still, *(copy for group in copied for copy in group.parts())] if self.joins_copies else still
@@ -151,6 +171,8 @@ class DeviceScene:
         origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
         materials = [device_material(part, self.scene, np.asarray(origin), self.textures)
                      for part, origin in zip(placed, origins, strict=True)]
+        if len(materials) < len(self.part_names):  # the observer's own body has none
+            materials.insert(self.part_names.index(f"vehicles.{self.scene.observer}"), Material())
         self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.data.materials = self._array(materials, Material)
         if any(has_lobe(part.material) for part in [*single, *copied]):
@@ -187,9 +209,7 @@ class DeviceScene:
             unplaced.append(self._record(mesh, first_face, numbers[part.name]))
             first_face += len(part.faces)
         self._unplaced = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
-        start = np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4)
-        self.poses: Callable[[np.ndarray], np.ndarray] = lambda offset_ns: np.repeat(start, len(offset_ns), axis=0)
-        self._place(start)
+        self._place(np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4))
 
     def _record(self, mesh: wp.Mesh, first_face: int, number: int) -> InstanceData:
         """Of an instance that is not placed yet."""
@@ -246,7 +266,7 @@ class DeviceScene:
         """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
         scene = SceneData()
         scene.assign(self.data)
-        scene.lights = self.lights.at(T_w_v, self.origin)
+        scene.lights = self.lights.at(T_w_v, self.origin, self.carriers_at(np.zeros(1, np.int64)))
         return scene
 
     def camera(self, camera: Camera, T_w_v: np.ndarray, *, pinhole: bool = False) -> CameraData:

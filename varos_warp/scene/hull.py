@@ -3,6 +3,7 @@
 from math import pi
 
 from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
 
 WATER_DENSITY = 1025.0
 """Sea water [kg/m^3]."""
@@ -24,3 +25,8 @@ def displaced_volume(mass_kg: float, net_buoyancy: float, gravity: float) -> flo
 def sphere_radius(volume: float) -> float:
     """Radius [m] of a sphere of ``volume`` [m^3]."""
     return (3.0 * volume / (4.0 * pi)) ** (1.0 / 3.0)
+
+
+def vehicle_radius(scene: Scene) -> float:
+    """Radius [m] of the vehicle's hull."""
+    return sphere_radius(displaced_volume(scene.vehicle.mass_kg, scene.vehicle.net_buoyancy, scene.gravity))

@@ -59,6 +59,7 @@ def _meshes(scene: Scene) -> Iterator[tuple[str, Path, bool]]:
             yield "terrain.file", scene.resolve(file), terrain.material is None and terrain.preprocess is None
     blocks = [(f"objects.{i}", block) for i, block in enumerate(scene.objects)]
     blocks += [(f"scatter.{i}.object", block.object) for i, block in enumerate(scene.scatter)]
+    blocks += [(f"vehicles.{i}.body", vehicle.body) for i, vehicle in enumerate(scene.vehicles or ())]
     for key, block in blocks:
         if isinstance(block, MeshObject):
             yield f"{key}.file", scene.resolve(block.file), block.material is None

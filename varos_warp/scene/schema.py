@@ -33,6 +33,7 @@ class _Generator(GenerateJsonSchema):
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit."""
     schema = Scene.model_json_schema(schema_generator=_Generator)
+    schema["required"].remove("trajectory")  # or each of the vehicles has one
     for block in (schema, *schema["$defs"].values()):
         for key, entry in block.get("properties", {}).items():
             if "const" in entry and key in KIND_KEYS:

@@ -5,7 +5,7 @@ splines through the poses, at whose ends the vehicle has the speed that they giv
 is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -62,9 +62,17 @@ def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
     return transform(Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix(), columns["position"])
 
 
-def poses_of_moving(parts: Sequence, time_ns: np.ndarray) -> dict[str, np.ndarray]:
-    """`poses_along` of everything among parts that moves, by its name."""
-    return {part.name: poses_along(part.path, time_ns) for part in parts if isinstance(part, Moving)}
+def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
+                    ) -> dict[str, np.ndarray]:
+    """Poses [N, 4, 4] of everything that moves at times int64 [N] [ns], by its name: along paths, and as others do.
+
+    Args:
+        parts: Everything solid.
+        time_ns: When.
+        others: Other vehicles, as `companions.companions` has them; of their bodies parts do not know where they are.
+    """
+    along = {part.name: poses_along(part.path, time_ns) for part in parts if isinstance(part, Moving) and part.path}
+    return along | {key: poses(time_ns) for key, poses in (others or {}).items()}
 
 
 def at_ticks(poses: Sequence[description.Pose | Stop], tick: np.ndarray) -> dict[str, np.ndarray]:

@@ -78,7 +78,8 @@ def _metadata() -> type[BaseModel]:
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     corner = tuple[Vec3, Vec3]
-    moving = _block(key=Annotated[str, Field(pattern=r"^objects\.\d+$")], id=Count, box_m=corner)
+    key = Annotated[str, Field(pattern=r"^(objects\.\d+|vehicles\.[0-9a-zA-Z])$")]
+    moving = _block(key=key, id=Count, box_m=corner)
     return _block(
         {"moving": list[moving]},  # type: ignore[valid-type]
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),

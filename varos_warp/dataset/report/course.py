@@ -46,8 +46,9 @@ def course_pictures(data: Dataset, scene: SceneParts) -> dict[str, str]:
     """base64 of PNG pictures of the course, by what they show; the side is the longer one."""
     course = data.poses("vehicle")[1][:, :3, 3] if "vehicle" in data.recorded else data.views()[1][:, :3, 3]
     points = ground_points(scene.parts, course)
-    trajectory = data.meta["scene"]["trajectory"]
-    stops = [stop["position"] for stop in trajectory.get("waypoints") or trajectory.get("poses") or ()]
+    whole = data.meta["scene"]
+    own = next((vehicle for vehicle in whole.get("vehicles") or () if vehicle["id"] == data.meta["vehicle"]), whole)
+    stops = [stop["position"] for stop in own["trajectory"].get("waypoints") or own["trajectory"].get("poses") or ()]
     along = int(np.argmax(np.ptp(course[:, :2], axis=0)))
     return {"from above": _picture(course, points, stops, (0, 1)),
             "from the side": _picture(course, points, stops, (along, 2))}

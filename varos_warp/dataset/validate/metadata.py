@@ -68,9 +68,8 @@ def check_segments(data: Dataset, result: Validation) -> None:
         return
     scene, rows = scene_from_dict(data.meta["scene"]), data.segments()
     # how many copies find a place only the meshes tell
-    keys = {"terrain"} if scene.terrain is not None else set()
-    keys |= {f"objects.{i}" for i in range(len(scene.objects))} | {row["key"] for row in rows}
-    found = files.differences(rows, segment_table(scene, sorted(keys, key=_place)), _same)
+    copies = sorted({row["key"] for row in rows} - set(scene.numbered), key=_place)
+    found = files.differences(rows, segment_table(scene, [*scene.numbered, *copies]), _same)
     result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
                     f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
                     for key, here, there in found], "entries")

@@ -17,6 +17,7 @@ from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.sim.clock import times_ns
+from varos_warp.sim.companions import companions
 from varos_warp.sim.poses import poses_of_moving
 from varos_warp.sim.sensors.dvl import Dvl, bottom_track
 
@@ -415,12 +416,12 @@ def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, 
     from varos_warp.scene.geometry.ranging import ranges
 
     try:
-        _, parts = rebuilt(data)
+        scene, parts = rebuilt(data)
     except InputError:
         return
     least, most = data.meta["sensors"]["dvl0"]["range_m"]
     directions = (beams @ T[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
-    moving = poses_of_moving(parts, np.repeat(truth.time_ns, len(beams)))
+    moving = poses_of_moving(parts, np.repeat(truth.time_ns, len(beams)), companions(scene))
     there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most, moving)
     there = there.reshape(truth.range.shape)
     expected = np.where((there >= least) & np.isfinite(there), there, np.nan)

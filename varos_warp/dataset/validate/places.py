@@ -29,7 +29,7 @@ def boxes(data: Dataset) -> dict[int, np.ndarray]:
             low, high = corners.min(0), corners.max(0)
             # steps of D, and that the default mesh is coarser than the one rendered
             slack = 2.0 * data.meta["depth"]["scale_m"] + 0.01 * (high - low).max()
-            found[scene.number_of_object(i)] = np.stack([low - slack, high + slack])
+            found[scene.number_of(f"objects.{i}")] = np.stack([low - slack, high + slack])
     return found
 
 

@@ -1,17 +1,16 @@
-"""Objects that move, in a dataset: their boxes in dataset.json, their poses at every frame."""
+"""Objects that move, and bodies of other vehicles: their boxes in dataset.json, their poses at every frame."""
 
 import numpy as np
 
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.write.texts import write_poses
 from varos_warp.scene.description import Scene
-from varos_warp.scene.geometry.build import object_part
-from varos_warp.scene.geometry.parts import Moving
-from varos_warp.sim.poses import poses_along
+from varos_warp.scene.geometry.build import moving_part
+from varos_warp.sim.companions import motions
 
 
 def describe_moving(scene: Scene, parts: list | None) -> list[dict]:
-    """What dataset.json says of each object that moves.
+    """What dataset.json says of each of `Scene.moving`.
 
     Args:
         scene: The scene.
@@ -23,17 +22,15 @@ def describe_moving(scene: Scene, parts: list | None) -> list[dict]:
     """
     found = {part.name: part for part in parts or ()}
     entries = []
-    for i, block in scene.moving.items():
-        key = f"objects.{i}"
-        part = found.get(key) or object_part(scene, block, key)
-        assert isinstance(part, Moving)
+    for key in scene.moving:
+        part = found.get(key) or moving_part(scene, key)
         own = (part.vertices - part.origin) @ part.R_w_o
-        entries.append({"key": key, "id": scene.number_of_object(i),
+        entries.append({"key": key, "id": scene.number_of(key),
                         "box_m": [own.min(axis=0).tolist(), own.max(axis=0).tolist()]})
     return entries
 
 
 def write_moving(layout: Layout, scene: Scene, time_ns: np.ndarray) -> None:
-    """Poses of every object that moves at the times of the frames, int64 [N]."""
-    for i, block in scene.moving.items():
-        write_poses(layout, f"objects.{i}", time_ns, poses_along(block.stops, time_ns))
+    """Poses of all that moves at the times of the frames, int64 [N]."""
+    for key, poses in motions(scene).items():
+        write_poses(layout, key, time_ns, poses(time_ns))

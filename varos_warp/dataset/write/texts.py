@@ -242,11 +242,12 @@ def sources(scene) -> dict[str, str | None]:
     """
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
-    objects = [*scene.objects, *(block.object for block in scene.scatter)]
+    bodies = [vehicle.body for vehicle in scene.vehicles or () if vehicle.body]
+    objects = [*scene.objects, *(block.object for block in scene.scatter), *bodies]
     named += [o.file for o in objects if getattr(o, "file", None)]
     textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
     named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
-    named += [light.file for light in scene.vehicle.lights if getattr(light, "file", None)]
+    named += [light.file for light in scene.lights if getattr(light, "file", None)]
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
@@ -276,7 +277,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     conventions = yaml.safe_load(_text("conventions.yaml"))
     bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
-    absent |= set() if scene.moving else {"moving"}
+    absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
     absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     conventions = {key: words for key, words in conventions.items() if key not in absent}
@@ -320,7 +321,8 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
-    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)] + ["moving"] * bool(scene.moving)
+    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)]
+    more += [key for key in ("moving", "companions") if getattr(scene, key)]
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",

@@ -52,7 +52,7 @@ CONES_DEG = (20.0, 179.0)
 
 def unavailable(scene: Scene) -> str | None:
     """Why the cameras of a scene have no field; None if they have one. Reads the files of lights and water."""
-    water, lights = optical_properties(scene), scene.vehicle.lights
+    water, lights = optical_properties(scene), scene.lights
     for light in lights:
         if light.kind not in LIGHT_KINDS:
             return f"a light is of kind {light.kind!r}, and the field is known for {', '.join(LIGHT_KINDS)} only"
@@ -78,8 +78,8 @@ def unavailable(scene: Scene) -> str | None:
 
 
 def along_camera(scene: Scene, view: Camera) -> bool:
-    """Whether the field is tabulated along a camera's rays: they are straight, move with the lights, and see none."""
-    if view.mount == "world" or optics_spec(view).bends:
+    """Whether the field is tabulated along a camera's rays: they are straight, move with all lights, and see none."""
+    if view.mount == "world" or optics_spec(view).bends or len(scene.lights) > len(scene.vehicle.lights):
         return False
     T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
     for light in scene.vehicle.lights:

@@ -8,7 +8,7 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
 
     Args:
         scene: The scene.
-        part_names: Keys in the scene file: ``terrain``, ``objects.3``, ``scatter.0.17``.
+        part_names: Keys in the scene file: ``terrain``, ``objects.3``, ``scatter.0.17``; ``vehicles.ID`` of a body.
 
     Returns:
         Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe`` ...), ``material`` and
@@ -30,6 +30,8 @@ def _block(scene: Scene, key: str):
     group, *numbers = key.split(".")
     if group == "terrain":
         return scene.terrain
+    if group == "vehicles":
+        return next((vehicle.body for vehicle in scene.vehicles or () if vehicle.key == key), None)
     blocks = {"objects": scene.objects, "scatter": [block.object for block in scene.scatter]}.get(group, [])
     known = bool(numbers) and numbers[0].isdigit() and int(numbers[0]) < len(blocks)
     return blocks[int(numbers[0])] if known else None

@@ -4,20 +4,24 @@ SI units; angles in degrees only in keys ending in ``_deg``. Frames: world and v
 x right, y forward, z up, so the identity attitude looks along +y. Unknown keys are errors.
 """
 
+import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from varos_warp.scene.description.block import Block, Coordinate, SequenceId
+from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
+from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
-from varos_warp.scene.description.vehicle import Current, Trajectory, Vehicle
+from varos_warp.scene.description.vehicle import Current, Light, Pose, Trajectory, Vehicle
 from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
 from varos_warp.scene.files import absolute
 
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
 """Profiles of lamps that come with the package, by their names."""
+TO_BE_CHOSEN = Trajectory(poses=[Pose(position=(0.0, 0.0, 0.0))])
+"""Stands for the observer's until it is known who that is."""
 
 
 class Scene(Block):
@@ -49,12 +53,46 @@ class Scene(Block):
     vehicle: Vehicle = Vehicle()
     """The vehicle with its lights, cameras and sensors."""
     trajectory: Trajectory
-    """Where the vehicle goes: waypoints, a pattern of them, or exact poses."""
+    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, but beside ``vehicles``."""
+    vehicles: Annotated[list[FleetVehicle], Field(min_length=1)] | None = None
+    """Several vehicles instead of ``vehicle`` and ``trajectory``, each with its own ``id`` (docs/vehicles.md). A run
+    makes a dataset of each. Absent: the one ``vehicle``."""
+    observer: VehicleId | None = Field(default=None, examples=["0"])
+    """Id of the one of ``vehicles`` whose cameras see and whose sensors read; a run chooses each in turn. Absent: the
+    first."""
     render: Render = Render()
     """What is rendered, how well, and how it is exposed."""
 
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
+    _written = written_otherwise(
+        lambda scene: ("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer"))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_or_several(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("vehicles") is None:
+            return data
+        for key in ("vehicle", "trajectory"):
+            if key in data:
+                raise ValueError(f"{key}: cannot be given beside vehicles, each of which has its own; leave out one of "
+                                 "them")
+        return {"trajectory": TO_BE_CHOSEN, **data}
+
+    @model_validator(mode="after")
+    def _observer_is_there(self):
+        ids = [vehicle.id for vehicle in self.vehicles or ()]
+        folded = [each.lower() for each in ids]
+        for i, each in enumerate(folded):
+            if (first := folded.index(each)) < i:
+                raise ValueError(f"vehicles.{i}.id: '{ids[i]}' is that of vehicles.{first}, or differs by upper and "
+                                 "lower case only; give each vehicle its own")
+        if self.observer is not None and self.observer not in ids:
+            known = f"there are: {', '.join(ids)}" if ids else "`vehicles` is absent"
+            raise ValueError(f"observer: no vehicle has the id '{self.observer}' ({known})")
+        if ids:
+            self.__dict__.update(self._as_seen_by(self.observer or ids[0]))
+        return self
 
     @model_validator(mode="after")
     def _scatter_has_ground(self):
@@ -65,7 +103,8 @@ class Scene(Block):
     @model_validator(mode="after")
     def _materials_exist(self):
         blocks = [("terrain", self.terrain), *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
-                  *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter))]
+                  *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter)),
+                  *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ()))]
         for key, placed in blocks:
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
@@ -74,20 +113,68 @@ class Scene(Block):
 
     @model_validator(mode="after")
     def _twin_differs(self):
-        cameras = self.vehicle.cameras
+        cameras = [camera for vehicle in self._places.values() for camera in vehicle.cameras]
         if "P" in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                              "has any; leave out P, or give a camera one of them")
         return self
 
-    @property
-    def moving(self) -> dict[int, Object]:
-        """The objects that move, by their place among ``objects``."""
-        return {i: block for i, block in enumerate(self.objects) if block.path}
+    def observed_by(self, vehicle_id: str) -> "Scene":
+        """The scene as one of `vehicles` sees it: `vehicle` and `trajectory` are its own."""
+        return self.model_copy(update=self._as_seen_by(vehicle_id))
 
-    def number_of_object(self, i: int) -> int:
-        """Number in image S of the i-th of ``objects``: the terrain comes before them."""
-        return i + 1 + (self.terrain is not None)
+    def _as_seen_by(self, vehicle_id: str) -> dict[str, Any]:
+        chosen = next(vehicle for vehicle in self.vehicles or () if vehicle.id == vehicle_id)
+        return {"observer": vehicle_id, "vehicle": chosen, "trajectory": chosen.trajectory}
+
+    @property
+    def _places(self) -> dict[str, Vehicle]:
+        """All vehicles, by where the scene file has them."""
+        if not self.vehicles:
+            return {"vehicle": self.vehicle}
+        return {f"vehicles.{i}": vehicle for i, vehicle in enumerate(self.vehicles)}
+
+    @property
+    def companions(self) -> dict[str, FleetVehicle]:
+        """The vehicles beside `vehicle`, by the keys of their bodies and poses, ``vehicles.ID``."""
+        return {vehicle.key: vehicle for vehicle in self.vehicles or () if vehicle.id != self.observer}
+
+    @property
+    def lights(self) -> list[Light]:
+        """The lights of `vehicle`, then those of its companions."""
+        return [light for vehicle in (self.vehicle, *self.companions.values()) for light in vehicle.lights]
+
+    @property
+    def moving(self) -> dict[str, Object]:
+        """What moves, by its key: objects, and bodies of companions."""
+        objects = {f"objects.{i}": block for i, block in enumerate(self.objects) if block.path}
+        return objects | {key: vehicle.body for key, vehicle in self.companions.items() if vehicle.body}
+
+    @property
+    def numbered(self) -> list[str]:
+        """Keys in the order of their numbers in image S, from 1; the copies of `scatter` follow.
+
+        The body of `vehicle` has a number too, so that all have the same whichever vehicle sees them.
+        """
+        objects = [f"objects.{i}" for i in range(len(self.objects))]
+        bodies = [vehicle.key for vehicle in self.vehicles or () if vehicle.body]
+        return ["terrain"] * (self.terrain is not None) + objects + bodies
+
+    def number_of(self, key: str) -> int:
+        """Number in image S of the terrain, an object or a body."""
+        return self.numbered.index(key) + 1
+
+    def key_of_light(self, light: Light) -> str:
+        """Where the scene file has one of `lights`."""
+        return next(f"{place}.lights.{vehicle.lights.index(light)}" for place, vehicle in self._places.items()
+                    if light in vehicle.lights)
+
+    def key_in_file(self, words: str) -> str:
+        """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""
+        if not self.vehicles:
+            return words
+        place = next(place for place, vehicle in self._places.items() if vehicle.id == self.vehicle.id)
+        return re.sub(r"^(vehicle|(trajectory))(?=[.:]|$)", lambda key: f"{place}.{key[2]}" if key[2] else place, words)
 
     def resolve(self, file: str) -> Path:
         """Path of a file that the scene names, or of a lamp that comes with the package."""

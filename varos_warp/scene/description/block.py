@@ -1,5 +1,6 @@
 """What blocks of a scene file are made of: lengths, angles, colours, and the base of every block."""
 
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_serializer
@@ -66,8 +67,14 @@ def unwritten_if_absent(*keys: str) -> Any:
 
     What came later than other keys then changes no byte of the datasets of scenes without it.
     """
+    return written_otherwise(lambda block: [key for key in keys if getattr(block, key) is None])
+
+
+def written_otherwise(left_out: Callable[[Any], Iterable[str]]) -> Any:
+    """Serializer of a block that does not write down what ``left_out`` names of it."""
     def written(self, handler):
-        return {key: value for key, value in handler(self).items() if value is not None or key not in keys}
+        out = left_out(self)
+        return {key: value for key, value in handler(self).items() if key not in out}
 
     return model_serializer(mode="wrap")(written)
 

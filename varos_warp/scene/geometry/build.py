@@ -1,5 +1,7 @@
 """Mesh files and parametric objects become parts of the world: placed, in float64."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
@@ -19,9 +21,13 @@ SMALLEST_M, LARGEST_M = 1e-9, 1e9
 
 
 def build_parts(scene: Scene) -> list[Part | Instances]:
-    """Everything solid in the scene (float64): the terrain, the objects in file order, then the blocks of scatter."""
+    """Everything solid in the scene (float64): terrain, objects in file order, bodies of companions, blocks of scatter.
+
+    Copies are strewn without regard to bodies: they stand alike whichever vehicle sees them.
+    """
     parts = build_single_parts(scene)
-    return parts + build_instances(scene, parts)
+    return [*parts, *(moving_part(scene, key) for key in scene.moving if key in scene.companions),
+            *build_instances(scene, parts)]
 
 
 def build_single_parts(scene: Scene) -> list[Part]:
@@ -55,6 +61,19 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
     else:
         mesh = assets.make_asset(block, key)
     return _moving(_part(scene, block, key, *mesh), block)
+
+
+def moving_part(scene: Scene, key: str) -> Moving:
+    """One of `Scene.moving`; the axes of a body are those of its vehicle."""
+    block, vehicle = scene.moving[key], scene.companions.get(key)
+    if vehicle is None:
+        part = object_part(scene, block, key)
+        assert isinstance(part, Moving)
+        return part
+    where = f"vehicles.{(scene.vehicles or []).index(vehicle)}.body"
+    own, start, R = object_part(scene, block, where), np.array(vehicle.start.position), attitude(vehicle.start)
+    placed = replace(own, name=key, vertices=own.vertices @ R.T + start, origin=vehicle.start.position)
+    return Moving(**vars(placed), R_w_o=R)
 
 
 def _moving(part: Part, block: Object) -> Part:

@@ -22,7 +22,8 @@ class Shape:
     """What parts and instances have."""
 
     name: str
-    """Key in the scene file: ``terrain``, ``objects.3``, ``scatter.0``, or ``scatter.0.17`` for a copy."""
+    """Key in the scene file: ``terrain``, ``objects.3``, ``scatter.0``, or ``scatter.0.17`` for a copy; of a vehicle's
+    body ``vehicles.ID``."""
     vertices: np.ndarray
     """float64 [V, 3] [m]."""
     faces: np.ndarray
@@ -51,10 +52,10 @@ class Part(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Moving(Part):
-    """An object that moves along a path; its vertices are where it begins."""
+    """An object that moves along a path, or the body of a vehicle; its vertices are where it begins."""
 
-    path: tuple[Stop, ...]
-    """All that it takes to know where it is (sim/objects.py)."""
+    path: tuple[Stop, ...] = ()
+    """All that it takes to know where it is (sim/poses.py); none of a body, which is where its vehicle is."""
     R_w_o: np.ndarray
     """float64 [3, 3]: its attitude where it begins; its place there is ``origin``."""
 

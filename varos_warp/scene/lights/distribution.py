@@ -62,8 +62,7 @@ def distribution(light: Light, scene: Scene) -> Distribution:
     if light.kind in ("point", "sheet"):
         return Distribution()
     if light.kind == "profile":
-        i = scene.vehicle.lights.index(light)
-        own = of_table(*read_profile(scene.resolve(light.file), f"vehicle.lights.{i}.file"))
+        own = of_table(*read_profile(scene.resolve(light.file), f"{scene.key_of_light(light)}.file"))
     else:
         half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
         own = Distribution(half, light.blend)

@@ -1,4 +1,4 @@
-"""The vehicle's lights as kernels know them: where they are at a pose, and how their intensity is distributed."""
+"""The lights of all vehicles as kernels know them: where they are at a pose, and how their intensity is distributed."""
 
 import numpy as np
 import warp as wp
@@ -33,7 +33,10 @@ class Lights:
     """The lights of a scene on a device; owns the profiles that their records point to."""
 
     def __init__(self, scene: Scene, device: str):
-        self.lights, self.device = scene.vehicle.lights, device
+        self.lights, self.device = scene.lights, device
+        self.carriers = {len(scene.vehicle.lights) + i: key for i, key in enumerate(
+            key for key, vehicle in scene.companions.items() for _ in vehicle.lights)}
+        """Keys of the companions that carry lights, by the number of the light; all others are on the vehicle."""
         self.distributions = [distribution(light, scene) for light in self.lights]
         self._profiles = {shape: wp.array(shape.profile, dtype=float, device=device)
                           for shape in self.distributions if shape.profile}
@@ -45,17 +48,18 @@ class Lights:
         """Whether they differ from sample to sample, though vehicle and camera stand still."""
         return any(radius_of(light) or light.strobe for light in self.lights)
 
-    def at(self, T_w_v: np.ndarray, origin) -> wp.array:
-        """Their records [n] for a pose of the vehicle, relative to ``origin``."""
-        return wp.array(self._placed(T_w_v[None], origin)[0], dtype=LightData, device=self.device)
+    def at(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray] | None = None) -> wp.array:
+        """Their records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
+        return wp.array(self._placed(T_w_v[None], origin, others or {})[0], dtype=LightData, device=self.device)
 
-    def over(self, T_w_v: np.ndarray, origin, when: Instants, rng: np.random.Generator) -> tuple[wp.array, int]:
+    def over(self, T_w_v: np.ndarray, origin, when: Instants, rng: np.random.Generator, others: dict[str, np.ndarray]
+             ) -> tuple[wp.array, int]:
         """Their records [instant * places + place, n] for poses [N, 4, 4] of the vehicle at instants, and the places.
 
-        Disks are points there, drawn at random from as many equal parts, so that the mean over places is that over
-        the disk.
+        ``others``: poses [N, 4, 4] of the companions that carry lights, by key. Disks are points there, drawn at random
+        from as many equal parts, so that the mean over places is that over the disk.
         """
-        placed = self._placed(T_w_v, origin)[:, None]
+        placed = self._placed(T_w_v, origin, others)[:, None]
         radius = np.array([radius_of(light) for light in self.lights])
         if radius.any():
             on_disk = places_on_disk(len(T_w_v), rng)
@@ -74,12 +78,13 @@ class Lights:
         record.sheet = int(light.kind == "sheet")
         return record
 
-    def _placed(self, T_w_v: np.ndarray, origin) -> np.ndarray:
-        """Records [N, n] for poses [N, 4, 4] of the vehicle, relative to ``origin``."""
+    def _placed(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray]) -> np.ndarray:
+        """Records [N, n] for poses [N, 4, 4] of the vehicle and of others, relative to ``origin``."""
         records = np.repeat(self._records[None], len(T_w_v), axis=0)
         for i, light in enumerate(self.lights):
-            record, R = records[:, i], T_w_v[:, :3, :3]
-            record["position"] = light_position(light, T_w_v) - origin
+            T = others[self.carriers[i]] if i in self.carriers else T_w_v
+            record, R = records[:, i], T[:, :3, :3]
+            record["position"] = light_position(light, T) - origin
             axis = np.array([0.0, 0.0, 1.0]) if light.kind == "point" else R @ np.asarray(light.direction)
             record["axis"] = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
             lengths = 1.0

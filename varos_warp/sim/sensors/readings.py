@@ -1,5 +1,6 @@
 """What the vehicle's sensors read along a trajectory (IMU and depth gauge: paper 3.2.2 and 3.2.3)."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,8 @@ def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer
     return Magnetometer(there.time_ns, field)
 
 
-def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dvl:
+def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, others: Mapping[str, Callable] | None = None
+                ) -> Dvl:
     """Beams d of the sensor: range along d to what is there at the time, velocity - d . R_sv (R_vw v + w x l).
 
     What a beam meets counts as still, also where it moves.
@@ -99,6 +101,7 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dv
         trajectory: Of the vehicle.
         dvl: Where the sensor sits (l, the lever arm in vehicle axes), how it is turned (R_vs), its rate and beams.
         parts: Everything solid, from ``build_parts``.
+        others: Poses of other vehicles, whose bodies are among the parts.
     """
     from varos_warp.scene.geometry.ranging import ranges  # Warp is loaded only where there is a DVL
 
@@ -107,7 +110,7 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list) -> Dv
     T_w_s = there.poses() @ frames.pose_matrix(dvl)
     directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
     least, most = dvl.range_m
-    moving = poses_of_moving(parts, np.repeat(there.time_ns, len(beams)))
+    moving = poses_of_moving(parts, np.repeat(there.time_ns, len(beams)), others)
     distance = ranges(parts, np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), directions, most, moving)
     distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan).reshape(-1, len(beams))
     return bottom_track(there.time_ns, beams, distance, -velocity @ beams.T)

@@ -1,0 +1,36 @@
+"""A run of a scene with several vehicles: a dataset of each, one after another."""
+
+from pathlib import Path
+from typing import Any
+
+from varos_warp.dataset.layout import Layout, folder_of_vehicle
+from varos_warp.dataset.run import produce
+from varos_warp.dataset.write.folder import open_folder
+from varos_warp.errors import InputError
+from varos_warp.scene.description import Scene
+
+
+def produce_each(scene: Scene, out: Path, only: str | None = None, **options: Any) -> dict[str, produce.Summary]:
+    """Produce what each of a scene's ``vehicles`` sees, in ``OUT/vehID``; with one ``vehicle``, in OUT.
+
+    Args:
+        scene: The scene.
+        out: Folder; made where it is missing.
+        only: Id of the one of ``vehicles`` to do.
+        options: Of `produce.produce`.
+
+    Returns:
+        Summaries by the vehicles' ids.
+
+    Raises:
+        InputError: As `produce.produce`; before anything is made if a folder holds something else.
+    """
+    if not scene.vehicles:
+        return {scene.vehicle.id: produce.produce(scene, out, **options)}
+    if (out / "dataset.json").exists():
+        raise InputError("holds a dataset, but each of the scene's vehicles gets one in a folder inside", file=out,
+                         remedy="Give another folder with -o.")
+    seen = {vehicle.id: scene.observed_by(vehicle.id) for vehicle in scene.vehicles if only in (None, vehicle.id)}
+    for each, alone in seen.items():
+        open_folder(alone, Layout.of(alone, folder_of_vehicle(out, each)))
+    return {each: produce.produce(alone, folder_of_vehicle(out, each), **options) for each, alone in seen.items()}

@@ -1,0 +1,56 @@
+"""Where the other vehicles of a scene are, and all else that moves besides the one that observes."""
+
+import json
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.hull import vehicle_radius
+from varos_warp.scene.load import scene_from_dict, scene_to_dict
+from varos_warp.sim.driving import drive
+from varos_warp.sim.motion import Trajectory
+from varos_warp.sim.poses import poses_along
+
+PosesAt = Callable[[np.ndarray], np.ndarray]
+"""Poses [N, 4, 4] at times of the sequence, int64 [N] [ns]."""
+
+
+def companions(scene: Scene) -> dict[str, PosesAt]:
+    """Where the other vehicles of a scene are: poses T_w_v [N, 4, 4] at times of the sequence int64 [N] [ns], by key.
+
+    Each is where its own simulation has it, up to its last frame; there it stays.
+    """
+    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()}
+
+
+def motions(scene: Scene) -> dict[str, PosesAt]:
+    """Where all that is in `Scene.moving` is, by key."""
+    found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
+                                if block.path}
+    return found | {key: poses for key, poses in companions(scene).items() if key in scene.moving}
+
+
+def _course(scene: Scene) -> PosesAt:
+    trajectory, end_ns = _course_of(json.dumps(scene_to_dict(scene)), scene.resolve(""))
+    return lambda time_ns: trajectory.from_before(np.minimum(time_ns, end_ns)).poses()
+
+
+@lru_cache(maxsize=16)
+def _course_of(scene: str, folder: Path) -> tuple[Trajectory, int]:
+    """The motion of a scene's vehicle, once for all who ask, and the time of its last frame [ns]."""
+    run = drive(scene_from_dict(json.loads(scene), folder))
+    return run.trajectory, int(run.frames.time_ns[-1])
+
+
+def meetings(scene: Scene, frames: Trajectory, others: dict[str, PosesAt]) -> Iterator[str]:
+    """Where hulls of two vehicles touch at a frame, taken for spheres."""
+    for key, poses in others.items():
+        gap = np.linalg.norm(poses(frames.time_ns)[:, :3, 3] - frames.position, axis=1)
+        its, k = vehicle_radius(scene.observed_by(scene.companions[key].id)), int(gap.argmin())
+        reach = vehicle_radius(scene) + its
+        if gap[k] < reach:
+            yield (f"trajectory: at {1e-9 * frames.time_ns[k]:.2f} s the vehicle is {gap[k]:.2f} m from {key}, nearer "
+                   f"than their radii of {reach:.2f} m together")
