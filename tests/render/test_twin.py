@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from varos_warp.errors import InputError
+from varos_warp.render.image.frame import Frame, without_noise
 from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.plan import plan_render
@@ -64,6 +65,7 @@ def test_what_it_costs_is_measured_of_cameras_whose_twin_is_not_their_a(outputs,
 
         def render(self, _T_w_v, camera, letters, **_how):
             made.append((camera.id, letters))
+            return Frame(**dict.fromkeys(letters, without_noise(np.zeros((2, 2, 3), np.float32))))
 
     made = []
     scene = scene_of(PLAIN, PLAIN | BENT["dome and barrel"] | {"id": "M1"}, outputs=outputs)

@@ -84,8 +84,8 @@ def _print_summary(summary, with_images: bool) -> None:
 @verb
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
     """Say which models each output needs, why, and what it will cost."""
+    from varos_warp.dataset.run.planning import keep_plan, plan_sequence
     from varos_warp.dataset.run.produce import select, simulated
-    from varos_warp.render.planner.plan import plan_render
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.load import load_scene
@@ -97,7 +97,9 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     simulation = simulated(loaded, quiet, [])  # what a DVL reads is not looked at
     poses = list(simulation.frames.poses())
     wanted = [poses[frame] for frame in select(chosen, len(poses))]
-    planned = plan_render(loaded, FrameRenderer(loaded, device), wanted, measure_cost=True)
+    renderer = FrameRenderer(loaded, device)
+    planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
+    keep_plan(loaded, renderer, wanted, planned)
     result = planned.to_dict()
     if json_:
         print_json(result)

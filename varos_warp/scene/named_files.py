@@ -39,6 +39,12 @@ def check_textures(scene: Scene) -> list[str]:
             for problem in _problems(path)]
 
 
+def mesh_textures(scene: Scene) -> list[Path]:
+    """Files that the scene's mesh files name, such as textures, and that are there."""
+    beside = [path.parent / name for _, path, _ in _meshes(scene) if is_file(path) for name in _named_by(path)]
+    return sorted({path for path in beside if is_file(path)})
+
+
 def _named(scene: Scene) -> Iterator[tuple[str, Path, str]]:
     """Key, path and kind of every mesh and image that the scene names."""
     for key, path, _ in _meshes(scene):
@@ -70,10 +76,15 @@ def _problems(path: Path) -> Iterator[str]:
     kind = path.suffix.lower()
     if kind == ".dae" and b"<init_from" in _beginning(path):
         yield "names textures, but those of DAE files are not read: it is grey; give a material, or export it as GLB"
-    names = _of_obj(path) if kind == ".obj" else _of_gltf(path) if kind in (".gltf", ".glb") else []
-    for name in dict.fromkeys(names):
+    for name in _named_by(path):
         if not is_file(path.parent / name):
             yield f"names {name}, which is not there: it is grey"
+
+
+def _named_by(path: Path) -> list[str]:
+    """Files that a mesh file names, relative to its folder, each once."""
+    kind = path.suffix.lower()
+    return list(dict.fromkeys(_of_obj(path) if kind == ".obj" else _of_gltf(path) if kind in (".gltf", ".glb") else []))
 
 
 def _of_obj(path: Path) -> Iterator[str]:

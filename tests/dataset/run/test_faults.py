@@ -190,6 +190,7 @@ def slow_shard(out, plans, index):
     standins.plan_render = slow
     with pytest.MonkeyPatch.context() as patch:
         standins.install(patch)
+        patch.setenv("VAROS_WARP_CACHE", str(out.parent / "cache"))  # no other test has made the plan
         produce(make_scene(), out, quiet=True, shard=(index, 3))
 
 

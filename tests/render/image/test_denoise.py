@@ -34,6 +34,19 @@ def rmse(image, truth):
     return np.sqrt(np.mean(np.square((image - truth) / truth)))
 
 
+@pytest.mark.parametrize("guided", [False, True])
+def test_tiles_of_open_image_denoise_and_its_guides_give_the_bytes_of_the_whole(monkeypatch, guided):
+    pyoidn = pytest.importorskip("pyoidn")
+    rng = np.random.default_rng(3)
+    noisy = rng.gamma(2.0, 0.5, (900, 300, 3)).astype(np.float32)  # of a mean that needs no scale
+    guides = {"albedo": rng.random(noisy.shape, np.float32), "normal": np.full(noisy.shape, 0.5, np.float32)}
+    guides = guides if guided else {}
+    whole = pyoidn.denoise(noisy, hdr=True, quality=PART_QUALITY, clean_aux=guided, **guides)
+    monkeypatch.setattr(module, "MOST_MB", 1)
+    tiled = module._oidn(noisy, PART_QUALITY, **guides)
+    assert whole.tobytes() == tiled.tobytes()
+
+
 @pytest.mark.parametrize(("method", "factor"), [("oidn", 4.0), ("nlm", 2.0)])
 def test_denoising_lowers_the_relative_error(method, factor):
     if method == "oidn":

@@ -98,3 +98,12 @@ def test_parts_are_fewer_where_their_numbers_would_not_fit():
     assert gpu._part_size(1000) == 1
     assert gpu._part_size(8 * films.GPU_THREADS) == 4
     assert -(-12_000_000_000 // gpu._part_size(12_000_000_000)) < 2**30
+
+
+def test_sums_serve_images_of_either_kind_of_tiles():
+    made = Films(Launcher("cpu"))
+    film = made.black((20, 12), adapts=True)
+    made.keep(film)
+    again = made.black((20, 12))
+    assert again.sums.ptr == film.sums.ptr
+    assert (len(film.count), len(again.count)) == (2, 1)

@@ -21,6 +21,8 @@ from varos_warp.scene.geometry.parts import Part
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 POSE = np.eye(4)
+TOLD = []
+"""Steps of planning and their shares, as the plan of the fixture was told of them."""
 
 
 def make_scene(water=PAPER_WATER, lights=VAROS_LAMPS, camera=(), **render):
@@ -43,7 +45,7 @@ def planned():
     """A scene, its renderer and its plan."""
     scene = make_scene()
     renderer = make_renderer(scene)
-    return scene, renderer, plan_render(scene, renderer, [POSE])
+    return scene, renderer, plan_render(scene, renderer, [POSE], progress=lambda *step: TOLD.append(step))
 
 
 @pytest.fixture(scope="module")
@@ -270,6 +272,14 @@ def test_errors_of_models_add_up_and_noise_adds_in_squares(planned):
     np.testing.assert_allclose(plan.error, np.sqrt(np.sum(models, axis=0) ** 2 + samples**2))
 
 
+def test_planning_tells_how_far_it_is(planned):
+    assert list(dict.fromkeys(name for name, _ in TOLD)) == ["views", "samples"]
+    for name in ("views", "samples"):
+        shares = [share for told, share in TOLD if told == name]
+        assert shares == sorted(shares)
+        assert 0.0 == shares[0] < shares[-1] <= 1.0
+
+
 def test_the_pilot_keeps_the_field_of_view():
     camera = make_scene(camera={"resolution": [1280, 720]}).vehicle.cameras[0]
     small = pilot_camera(camera)
@@ -287,33 +297,45 @@ def test_long_sequences_are_planned_at_their_own_resolution(resolution, frames, 
     assert np.prod(found) == pytest.approx(pixels, rel=0.01)
 
 
-OVERHEAD = 50_000
+OVERHEAD, DENOISING, CORES = 50_000, 3, 7
 
 
 class Clockwork:
-    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond, and 50 ms."""
+    """Stands in for a renderer: every sample of A and B and every pixel of C and D takes a microsecond, and 50 ms.
+
+    The denoiser takes a few more for a pixel of A and B.
+    """
 
     device, device_name, compile_seconds = "cpu", "clockwork", 0.0
 
     def __init__(self):
-        self.now = 0.0
+        self.now, self.compiled = 0.0, set()
 
     def render(self, T_w_v, camera, outputs, *, spp, spp_b, **how):
         assert ("F" in outputs) == ("following" in how)
         pixels = camera.resolution[0] * camera.resolution[1]
         self.now += 1e-6 * (pixels * {"A": spp, "B": spp_b}.get(outputs, 1) + OVERHEAD)
-        self.compile_seconds += 5.0
-        self.now += 5.0
+        if outputs not in self.compiled:
+            self.compiled.add(outputs)
+            self.now += 5.0
+        return SimpleNamespace(A=pixels, B=pixels)
+
+    def denoise(self, pixels, method):
+        self.now += 1e-6 * DENOISING * pixels
 
 
 @pytest.mark.parametrize(("outputs", "microseconds"), [
-    (["A", "B", "C", "D", "F"], 16 + 20 + 1), (["D"], 1), (["F"], 1), (["A"], 16)])
-def test_the_cost_is_that_of_whole_images_without_compiling(monkeypatch, outputs, microseconds):
+    (["A", "B", "C", "D", "F"], 16 + DENOISING + 20 + DENOISING + 1), (["D"], 1), (["F"], 1),
+    (["A"], 16 + DENOISING)])
+def test_the_cost_is_that_of_whole_images_with_denoising_without_compiling(monkeypatch, outputs, microseconds):
     clockwork = Clockwork()
-    monkeypatch.setattr(cost.time, "perf_counter", lambda: clockwork.now)
+    monkeypatch.setattr(cost.time, "process_time", lambda: CORES * clockwork.now)
+    monkeypatch.setattr(cost, "usable_cores", lambda: CORES)
+    monkeypatch.setattr(cost, "denoise_image", clockwork.denoise)
     scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, max_scatterings=1, outputs=outputs)
     found = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
-    expected = 1e-6 * (1280 * 720 * microseconds + OVERHEAD * (3 if len(outputs) > 1 else 1))
+    constants = OVERHEAD * (1.0 + 1.25 + 1.0 if len(outputs) > 1 else 1.0)  # of 20 samples 16 are rendered
+    expected = 1e-6 * (1280 * 720 * microseconds + constants)
     assert found["seconds_per_frame"] == pytest.approx(expected, rel=0.005)  # three digits
     assert found["seconds_in_all"] == pytest.approx(50 * found["seconds_per_frame"], rel=0.005)
     assert found["frames"] == 50

@@ -363,17 +363,18 @@ class _Run:
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.render.planner.plan import plan_render
+        from varos_warp.dataset.run.planning import kept_plan
 
         start = time.monotonic()
         self.console.tell("planning from a few poses ...")
         # of the whole sequence, whichever part of it this run renders
-        plan = plan_render(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)])
-        error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-        self.say(f"planned in {time.monotonic() - start:.0f} s: {plan.spp_in_words} samples per pixel of A{error}")
-        for sentence in [*filter(None, [plan.shortfall]), *plan.ports]:
+        found = kept_plan(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)],
+                          self.console.quiet)
+        first, *others = found["told"]
+        self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
+        for sentence in others:
             self.say(sentence)
-        return plan.to_dict()
+        return found["plan"]
 
     # ------------------------------------------------------------------------------------------------------ texts
 

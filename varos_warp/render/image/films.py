@@ -31,7 +31,7 @@ MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 """Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
-MOST_PARTS = {"cpu": 1 << 21, "cuda": 1 << 22}
+MOST_PARTS = {"cpu": 1 << 18, "cuda": 1 << 22}
 """Parts at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
 visited."""
 PIXEL_TILE = 1 << 16
@@ -45,7 +45,8 @@ class Films:
 
     def __init__(self, launcher: Launcher):
         self.launcher, self.device = launcher, launcher.device
-        self._unused: dict[tuple, list[Film]] = defaultdict(list)
+        self._unused: dict[tuple, list[wp.array]] = defaultdict(list)
+        """Sums by their shape: those of A serve B, too."""
         processors = wp.get_device(self.device).sm_count
         self._resident = processors * RESIDENT_BLOCKS * BLOCK_DIM if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
@@ -58,23 +59,19 @@ class Films:
             adapts: Whether tiles have two sides, see render/image/adapt.py.
             sums: Of each pixel: SUMS or CORRECTION_SUMS.
         """
-        kind = (adapts, sums, *resolution[::-1])
-        film = self._unused[kind].pop() if self._unused[kind] else self._new(*kind)
+        film = Film()
+        unused = self._unused[sums, *resolution[::-1]]
+        film.sums = unused.pop() if unused else self.buffer(sums, *resolution[::-1])
+        tiles = (1 + adapts, *(-(-side // TILE) for side in resolution[::-1]))
+        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
+        film.lost = wp.empty(1, dtype=int, device=self.device)
         for buffer in (film.sums, film.count, film.lost):
             buffer.zero_()
         return film
 
     def keep(self, film: Film):
-        """Take a film back for another image."""
-        self._unused[len(film.count) == 2, *film.sums.shape].append(film)
-
-    def _new(self, adapts: bool, sums: int, height: int, width: int) -> Film:
-        film = Film()
-        film.sums = self.buffer(sums, height, width)
-        tiles = (1 + adapts, -(-height // TILE), -(-width // TILE))
-        film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
-        film.lost = wp.empty(1, dtype=int, device=self.device)
-        return film
+        """Take a film's sums back for another image."""
+        self._unused[film.sums.shape].append(film.sums)
 
     def buffer(self, *shape: int) -> wp.array:
         """Sums, or anything else with a float64 for each channel."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner import pilot
@@ -14,20 +15,26 @@ from varos_warp.render.planner.pilot import pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.launch import usable_cores
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
+COSTED_POSES = 3
+"""Poses of which the mean counts on a CPU: views take unlike times, by what they see."""
 
 
 def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
-    """Seconds that rendering by a `Plan` takes on this device, without denoising and writing.
+    """Seconds that rendering by a `Plan` takes on this device.
 
-    From the pose in the middle, with the samples of an average frame.
+    From poses along the sequence, with the samples of an average frame. On a CPU with denoising, for the same cores do
+    it, and as if nothing else ran there; writing takes a few per cent more. On a GPU without, from the pose in the
+    middle.
     """
     asked = scene.render.outputs
     groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
     free = [camera for camera in scene.vehicle.cameras if "A" in asked and not has_twin(camera)]  # P is A
-    seconds = {letters: sum(_seconds(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
+    measure = _on_cpu if renderer.device == "cpu" else _on_gpu
+    seconds = {letters: sum(measure(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
                             if letters != "P" or camera not in free) for letters in groups if letters}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
@@ -43,24 +50,58 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
     return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
 
-def _seconds(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
-    """Seconds for one image. On a CPU, of a large one: from two small ones, as a constant and so much a pixel."""
-    spp, T_w_v = round(mean_spp(plan.to_dict(), camera.id, len(poses))), poses[len(poses) // 2]
+def _rendered(scene: Scene, renderer, view: Camera, T_w_v, letters: str, plan, samples: dict[str, int]):
+    """Images of one view, as a run renders them, but for the samples."""
+    how = of_scene(scene) | plan.options | samples | ({"following": NextFrame(T_w_v)} if "F" in letters else {})
+    return renderer.render(T_w_v, view, letters, **how)
 
-    def measured(view: Camera, factor: float) -> float:
-        few = {"spp": max(1, round(spp * factor)), "spp_b": max(1, round(scene.render.spp_b * factor))}
-        how = of_scene(scene) | plan.options | few | ({"following": NextFrame(T_w_v)} if "F" in letters else {})
-        return timed(renderer, lambda: renderer.render(T_w_v, view, letters, **how))[1]
+
+def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, int]:
+    """Samples per pixel of an average frame, as options."""
+    return {"spp": round(mean_spp(plan.to_dict(), camera.id, count)), "spp_b": scene.render.spp_b}
+
+
+def _on_gpu(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
+    """Seconds for one image: of its own size, for a GPU is not full with a small one."""
+    samples, T_w_v = _samples(scene, camera, len(poses), plan), poses[len(poses) // 2]
+    fewest = dict.fromkeys(samples, 1)
+    _rendered(scene, renderer, pilot_camera(camera, pilot.PIXELS // 4), T_w_v, letters, plan, fewest)  # compiles
+    return timed(renderer, lambda: _rendered(scene, renderer, camera, T_w_v, letters, plan, samples))[1]
+
+
+def _on_cpu(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
+    """Seconds for one image, of a large one from small ones: a constant, and so much a pixel."""
+    samples = _samples(scene, camera, len(poses), plan)
+    taken = {"A": samples["spp"], "P": samples["spp"], "B": samples["spp_b"]}.get(letters, 1)
+    factor = min(1.0, MOST_COSTED / taken)
+    few = {key: max(1, round(factor * count)) for key, count in samples.items()}
+
+    def measured(view: Camera, T_w_v) -> tuple[float, float]:
+        """Seconds of rendering an image of as many samples as an average frame, and of denoising it."""
+        image, rendering = _core_seconds(lambda: _rendered(scene, renderer, view, T_w_v, letters, plan, few))
+        return rendering / factor, _core_seconds(lambda: _denoise(scene, image, letters))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
-    measured(small, 0.0)  # compiles, and solves for the field
-    if renderer.device != "cpu":  # a GPU is not full with a small image
-        return measured(camera, 1.0)
-    samples = {"A": spp, "P": spp, "B": scene.render.spp_b}.get(letters, 1)
-    factor = min(1.0, MOST_COSTED / samples)
-    at_large = measured(large, factor)
+    places = [poses[(2 * k + 1) * len(poses) // (2 * COSTED_POSES)] for k in range(COSTED_POSES)]
+    measured(small, places[0])  # compiles, and solves for the field
+    at_large = np.mean([measured(large, T_w_v) for T_w_v in places], axis=0)
     if large.resolution == camera.resolution:
-        return at_large / factor
+        return float(at_large.sum())
+    at_small = np.mean([measured(small, T_w_v) for T_w_v in places], axis=0)
     pixels = [np.prod(view.resolution) for view in (camera, large, small)]
-    a_pixel = max(at_large - measured(small, factor), 0.0) / (pixels[1] - pixels[2])
-    return (at_large + a_pixel * (pixels[0] - pixels[1])) / factor
+    a_pixel = np.maximum(at_large - at_small, 0.0) / (pixels[1] - pixels[2])
+    return float((at_large + a_pixel * (pixels[0] - pixels[1])).sum())
+
+
+def _denoise(scene: Scene, image, letters: str) -> None:
+    """What the host does to A, B or P before it writes them."""
+    if letters in "APB":
+        method = scene.render.denoise_b if letters == "B" else scene.render.denoise
+        denoise_image(getattr(image, letters), available_method(method))
+
+
+def _core_seconds(make: Callable[[], Any]) -> tuple[Any, float]:
+    """What is made, and the seconds that it keeps all cores busy: those of other programs do not count."""
+    start = time.process_time()
+    made = make()
+    return made, (time.process_time() - start) / usable_cores()

@@ -12,6 +12,12 @@ from varos_warp.scene.description import Scene
 
 TRACERS = {"reference": "reference path tracer", "path": "path tracer",
            "field": "path tracer with the field of open water"}
+STEPS = ("views", "integrator", "samples", "samples by frame", "time")
+"""Of planning, for those who wait."""
+
+
+def silently(step: str, share: float) -> None:
+    """Tells nobody how far planning is."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ nothing that is chosen depends on them, so machines that share the work choose a
 made, and what is behind the numbers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words
+from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
 from varos_warp.render.planner.pilot import View, pilot_camera
 from varos_warp.scene.description import Scene
@@ -59,7 +59,8 @@ MOST_TRIED, ROUNDS = 32, 3
 """Most samples per pixel of the first test image, and how often a guess is made."""
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False) -> Plan:
+def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
+                progress: Callable[[str, float], None] = silently) -> Plan:
     """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
@@ -67,13 +68,16 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         renderer: A `FrameRenderer` of it.
         poses: T_w_v [4, 4] of every frame.
         measure_cost: Also measure how long it will take on this device.
+        progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
 
     Raises:
         InputError: If the tolerance is not above 0.
     """
     if not scene.render.tolerance > 0.0:
         raise InputError("must be above 0", key="render.tolerance", value=scene.render.tolerance)
-    plan = Planner(scene, renderer, poses).plan()
+    plan = Planner(scene, renderer, poses, progress).plan()
+    if measure_cost:
+        progress("time", 0.0)
     cost = sequence_cost(scene, renderer, poses, plan) if measure_cost else None
     return replace(plan, models=models_in_words(scene, plan), cost=cost)
 
@@ -81,8 +85,8 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
 class Planner:
     """Takes one decision after the other; each knows those before it."""
 
-    def __init__(self, scene: Scene, renderer, poses):
-        self.scene, self.renderer, self.poses = scene, renderer, poses
+    def __init__(self, scene: Scene, renderer, poses, progress: Callable[[str, float], None] = silently):
+        self.scene, self.renderer, self.poses, self.progress = scene, renderer, poses, progress
         self.render, self.integrator = scene.render, scene.render.integrator
         self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
@@ -121,7 +125,12 @@ class Planner:
     @cached_property
     def views(self) -> list[View]:
         """What the pilot sees."""
-        return list(pilot.pilot_views(self.scene, self.renderer, self.poses))
+        count, seen = len(pilot.pilot_frames(len(self.poses))) * len(self.scene.vehicle.cameras), []
+        self.progress("views", 0.0)
+        for view in pilot.pilot_views(self.scene, self.renderer, self.poses):
+            seen.append(view)
+            self.progress("views", len(seen) / count)
+        return seen
 
     @property
     def lit(self) -> bool:
@@ -179,6 +188,7 @@ class Planner:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
             why = "light in open water is known beforehand"
             if self.lit and self.renderer.world.has_surfaces:
+                self.progress("integrator", 0.0)
                 gain = self.gain_of_field()
                 if gain < PATHS_PAY:
                     return self.take_paths("in this scene the field of open water helps little: "
@@ -266,6 +276,7 @@ class Planner:
         frames = by_frame.tried_frames(count, np.prod(camera.resolution) / np.prod(worst.camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
+        self.progress("samples by frame", 0.0)
         # views are compared in images of as many pixels
         cameras = {given.id: pilot_camera(given, pilot.pixels_tried(worst.camera, count))
                    for given in self.scene.vehicle.cameras}
@@ -301,7 +312,11 @@ class Planner:
         """Errors of test images with a few times ``first`` samples, by independent estimates."""
         levels = [first * level for level in LEVELS]
         view = self.worst.T_w_v, self.test_camera
-        images = [[self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)] for k, spp in enumerate(levels)]
+        images = []
+        for k, spp in enumerate(levels):
+            self.progress("samples", k / len(levels))
+            images.append([self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)])
+        self.progress("samples", 1.0)
         estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
         worst = [np.max([errors.error([image], estimates) for image in level], axis=0) for level in images]
         return ErrorLaw(levels, np.array(worst), self.steepest)

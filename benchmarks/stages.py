@@ -1,0 +1,179 @@
+"""Where the time of a run goes: its stages, the first image, memory, and the time that `plan` foretells, on a CPU.
+
+    python -m benchmarks.stages [NAMES...] [--frames 2] [-o benchmarks/results/stages_cpu.json]
+
+Each run is a process of its own with warm caches but no plan (and once with one). Times are CPU-seconds of all threads
+over the cores, as an idle machine would take them with all cores busy: other work beside does not count. The results
+are added to those of other scenes in the file, and drawn beside it.
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+from benchmarks.machine import machine
+from benchmarks.page import IMAGES, PAGE, fill
+from benchmarks.scenes import HERE
+
+DATA = HERE.parent / "varos_warp/data"
+SCENES = {
+    "starter": (DATA / "starter.yaml", ()),
+    "starter at 1280x720": (DATA / "starter.yaml", ("vehicle.cameras.0.resolution=[1280,720]", "render.spp=2")),
+    "demo": (DATA / "demo.yaml", ("render.spp=null",)),
+    "turbid_water": (DATA / "templates/turbid_water.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
+    "harbour_wall": (DATA / "templates/harbour_wall.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
+    "munkholmen": (HERE.parent / "examples/munkholmen/scene.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
+}
+"""Scene files, and what is changed in them."""
+STAGES = ("start", "simulate", "load", "plan", "render", "finish")
+"""Before the scene is simulated; ... ; and after the last image: exposure, checksums."""
+FORETOLD = "foretold over real"
+
+
+def measure_here(name: str, frames: int, foretell: bool) -> dict:
+    """One run in this process: CPU-seconds over cores of its stages, and at its first image."""
+    from varos_warp.dataset import timing
+    from varos_warp.dataset.run import produce
+    from varos_warp.dataset.write.images import Store
+    from varos_warp.scene.launch import usable_cores
+    from varos_warp.scene.load import load_scene
+
+    path, changes = SCENES[name]
+    start, first, write = time.process_time(), [], Store.write
+    timing.time = SimpleNamespace(perf_counter=time.process_time)  # stages in CPU-seconds
+
+    def timed_write(self, job, letter, image, clock):
+        stored = write(self, job, letter, image, clock)
+        if letter == "A":
+            first.append(time.process_time())
+        return stored
+
+    Store.write = timed_write
+    scene = load_scene(path, changes)
+    with tempfile.TemporaryDirectory() as folder:
+        done = produce.produce(scene, Path(folder) / "out", device="cpu", frames=slice(0, frames), quiet=True)
+        plan = json.loads((Path(folder) / "out/dataset.json").read_text())["samples"]["plan"]
+    cores, took = usable_cores(), done.stages
+    parts = {"start": start, "simulate": took["simulate"], "load": took["load"], "plan": took["plan"],
+             "render": took["render"] + took["wait"], "finish": took["expose"] + took["checksums"]}
+    row = {"scene": name, "stages": {stage: round(seconds / cores, 2) for stage, seconds in parts.items()},
+           "first_image": round(min(first) / cores, 2), "a_frame": round(parts["render"] / frames / cores, 3),
+           "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024), "spp": plan["spp"]}
+    return row | ({"foretold": foretold(scene, frames)} if foretell else {})
+
+
+def foretold(scene, frames: int) -> float:
+    """Seconds a frame that `plan` foretells for the same frames."""
+    from varos_warp.dataset.run.planning import kept_plan
+    from varos_warp.render.planner.cost import sequence_cost
+    from varos_warp.render.renderer import FrameRenderer
+    from varos_warp.sim.trajectory import simulate
+
+    poses, renderer = list(simulate(scene).frames.poses()), FrameRenderer(scene, "cpu")
+    plan = kept_plan(scene, renderer, poses, quiet=True)["plan"]
+    options = {key: plan[key] for key in ("spp", "integrator", "max_scatterings", "max_bounces")}
+    planned = SimpleNamespace(options=options, to_dict=lambda: plan)
+    return sequence_cost(scene, renderer, poses[:frames], planned)["seconds_per_frame"]
+
+
+def measure(name: str, frames: int, *options: str) -> dict:
+    """The same in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.stages", name, "--frames", str(frames), "--here", *options]
+    printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return json.loads(printed.splitlines()[-1])
+
+
+def check(name: str, frames: int) -> dict:
+    """One row: without a plan, as a run that is the first of its scene, and then with it."""
+    row = measure(name, frames, "--forget")
+    again = measure(name, frames, "--foretell")
+    row["first_image_planned"] = again["first_image"]
+    row["peak_mb"] = max(row["peak_mb"], again["peak_mb"])
+    row["foretold"], row["a_frame"] = again["foretold"], again["a_frame"]
+    row[FORETOLD] = round(again["foretold"] / again["a_frame"], 2)
+    return row
+
+
+def forget_plans() -> None:
+    """Delete the plans in the user's cache; all else stays."""
+    from varos_warp.cache import cache_folder
+
+    for path in cache_folder().glob("plan-*.npz"):
+        path.unlink()
+
+
+def table(result: dict) -> str:
+    """Rows for docs/benchmarks.md."""
+    facts = ("first image [s]", "planned before [s]", "a frame [s]", FORETOLD, "memory [MB]", "spp")
+    lines = ["| scene | " + " | ".join((*(f"{stage} [s]" for stage in STAGES), *facts)) + " |",
+             "| --- |" + " --- |" * (len(STAGES) + len(facts))]
+    for row in result["rows"]:
+        values = [*row["stages"].values(), row["first_image"], row["first_image_planned"], row["a_frame"],
+                  row[FORETOLD], row["peak_mb"], row["spp"]]
+        lines.append(f"| {row['scene']} | " + " | ".join(f"{value:.3g}" if value < 100 else f"{value:.0f}"
+                                                         for value in values) + " |")
+    facts = result["machine"]
+    return (f"{facts['cores']} cores of {facts['cpu']}{result['note']}; {facts['commit']}, {facts['date']}; "
+            f"{result['frames']} frames.\n\n" + "\n".join(lines)
+            + "\n\n![Stages of runs](images/stages_cpu.png)\n")
+
+
+def chart(result: dict, path: Path) -> None:
+    """Bars of the stages."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = result["rows"]
+    figure, axes = plt.subplots(figsize=(8, 0.6 * len(rows) + 1.2), constrained_layout=True)
+    left = [0.0] * len(rows)
+    for stage in STAGES:
+        seconds = [row["stages"][stage] for row in rows]
+        axes.barh([row["scene"] for row in rows], seconds, left=left, label=stage)
+        left = [a + b for a, b in zip(left, seconds, strict=True)]
+    axes.plot([row["first_image"] for row in rows], range(len(rows)), "k|", markersize=16, label="first image A")
+    axes.invert_yaxis()
+    axes.set(xlabel=f"CPU-seconds over {result['machine']['cores']} cores, of a run of {result['frames']} frames")
+    axes.legend(ncols=4, fontsize="small", loc="lower right")
+    figure.savefig(path, dpi=110)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", choices=[*SCENES, []])
+    parser.add_argument("--frames", type=int, default=2)
+    parser.add_argument("--note", default="", help="On the machine, such as: ', busy'.")
+    parser.add_argument("-o", "--output", type=Path, default=HERE / "results/stages_cpu.json")
+    parser.add_argument("--warm", action="store_true", help="The caches are filled already.")
+    for option in ("--here", "--forget", "--foretell"):
+        parser.add_argument(option, action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.here:
+        if arguments.forget:
+            forget_plans()
+        print(json.dumps(measure_here(arguments.names[0], arguments.frames, arguments.foretell)))
+        return
+    before = json.loads(arguments.output.read_text())["rows"] if arguments.output.exists() else []
+    rows = {row["scene"]: row for row in before}
+    for name in arguments.names or SCENES:
+        if not arguments.warm:
+            measure(name, 1)  # compiles, and fills the caches
+        rows[name] = check(name, arguments.frames)
+        print(rows[name], flush=True)
+        result = {"machine": machine("cpu"), "note": arguments.note, "frames": arguments.frames,
+                  "rows": [rows[name] for name in SCENES if name in rows]}
+        arguments.output.write_text(json.dumps(result, indent=1) + os.linesep)
+    chart(result, IMAGES / "stages_cpu.png")
+    PAGE.write_text(fill(PAGE.read_text(), "cpu: stages", table(result)))
+
+
+if __name__ == "__main__":
+    main()

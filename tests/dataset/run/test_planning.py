@@ -1,0 +1,61 @@
+"""Plans are kept: the same scene is planned once, and another one anew."""
+
+import sys
+
+import numpy as np
+import pytest
+import standins
+from standins import FlatFloorRenderer, make_scene
+
+from varos_warp.dataset.run.planning import keep_plan, kept_plan
+
+POSES = [np.eye(4)] * 3
+
+
+@pytest.fixture
+def plans(monkeypatch, tmp_path):
+    """What was planned: the samples of each plan; the cache is empty at first."""
+    made = []
+
+    def plan_render(scene, renderer, poses, **options):
+        made.append(scene.render.spp)
+        return standins.plan_render(scene, renderer, poses)
+
+    standins.install(monkeypatch)
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
+    monkeypatch.setattr(sys.modules["varos_warp.render.planner.plan"], "plan_render", plan_render)
+    return made
+
+
+def kept(poses=POSES, **render):
+    scene = make_scene(render)
+    return kept_plan(scene, FlatFloorRenderer(scene), poses, quiet=True)
+
+
+def test_the_same_scene_is_planned_once(plans):
+    assert kept(spp=4) == kept(spp=4)
+    assert kept(spp=4)["plan"]["spp"] == 4
+    assert "4 samples per pixel" in kept(spp=4)["told"][0]
+    assert plans == [4]
+
+
+@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"spp_b": 3}, {"poses": [np.eye(4)] * 2}])
+def test_what_a_plan_follows_from_is_planned_anew(plans, changed):
+    kept(spp=4)
+    kept(**({"spp": 4} | changed))
+    assert len(plans) == 2
+
+
+def test_what_a_plan_does_not_follow_from_keeps_it(plans):
+    kept(spp=4)
+    kept(spp=4, linear_exr=True)
+    assert len(plans) == 1
+
+
+def test_a_plan_that_was_made_anyway_is_kept_without_its_cost(plans):
+    scene = make_scene({"spp": 4})
+    plan = standins.plan_render(scene, None, POSES)
+    plan.to_dict = lambda: {"spp": 9, "cost": {"seconds_per_frame": 1.0}}
+    keep_plan(scene, FlatFloorRenderer(scene), POSES, plan)
+    assert kept(spp=4)["plan"] == {"spp": 9}
+    assert plans == []

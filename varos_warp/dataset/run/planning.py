@@ -1,0 +1,67 @@
+"""The plan of a sequence, kept in the user's cache: the same scene is planned once for each kind of device."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+import varos_warp
+from varos_warp.cache import cached, code_hash, digest
+from varos_warp.dataset.progress import NamedSteps
+from varos_warp.dataset.write.checksums import sha256
+from varos_warp.dataset.write.texts import sources
+from varos_warp.render.image.denoise import available_method
+from varos_warp.render.planner.decisions import STEPS
+from varos_warp.scene.device import kind_of
+from varos_warp.scene.load import scene_to_dict
+from varos_warp.scene.named_files import mesh_textures
+
+CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene")
+"""What a plan follows from, besides the scene."""
+BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m")
+"""Keys of the block ``render`` that no plan follows from."""
+
+
+def plan_sequence(scene, renderer, poses, quiet: bool = False, **options):
+    """`plan_render` with a progress bar."""
+    from varos_warp.render.planner.plan import plan_render
+
+    with NamedSteps("planning", STEPS, quiet) as steps:
+        return plan_render(scene, renderer, poses, progress=steps.reach, **options)
+
+
+def kept_plan(scene, renderer, poses, quiet: bool = False) -> dict[str, Any]:
+    """The plan of a sequence, as `Plan.to_dict` has it, in ``plan``, and what to tell the user of it, in ``told``.
+
+    Made where it was not made before, in this or another run.
+    """
+    def build():
+        return _payload(plan_sequence(scene, renderer, poses, quiet))
+
+    arrays = cached("plan", depends_on(scene, renderer, poses), build)
+    return json.loads(str(arrays["plan"]))
+
+
+def keep_plan(scene, renderer, poses, plan) -> None:
+    """Keep a `Plan` that was made anyway, for runs."""
+    cached("plan", depends_on(scene, renderer, poses), lambda: _payload(plan))
+
+
+def _payload(plan) -> dict[str, np.ndarray]:
+    """A plan as an array of text, without what it costs on one machine."""
+    error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
+    told = [f"{plan.spp_in_words} samples per pixel of A{error}", *filter(None, [plan.shortfall]), *plan.ports]
+    content = {key: value for key, value in plan.to_dict().items() if key != "cost"}
+    return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
+
+
+def depends_on(scene, renderer, poses) -> dict[str, Any]:
+    """Everything that a plan follows from, as JSON."""
+    described = scene_to_dict(scene)
+    for key in BESIDE:
+        described["render"].pop(key, None)
+    textures = {str(path.name): sha256(path) for path in mesh_textures(scene)}
+    return {"scene": described, "files": sources(scene) | textures, "poses": digest(np.asarray(poses, np.float64)),
+            "device": kind_of(renderer.device), "renderer": type(renderer).__qualname__,
+            "denoiser": available_method(scene.render.denoise), "version": varos_warp.__version__,
+            "code": code_hash("varos_warp.render.renderer", CODE) + code_hash("varos_warp.render.planner.plan", CODE)}
