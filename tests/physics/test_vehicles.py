@@ -95,7 +95,7 @@ def test_a_body_looks_as_an_object_on_that_path_does():
     assert (np.abs(got.B.radiance - expected.B.radiance) > 1e-3).any(-1).mean() < 0.01
 
 
-def test_each_sees_the_other_where_geometry_has_it(truth):
+def test_each_sees_the_other_where_geometry_has_it():
     """A rod of 0.5 m before each: a disk of f r / Z pixels about the projection of its axis, at one time in both."""
     radius, length, apart, speed = 0.2, 0.5, 3.0, 0.3
     rod = {"kind": "pipe", "radius": radius, "length": length, "wall": 1, "rotation_euler_deg": [90, 0, 0]}

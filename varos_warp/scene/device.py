@@ -131,7 +131,7 @@ class DeviceScene:
         """Of all that has a number, in their order; the observer's own body, which nobody sees here, among them."""
         names = [part.name for part in parts if isinstance(part, Part)]
         names += [f"{group.name}.{i}" for group in parts if isinstance(group, Instances) for i in range(len(group))]
-        if (own := f"vehicles.{self.scene.observer}") in self.scene.numbered:
+        if own := self.scene.own_body:
             names.insert(self.scene.number_of(own) - 1, own)
         return names
 
@@ -171,8 +171,8 @@ class DeviceScene:
         origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
         materials = [device_material(part, self.scene, np.asarray(origin), self.textures)
                      for part, origin in zip(placed, origins, strict=True)]
-        if len(materials) < len(self.part_names):  # the observer's own body has none
-            materials.insert(self.part_names.index(f"vehicles.{self.scene.observer}"), Material())
+        if own := self.scene.own_body:
+            materials.insert(self.part_names.index(own), Material())
         self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.data.materials = self._array(materials, Material)
         if any(has_lobe(part.material) for part in [*single, *copied]):

@@ -160,6 +160,12 @@ class Scene(Block):
         bodies = [vehicle.key for vehicle in self.vehicles or () if vehicle.body]
         return ["terrain"] * (self.terrain is not None) + objects + bodies
 
+    @property
+    def own_body(self) -> str | None:
+        """Key of the body of `vehicle`, which has a number though nothing of it is here."""
+        key = f"vehicles.{self.observer}"
+        return key if key in self.numbered else None
+
     def number_of(self, key: str) -> int:
         """Number in image S of the terrain, an object or a body."""
         return self.numbered.index(key) + 1

@@ -317,13 +317,10 @@ class CalibrationBoard(Movable):
                 raise ValueError(f"{key}: is not a key of a board with pattern {self.pattern}; leave it out")
         if getattr(self, needs) is None:
             raise ValueError(f"{needs}: is missing; a board with pattern {self.pattern} needs it")
-        if self.pattern == "aprilgrid" and self.rows * self.columns > TAGS:
-            raise ValueError(f"rows times columns: {self.rows * self.columns} is more than the {TAGS} tags of 36h11")
+        if self.pattern == "aprilgrid" and self.rows * self.columns > 587:
+            raise ValueError(f"rows times columns: {self.rows * self.columns} is more than the 587 tags of 36h11")
         return self
 
-
-TAGS = 587
-"""In the family 36h11."""
 
 ParametricObject = Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder
 Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),

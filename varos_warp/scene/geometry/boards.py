@@ -1,15 +1,15 @@
 """Boards with a printed pattern, to calibrate cameras with."""
 
-from importlib import resources
-
 import numpy as np
 
 from varos_warp.scene.description.world import CalibrationBoard
 from varos_warp.scene.geometry.parts import Skin
+from varos_warp.scene.load import DATA
 
-DATA = resources.files("varos_warp") / "data"
 BLACK, WHITE = 0.04, 0.8
 """Reflectances of print and board."""
+BITS, BORDER, SPACING = 6, 2, 0.3
+"""Cells along a tag's code and in its border; gap between tags over their side where a board does not say."""
 
 
 def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
@@ -52,10 +52,6 @@ def aprilgrid(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.ndarr
         black[tuple(at)] = np.pad(bits[::-1].T, BORDER, constant_values=True)  # from images' rows to x, z
     x, z = (np.cumsum([0.0, gap, *([gap, *[cell] * (period - 1)] * n), gap, gap]) for n in (block.columns, block.rows))
     return x, z, np.pad(black, 1)
-
-
-BITS, BORDER, SPACING = 6, 2, 0.3
-"""Cells along a tag's code and in its border; gap between tags over their side where a board does not say."""
 
 
 def tags(count: int) -> np.ndarray:
