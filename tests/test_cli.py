@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -192,6 +193,9 @@ def test_info_shows_water_and_cameras_with_their_units(scene_file):
     assert "absorption a [1/m]" in text
     assert "mean free path [m]" in text
     assert "36.957" in text  # focal length in pixels
+    assert re.search(r"L0 +the vehicle +\(.*\) +\(0, 1, 0\)", text)
+    assert "stereo pair L0, R0: baseline " in text
+    assert "not given" not in text
     facts = json.loads(call("info", scene_file, "--json").stdout)
     assert facts["water"]["c"] == pytest.approx([0.11, 0.06, 0.04])
     assert facts["trajectory"]["length_m"] == 12.0
