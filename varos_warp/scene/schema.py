@@ -1,6 +1,5 @@
 """The JSON Schema of scene files, for editors and the docs, and what it says of one key in plain words."""
 
-import difflib
 import json
 import re
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from typing import Any
 
 from pydantic.json_schema import GenerateJsonSchema
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import Scene
 
 UNITS = frozenset((
@@ -132,9 +131,8 @@ def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
 
 def _unknown(key: str, part: str, blocks: list[dict]) -> InputError:
     known = list(dict.fromkeys(name for block in blocks for name in block.get("properties", {})))
-    near = difflib.get_close_matches(part, known, 1)
     listing = f"Known there: {', '.join(known)}." if known else "It is no block, nothing is under it."
-    return InputError(f"no key '{part}'", key=key, remedy=f"Did you mean '{near[0]}'?" if near else listing)
+    return InputError(f"no key '{part}'", key=key, remedy=did_you_mean(part, known) or listing)
 
 
 # -------------------------------------------------------------------------------------------------------------- words

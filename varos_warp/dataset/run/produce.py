@@ -35,6 +35,7 @@ from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.named_files import require_files
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.source import located
 from varos_warp.sim.clock import frame_time_ns
 
 
@@ -95,7 +96,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     try:
         folder.open_folder(scene, layout)  # before anything is made or removed there
         # n workers and their parent share the folder as n + 1
-        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
+        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard), located(scene):
             previous = folder.open_folder(scene, layout)
             if images and previous is None:
                 require_files(scene)
