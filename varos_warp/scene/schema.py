@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
 from varos_warp.errors import InputError, did_you_mean
@@ -19,6 +20,9 @@ UNITS = frozenset((
 """What may stand in brackets in the description of a key: its unit."""
 KIND_KEYS = ("kind", "model")
 """Keys that tell which of several blocks one is."""
+FORMS = {r"^[0-9a-zA-Z]$": "a letter or digit", r"^[0-9a-zA-Z]{2}$": "two letters or digits",
+         r"^M\d+(\.\d+)?$": "M and a number, such as M24", r"^(terrain|objects\.\d+)$": "terrain or objects.NUMBER"}
+"""What a text of each form is, in words."""
 
 
 class _Generator(GenerateJsonSchema):
@@ -29,15 +33,19 @@ class _Generator(GenerateJsonSchema):
 
 
 @cache
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit."""
-    schema = Scene.model_json_schema(schema_generator=_Generator)
-    schema["required"].remove("trajectory")  # or each of the vehicles has one
+def json_schema(model: type[BaseModel] = Scene) -> dict[str, Any]:
+    """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit.
+
+    Or that of another file, of one ``model``.
+    """
+    schema = model.model_json_schema(schema_generator=_Generator)
+    if model is Scene:
+        schema["required"].remove("trajectory")  # or each of the vehicles has one
     for block in (schema, *schema["$defs"].values()):
         for key, entry in block.get("properties", {}).items():
             if "const" in entry and key in KIND_KEYS:
                 entry.setdefault("description", f"Tells what this is. {block['description']}")
-            if unit := unit_of(entry["description"]):
+            if unit := unit_of(entry.get("description", "")):
                 entry["x-unit"] = unit
     return {"$schema": GenerateJsonSchema.schema_dialect, **schema, "title": "Scene file of varos-warp"}
 
@@ -61,7 +69,7 @@ class Entry:
     required: bool
 
 
-def find_key(key: str) -> list[Entry]:
+def find_key(key: str, model: type[BaseModel] = Scene) -> list[Entry]:
     """What the schema says of a key such as ``vehicle.cameras.port``; more than one entry if kinds of block differ.
 
     Items of lists need no number and materials no name; a part may name a kind: ``objects.pipe.radius``.
@@ -69,7 +77,7 @@ def find_key(key: str) -> list[Entry]:
     Raises:
         InputError: There is no such key.
     """
-    root = json_schema()
+    root = json_schema(model)
     blocks, found, named = [root], [], False
     for part in key.split("."):
         if part.isdecimal():
@@ -150,26 +158,27 @@ def explain(key: str) -> str:
 
 def _explained(path, entry, root) -> Iterator[str]:
     yield path + (f" (of {', '.join(entry.kinds)})" if entry.kinds else "")
-    yield f"  {_plain(entry.schema['description'])}"
+    yield f"  {plain(entry.schema['description'])}"
     yield from (f"  {name + ':':9}{words}" for name, words in facts(entry).items() if words)
     for block in blocks_in(entry.schema, root):
         kind = kind_of(block)
         yield ""
-        yield f"  {f'kind {kind}' if kind else 'keys'}: {_plain(block['description'].splitlines()[0])}"
+        yield f"  {f'kind {kind}' if kind else 'keys'}: {plain(block['description'].splitlines()[0])}"
         for name in block["properties"]:
             inner, = entries(name, [block])
             if name not in KIND_KEYS or kind is None:
-                yield f"    {name:24} {_default(inner):14} {_plain(inner.schema['description'])}"
+                yield f"    {name:24} {_default(inner):14} {plain(inner.schema['description'])}"
 
 
 def facts(entry: Entry) -> dict[str, str]:
     """What a key may be, its unit, default and example, in words; empty where there is none."""
-    return {"value": _words(entry.schema), "unit": entry.schema.get("x-unit", ""),
+    return {"value": in_words(entry.schema), "unit": entry.schema.get("x-unit", ""),
             "default": _default(entry) if entry.required or "default" in entry.schema else "",
             "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
+    """A description as one line without markup."""
     return " ".join(text.replace("``", "").split())
 
 
@@ -185,18 +194,20 @@ def _value(value) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _words(schema: dict) -> str:
+def in_words(schema: dict) -> str:
     """What a value may be, with its bounds."""
     choices = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
     if choices:
-        return " or ".join(dict.fromkeys(filter(None, map(_words, choices))))
+        return " or ".join(dict.fromkeys(filter(None, map(in_words, choices))))
     if "enum" in schema or "const" in schema:
         return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
     if "prefixItems" in schema:
         items = schema["prefixItems"]
-        return f"list of {len(items)}, each {' / '.join(dict.fromkeys(map(_words, items)))}"
+        return f"list of {len(items)}, each {' / '.join(dict.fromkeys(map(in_words, items)))}"
     if schema.get("type") == "array":
-        return f"list, each {_words(schema['items'])}"
+        return f"list, each {in_words(schema['items'])}"
+    if "pattern" in schema:
+        return FORMS[schema["pattern"]]
     words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "",
              "object": "blocks by name"}.get(schema.get("type", ""), "block")
     return words + _bounds(schema)
@@ -207,6 +218,4 @@ def _bounds(schema: dict) -> str:
         return f" from {schema['minimum']:g} to {schema['maximum']:g}"
     names = {"minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below"}
     found = [f"{word} {schema[name]:g}" for name, word in names.items() if name in schema]
-    if "pattern" in schema:
-        found.append(f"of the form {schema['pattern']}")
     return f" {' and '.join(found)}" if found else ""
