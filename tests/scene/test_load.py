@@ -121,7 +121,7 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
      "should be a number from 0 to 1. Give a number."),
     ("steel: {", "steel: {roughness: 0.1, ", "materials.steel.roughness", 6, "Blocks of kind metal or rust have it"),
     ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: red", "materials.steel", 6, "should be a block. Give a block"),
-    ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list, each block. Begin each block with"),
+    ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list, each block. Begin each"),
     ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):

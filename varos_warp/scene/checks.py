@@ -373,7 +373,7 @@ def _check_sight(scene, parts, poses):
 
 
 def _sees(parts, boxes, camera, T_w_c, reach):
-    """Whether a camera at poses [N, 4, 4] has a surface in sight: some of its rays, or the middle of something small."""
+    """Whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
     model, (width, height) = camera_model(camera), camera.resolution
     x, y = ((np.arange(GRID) + 0.5) * side / GRID for side in (width, height))
     rays = model.rays(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
