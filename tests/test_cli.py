@@ -110,6 +110,14 @@ def test_plan_prints_what_the_planner_says(scene_file):
     assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 
+def test_plan_and_run_warn_of_what_info_warns_of(scene_file, tmp_path):
+    change = ("--set", "surface_depth_m=-1", "--device", "cpu")
+    (warning, *_) = json.loads(call("info", scene_file, *change[:2], "--json").stdout)["warnings"]
+    assert warning.startswith("vehicle.lights.0: is above the sea surface")
+    assert f"note: {warning}\n" in call("plan", scene_file, *change).stderr
+    assert f"note: {warning}\n" in call("run", scene_file, "-o", tmp_path / "out", *change, "--frames", "0").stderr
+
+
 COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
           "--denoise --set")
 JOB = COMMON + " --linear-exr --shard --json --quiet"
@@ -227,7 +235,7 @@ def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     assert more["seconds"] >= once["seconds"] >= less["seconds"] > 0.0
     assert less["bytes"] < once["bytes"]
     text = call("info", scene_file).output
-    assert "dataset: 10 frames, 80 images, about " in text
+    assert "dataset: 10 frames through 2 cameras, 80 images, about " in text
     assert "with 8 samples per pixel of A; varos-warp plan measures it" in text
 
 

@@ -107,7 +107,8 @@ def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
     samples = f"{dataset['spp']} samples per pixel of A" + " (the planner chooses them)" * dataset["spp_is_planned"]
-    print(f"dataset: {dataset['frames']} frames, {dataset['images']} images, about {_size(dataset['bytes'])}, roughly "
+    through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
+    print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, roughly "
           f"{_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
-from varos_warp.dataset.progress import Console
+from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered
 from varos_warp.dataset.run.workers import run_in_workers
@@ -235,7 +235,7 @@ class _Run:
         if not self.work:
             return
         try:
-            with self.console.progress("rendering", len(self.work)) as progress:
+            with self.rendering() as progress:
                 results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
                                          tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
@@ -273,6 +273,11 @@ class _Run:
                     self.record.write_checksums()
         finally:
             self.write_log()
+
+    def rendering(self) -> Progress:
+        """How far the rendering is: a frame is one job, or one for each of several cameras."""
+        unit = "frames" if len(self.layout.cameras) == 1 else "views"
+        return self.console.progress("rendering", len(self.work), unit)
 
     def lacks_segments(self, images: bool) -> bool:
         """Whether what tells what S means is to be made, though no image is."""
@@ -418,7 +423,7 @@ class _Run:
         """
         if not self.work:
             return
-        with self.console.progress("rendering", len(self.work)) as progress:
+        with self.rendering() as progress:
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)
