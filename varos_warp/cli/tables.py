@@ -108,8 +108,8 @@ def _print_dataset(dataset: dict) -> None:
     where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
     samples = f"{dataset['spp']} samples per pixel of A" + " (the planner chooses them)" * dataset["spp_is_planned"]
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
-    print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, roughly "
-          f"{_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
+    print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "
+          f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
 
 
 def _size(count: float) -> str:

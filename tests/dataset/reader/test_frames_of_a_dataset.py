@@ -63,7 +63,7 @@ def test_places_and_numbers_differ_where_frames_were_left_out(tmp_path):
     assert data.frame(6).index == 2
     np.testing.assert_array_equal(data[1].T_w_c, data.T_w_c(5))
     for ask in (data.T_w_c, data.depth, data.flow, partial(data.image, "A"), partial(data.linear, "B")):
-        with pytest.raises(IndexError, match=r"no frame 0: the dataset has 4 to 6; data\[0\] is the first that is there"):
+        with pytest.raises(IndexError, match=r"no frame 0: the dataset has 4 to 6; data\[0\] is the first"):
             ask(0)
 
 
