@@ -72,7 +72,7 @@ def test_a_peak_between_even_poses_is_found_and_followed():
         return noisy_images(0.1 * np.sqrt(truth(view[1])))(spp, *how)
 
     frames = list(range(0, 1001, 100))
-    needed = samples_along(image, [("M0", frame) for frame in frames], {("M0", 500): 9}, 0.1, -0.75)
+    needed = samples_along(image, [("M0", frame) for frame in frames], (("M0", 500), 9), 0.1, -0.75)
     plan = {"spp_by_frame": knots(needed)}
     assert 500 not in asked
     assert {350, 450} <= set(asked) - set(frames)

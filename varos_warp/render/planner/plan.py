@@ -272,14 +272,14 @@ class Planner:
 
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
-        worst, count, camera = self.worst, len(self.poses), self.test_camera
-        frames = by_frame.tried_frames(count, np.prod(camera.resolution) / np.prod(worst.camera.resolution))
+        worst, count = self.worst, len(self.poses)
+        pixels = pilot.pixels_tried(worst.camera, count, pilot.COMPARED)
+        frames = by_frame.tried_frames(count, pixels / np.prod(worst.camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
         self.progress("samples by frame", 0.0)
         # views are compared in images of as many pixels
-        cameras = {given.id: pilot_camera(given, pilot.pixels_tried(worst.camera, count))
-                   for given in self.scene.vehicle.cameras}
+        cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
 
         def image(view, spp, number, denoised):
             name, frame = view
@@ -287,7 +287,8 @@ class Planner:
             return self.denoised(*tried) if denoised else self.image(*tried).radiance
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
+        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest,
+                                        smaller=cameras[worst.camera.id] != self.test_camera)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
@@ -326,7 +327,7 @@ class Planner:
         taken, made = IMAGES * len(LEVELS), []
         while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
             made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
-            if len(made) >= FEWEST_ESTIMATES:
+            if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
                 if unsure[worst] <= errors.PRECISE * square[worst]:
