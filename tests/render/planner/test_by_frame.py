@@ -81,6 +81,18 @@ def test_a_peak_between_even_poses_is_found_and_followed():
         assert truth(frame) * 0.9 <= spp_of(plan, "M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
 
 
+def test_needs_in_smaller_images_count_in_proportion():
+    """Small images need four times the samples: views take their share of what the worst one needs in the sequence."""
+    def image(view, spp, *how):
+        return noisy_images(0.8 if view[1] <= 500 else 0.4)(spp, *how)  # 64 and 16 samples for 0.1
+
+    views = [("M0", 0), ("M0", 1000)]
+    needed = samples_along(image, views, (("M0", 500), 16), 0.1, -0.75, smaller=True)
+    assert needed[("M0", 500)] == 16
+    assert 15 <= needed[("M0", 0)] <= 18
+    assert 4 <= needed[("M0", 1000)] <= 5
+
+
 def noisy_images(sigma: float, seed: int = 1):
     """Makes images of a gradient whose samples have a relative deviation of ``sigma``, as `trial` wants them."""
     truth = np.tile(np.linspace(0.5, 1.5, 160)[:, None], (120, 1, 3))

@@ -182,8 +182,8 @@ def make_gather_virtual_light(moving: bool) -> wp.Function:
     def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
         """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
 
-        Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use different
-        points, so their difference shows the error that all pixels share.
+        Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use
+        different points, so their difference shows the error that all pixels share.
         """
         chosen = make_reservoir(u[1])
         best = VirtualConnection()
