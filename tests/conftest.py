@@ -3,8 +3,11 @@
 import os
 from functools import cache
 
-import numpy as np
-import pytest
+# tests run side by side: threads that multiply small matrices would only wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
 
 pytest_plugins = ["truths", "pytester"]
 
