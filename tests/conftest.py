@@ -6,8 +6,8 @@ from functools import cache
 # tests run side by side: threads that multiply small matrices would only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
+import numpy as np
+import pytest
 
 pytest_plugins = ["truths", "pytester"]
 

@@ -13,7 +13,7 @@ from varos_warp.scene import device
 from varos_warp.scene.description.world import Rust, Stop
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.parts import Instances, Moving
-from varos_warp.scene.geometry.ranging import ranges
+from varos_warp.scene.geometry.query import ranges
 from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
