@@ -1,10 +1,10 @@
 """Images of what moves against the mean of instants placed by hand (benchmarks/light/moving_scenes.py).
 
     python -m benchmarks.light.moving [--scenes open,coastal] [--kinds blur,strobe] [--integrators auto,path]
-        [--spp 8] [--seeds 24] [--instants 8] [--truth path] [--truth-spp 32]
+        [--spp 8] [--seeds 24] [--instants 4] [--truth path] [--truth-spp 32]
         [--device cuda:0] [--json out.json] [--png out.png]
 
-Every image of the truth is a mean over ``--instants`` times, one in each part of the exposure, drawn anew each time.
+Every image of the truth is a mean over ``--instants`` times to an exposure, which begin at random for each image.
 A row of the table is one integrator in one scene:
     noise       RMS standard deviation of a raw pixel over seeds, worst channel, in % of the image's mean
     mean        error of the mean and its standard error, in the most significant channel; and as a normal number
@@ -51,30 +51,45 @@ def exposed(case: Case) -> tuple[tuple[float, float], np.ndarray]:
     return (float(begin), float(end)), rows
 
 
-def truth_image(case: Case, device: str, how: dict, instants: int, seed: int, renderer=None) -> np.ndarray:
-    """The mean [H, W, 3] over the exposure of each row of still images at random times, one in each part of it.
+class Truth:
+    """Means of still images over the exposure of each row.
 
-    ``renderer``: of the scene at any instant, where nothing moves but the vehicle that sees.
+    The times of an image are so many to an exposure, equally far from each other, and begin at random: every row has as
+    many of them, and their mean over images is that over the exposure, without an error of the step.
     """
-    (begin, end), rows = exposed(case)
-    part, rng, total = (end - begin) / instants, np.random.default_rng(seed), 0.0
-    for k in range(instants):
-        first = begin + k * part
-        still = case.instant(first + part * rng.random())
-        own = renderer or FrameRenderer(still.scene, device, still.parts)
-        image = own.render(still.T_w_v, outputs="A", seed=seed, frame=k, **how).A.radiance
-        covered = np.minimum(rows[:, 1], first + part) - np.maximum(rows[:, 0], first)
-        total = total + np.maximum(covered, 0.0)[:, None, None] / case.shutter.exposure_s * image
-    return np.asarray(total)
+
+    def __init__(self, case: Case, options):
+        self.case, self.device = case, options.device
+        self.how = {"outputs": "A", "spp": options.truth_spp, "integrator": options.truth}
+        self.step = case.shutter.exposure_s / options.instants
+        still = case.instant(0.0)
+        bodies = case.thing is not None or len(still.parts) > len(case.still)
+        self.renderer = None if bodies else FrameRenderer(still.scene, self.device, still.parts)
+
+    def image(self, seed: int) -> np.ndarray:
+        """One of them [H, W, 3]."""
+        (begin, end), rows = exposed(self.case)
+        times = np.arange(begin + self.step * np.random.default_rng(seed).random(), end, self.step)
+        total = np.zeros((len(rows), 1, 3))
+        for frame, offset_s in enumerate(times):
+            is_open = (rows[:, 0] <= offset_s) & (offset_s < rows[:, 1])
+            share = self.step / self.case.shutter.exposure_s * is_open
+            total = total + share[:, None, None] * self._instant(offset_s, seed, frame)
+        return total
+
+    def _instant(self, offset_s: float, seed: int, frame: int) -> np.ndarray:
+        still = self.case.instant(offset_s)
+        if self.renderer is None:
+            renderer = FrameRenderer(still.scene, self.device, still.parts)
+        else:
+            renderer = self.renderer.relit(still.scene) if self.case.others else self.renderer
+        return renderer.render(still.T_w_v, seed=seed, frame=frame, **self.how).A.radiance
 
 
 def truth_of(case: Case, options) -> Estimate:
     """As many images as of an integrator."""
-    how = {"spp": options.truth_spp, "integrator": options.truth}
-    alone, still = case.thing is None and not case.others, case.instant(0.0)
-    renderer = FrameRenderer(still.scene, options.device, still.parts) if alone else None
-    return Estimate(np.array([truth_image(case, options.device, how, options.instants, SEED + k, renderer)
-                              for k in range(options.seeds)]))
+    truth = Truth(case, options)
+    return Estimate(np.array([truth.image(SEED + k) for k in range(options.seeds)]))
 
 
 def render_seeds(renderer: FrameRenderer, case: Case, integrator: str, options) -> dict:
@@ -148,7 +163,7 @@ def parse(arguments=None):
     parser.add_argument("--integrators", type=names, default=["auto", "path"])
     parser.add_argument("--spp", type=int, default=8)
     parser.add_argument("--seeds", type=int, default=24)
-    parser.add_argument("--instants", type=int, default=8)
+    parser.add_argument("--instants", type=int, default=4, help="To an exposure.")
     parser.add_argument("--truth", default="path", help="Integrator of the instants.")
     parser.add_argument("--truth-spp", type=int, default=32, help="Samples per pixel of each.")
     parser.add_argument("--denoise", default="oidn")
