@@ -4,7 +4,10 @@ import shutil
 
 import numpy as np
 import pytest
+from evo.tools import file_interface
+from rosbags.highlevel import AnyReader
 
+from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate, views
@@ -88,3 +91,24 @@ def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
 
         monkeypatch.setattr(flows, "moving_parts", lambda *_: [])
     assert any(told in problem for problem in validate(out, quiet=True).problems)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_export_has_their_poses(made, tmp_path, form):
+    """Beside what the format has, as evo reads them; a bag has them as transforms, too."""
+    out, start_ns = tmp_path / "out", 3_000_000_001
+    export(made, form, out, images="B", start_ns=start_ns)
+    time_ns, T = Dataset(made).poses("objects.0")
+    read = file_interface.read_tum_trajectory_file(out / "moving" / "objects.0.txt")
+    np.testing.assert_allclose(read.timestamps, 1e-9 * (time_ns + start_ns), rtol=1e-15)
+    np.testing.assert_allclose(read.poses_se3, T, atol=1e-12)
+    told = (out / "moving" / "README.txt").read_text()
+    assert "objects.0: number 2 in S; its box in its own axes [m]: low -0.5 -0.5 -0.75" in told
+    if form == "mcap":
+        with AnyReader([out / "bag"]) as bag:
+            topics = [of for of in bag.connections if of.topic == "/tf"]
+            found = [bag.deserialize(raw, of.msgtype).transforms[0] for of, _, raw in bag.messages(topics)]
+        found = [message for message in found if message.child_frame_id == "objects.0"]
+        assert {message.header.frame_id for message in found} == {"world"}
+        np.testing.assert_allclose([[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z]
+                                    for t in found], T[:, :3, 3], atol=1e-12)

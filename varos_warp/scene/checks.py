@@ -285,8 +285,8 @@ def _check_starts(parts):
         for other in single:
             if other is not part and (other.name, part.name) not in told and _inside(other, middle).any():
                 told.add((part.name, other.name))
-                warnings.append(f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps what "
-                                "moves out of other things (move its first stop)")
+                warnings.append(f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps "
+                                "what moves out of other things (move its first stop)")
                 break
     return warnings
 
