@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import validate, views
+from varos_warp.dataset.validate import moving, validate, views
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
@@ -112,3 +112,30 @@ def test_every_export_has_their_poses(made, tmp_path, form):
         assert {message.header.frame_id for message in found} == {"world"}
         np.testing.assert_allclose([[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z]
                                     for t in found], T[:, :3, 3], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def passed_through(tmp_path_factory):
+    """A boulder that comes from behind, through the camera, whose shutter is open for long."""
+    path = [{"time_s": t, "position": [0.3, -1.0 + 3.0 * t, 1.2]} for t in (0, 1)]
+    camera = {"id": "M0", "resolution": [48, 27], "sensor_mm": [4.8, 2.7], "focal_mm": 3.0,
+              "rotation_euler_deg": [-15, 0, 0], "shutter": {"exposure_s": 0.08}}
+    scene = scene_from_dict({
+        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 0.6, "seed": 2},
+        "objects": [{"kind": "boulder", "diameter": 0.6, "path": path}], "surface_depth_m": 50,
+        "vehicle": {"cameras": [camera]},
+        "trajectory": {"poses": [{"position": [0, 0, 1.2]}, {"time_s": 1, "position": [0.6, 0.2, 1.2],
+                                                             "rotation_euler_deg": [0, 0, 20]}]},
+        "render": {"frame_rate_hz": 10, "outputs": ["B", "C", "D", "S"], "spp_b": 4, "denoise_b": "none"}})
+    out = tmp_path_factory.mktemp("passing") / "out"
+    produce(scene, out, device="cpu", quiet=True)
+    return out
+
+
+def test_what_passes_while_a_shutter_is_open_fails_no_check(passed_through):
+    """It blurs B of what S has beside it."""
+    assert validate(passed_through, quiet=True).problems == []
+    data, shape = Dataset(passed_through), (27, 48)
+    assert 0.2 < moving.swept(data, 7, "M0", shape).mean() < 0.9
+    assert moving.swept(data, 4, "M0", shape).all()  # it is about the camera
+    assert not moving.swept(data, 0, "M0", shape).any()  # behind it
