@@ -41,41 +41,39 @@ HEAD = (f"{'scene':<14}{'what':<10}{'by':<11}{'noise':>6}  {'mean off %':<15}{'z
         f"{'raw: z':>7}{'%':>7}  {'denoised: z':>11}{'%':>7}{'one %':>7}  {'chi2':>5}{'p':>9}{'p':>7}{'truth %':>8}")
 
 
-def exposed(case: Case) -> tuple[tuple[float, float], np.ndarray]:
-    """When any row sees any light, and the exposures [H, 2] of the rows, from the frame's time [s]."""
+def lit(case: Case) -> np.ndarray:
+    """When each row sees light, [H, 2] from the frame's time [s]."""
     view, half = case.scene.vehicle.cameras[0], 0.5 * case.shutter.exposure_s
     rows = row_offsets_s(view)[:, None] + np.array([-half, half])
-    begin, end = rows[0, 0], rows[-1, 1]
     if strobe := case.scene.lights[0].strobe:  # all have the same
-        begin, end = (np.clip(strobe.delay_s + side * 0.5 * strobe.on_s, begin, end) for side in (-1, 1))
-    return (float(begin), float(end)), rows
+        rows = np.clip(rows, strobe.delay_s - 0.5 * strobe.on_s, strobe.delay_s + 0.5 * strobe.on_s)
+    return rows
 
 
 class Truth:
     """Means of still images over the exposure of each row.
 
-    The times of an image are so many to an exposure, equally far from each other, and begin at random: every row has as
-    many of them, and their mean over images is that over the exposure, without an error of the step.
+    The times of an image are equally far from each other and begin at random: every row has as many of them (with a
+    strobe, one more or less), and their mean over images is that over the exposure, without an error of the step.
     """
 
     def __init__(self, case: Case, options):
-        self.case, self.device = case, options.device
+        self.case, self.device, self.rows = case, options.device, lit(case)
         self.how = {"outputs": "A", "spp": options.truth_spp, "integrator": options.truth}
-        self.step = case.shutter.exposure_s / options.instants
+        self.seconds = self.rows[:, 1] - self.rows[:, 0]
+        self.step = min(case.shutter.exposure_s / options.instants, 0.99 * float(self.seconds.min()))
         still = case.instant(0.0)
         bodies = case.thing is not None or len(still.parts) > len(case.still)
         self.renderer = None if bodies else FrameRenderer(still.scene, self.device, still.parts)
 
     def image(self, seed: int) -> np.ndarray:
         """One of them [H, W, 3]."""
-        (begin, end), rows = exposed(self.case)
-        times = np.arange(begin + self.step * np.random.default_rng(seed).random(), end, self.step)
-        total = np.zeros((len(rows), 1, 3))
-        for frame, offset_s in enumerate(times):
-            is_open = (rows[:, 0] <= offset_s) & (offset_s < rows[:, 1])
-            share = self.step / self.case.shutter.exposure_s * is_open
-            total = total + share[:, None, None] * self._instant(offset_s, seed, frame)
-        return total
+        begin = self.rows[0, 0] + self.step * np.random.default_rng(seed).random()
+        times = np.arange(begin, self.rows[-1, 1], self.step)
+        sees = (self.rows[:, :1] <= times) & (times < self.rows[:, 1:])
+        share = (self.seconds / self.case.shutter.exposure_s / sees.sum(axis=1))[:, None] * sees
+        return sum(share[:, frame, None, None] * self._instant(offset_s, seed, frame)
+                   for frame, offset_s in enumerate(times) if sees[:, frame].any())
 
     def _instant(self, offset_s: float, seed: int, frame: int) -> np.ndarray:
         still = self.case.instant(offset_s)

@@ -235,8 +235,8 @@ def _check_strobes(lights, camera):
         rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
         if not rows.size:
             warnings.append(f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
-                            f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} s: it "
-                            "never sees it")
+                            f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
+                            "s: it never sees it")
         elif len(rows) < len(offset):
             warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
                             f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
