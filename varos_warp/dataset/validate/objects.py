@@ -8,17 +8,20 @@ objects that stand still only: meshes are files from outside of the dataset, and
 all meshes together tell.
 """
 
+import itertools
+
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.points import points_at, seen_pixels
-from varos_warp.dataset.reader.rows import is_rolling, offsets_ns
+from varos_warp.dataset.reader.points import points_at, project, seen_pixels
+from varos_warp.dataset.reader.rows import exposure_s, is_rolling, offsets_ns
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.render.image.flow import MovingPart
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import CameraModel
+from varos_warp.scene.optics.shutter import in_ns
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.companions import PosesAt, motions
 
@@ -27,6 +30,8 @@ MOST_POINTS = 20_000
 """Points of a frame that are looked at."""
 FEWEST_POINTS = 30
 """Fewer of an object say nothing."""
+INSTANTS = np.linspace(-0.5, 0.5, 5)
+"""At which it is looked, of the time that a shutter is open."""
 
 
 def known_motions(data: Dataset) -> dict[str, PosesAt]:
@@ -71,6 +76,45 @@ def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.nd
         return np.full_like(depth, np.inf)
     seen = of_moving(data, frame, camera)
     return np.where(seen, np.inf, depth) if seen.shape == depth.shape else depth
+
+
+def swept(data: Dataset, frame: int, camera: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Pixels that what moves may have been before while the shutter was open, bool [H, W]; without exposure none.
+
+    B is blurred there, unlike S, which is of an instant. Each is taken for the rectangle about its box at all instants;
+    where some corner of that is behind the camera, for the whole image.
+    """
+    about, model = data.camera(camera), data.camera_model(camera)
+    covered = np.zeros(shape, bool)
+    if not data.moving or not exposure_s(about):
+        return covered
+    open_s = exposure_s(about) + about["shutter"]["readout_s"]
+    time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + in_ns(open_s * INSTANTS)
+    T_w_c = _camera_at(data, camera, time_ns)
+    if T_w_c is None:
+        return ~covered
+    known, boxes = known_motions(data), {entry["key"]: entry["box_m"] for entry in data.meta["moving"]}
+    for key, box in boxes.items():
+        corners = np.array(list(itertools.product(*np.transpose(box))))
+        points = [corners @ T[:3, :3].T + T[:3, 3] for T in known[key](time_ns)]
+        u, v, z = np.concatenate([project(p, model, T) for p, T in zip(points, T_w_c, strict=True)]).T
+        ahead = np.isfinite(u + v) & (z > 0.0)
+        if ahead.all():
+            rows, cols = (slice(max(0, int(x.min()) - 1), max(0, int(x.max()) + 2)) for x in (v, u))
+            covered[rows, cols] = True
+        elif ahead.any():
+            covered[:] = True
+    return covered
+
+
+def _camera_at(data: Dataset, camera: str, time_ns: np.ndarray) -> np.ndarray | None:
+    """Poses of a camera [N, 4, 4] at some times; None where they are not on record."""
+    about = data.camera(camera)
+    if about["mount"] == "world":
+        return np.repeat(np.array(about["T_w_c"], float)[None], len(time_ns), axis=0)
+    if "vehicle" not in data.recorded or time_ns[-1] > data.trajectory().time_ns[-1]:
+        return None
+    return data.trajectory().from_before(time_ns).poses() @ np.array(about["T_v_c"], float)
 
 
 def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: np.ndarray) -> list[MovingPart]:

@@ -100,15 +100,25 @@ def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.nda
         reach: [m]
         T_w_o: Pose [N, 4, 4] for each ray of what moves, by name; absent: where it begins.
     """
-    moves = T_w_o or {}
-    single = [(part.vertices, part.faces) for part in parts if isinstance(part, Part) and part.name not in moves]
+    return first_met(parts, points, directions, reach, T_w_o or {})[0]
+
+
+def first_met(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float,
+              T_w_o: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The same, and which of ``T_w_o`` each ray meets, int [N]: its place there; -1: what stands still, or nothing."""
+    single = [(part.vertices, part.faces) for part in parts if isinstance(part, Part) and part.name not in T_w_o]
     t = Surface(*join(single)).distances(points, directions) if single else np.full(len(points), np.inf)
+    met, places = np.full(len(points), -1), {name: k for k, name in enumerate(T_w_o)}
     for group in parts:
-        if group.name in moves:
-            t = np.minimum(t, _to_moving(group, points, directions, moves[group.name]))
+        if group.name in T_w_o:
+            there = _to_moving(group, points, directions, T_w_o[group.name])
+            met[there < np.minimum(t, reach)] = places[group.name]
+            t = np.minimum(t, there)
         if isinstance(group, Instances):
-            t = np.minimum(t, _to_copies(group, points, directions, np.minimum(t, reach)))
-    return np.where(t <= reach, t, np.inf)
+            there = _to_copies(group, points, directions, np.minimum(t, reach))
+            met[there < t] = -1
+            t = np.minimum(t, there)
+    return np.where(t <= reach, t, np.inf), met
 
 
 def _to_moving(part: Moving, points: np.ndarray, directions: np.ndarray, T_w_o: np.ndarray) -> np.ndarray:
