@@ -75,9 +75,9 @@ def _cell(text: str) -> str:
 
 
 def _link(node: str) -> str:
-    """A node of pytest as a link to its file."""
+    """A node of pytest as a link to its file; its name in words, which fit a column."""
     file, name = node.split("::", 1)
-    return f"[{name}](../{file})"
+    return f"[{name.removeprefix('test_').replace('_', ' ')}](../{file})"
 
 
 def _measures(sweeps: list[Sweep]) -> str:

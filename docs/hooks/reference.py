@@ -1,5 +1,6 @@
 """Pages that are made from the package: the keys of scene files, the command line, the Python API, the dataset."""
 
+import html
 import inspect
 import re
 import tempfile
@@ -31,7 +32,10 @@ def cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    return "`{}`".format(text.replace("|", "\\|")) if text else ""
+    """Code for a table: of a pipe, Markdown within backticks would show the backslash."""
+    if "|" in text:
+        return f"<code>{html.escape(text).replace('|', '&#124;')}</code>"
+    return f"`{text}`" if text else ""
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
@@ -64,7 +68,8 @@ def own_words(key: str) -> str:
 def columns(entry) -> list[str]:
     """A row of a table of keys."""
     told = facts(entry)
-    return [f"`{entry.key}`", cell(entry.schema["description"]), cell(told["value"]), cell(told["unit"]),
+    value, form, pattern = told["value"].partition(" of the form ")
+    return [f"`{entry.key}`", cell(entry.schema["description"]), cell(value) + form + code(pattern), cell(told["unit"]),
             code(told["default"]), code(told["example"])]
 
 
