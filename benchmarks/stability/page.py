@@ -23,13 +23,13 @@ none of it to make a dataset: `varos-warp info` warns, and what cannot be done i
 
 | a scene with | what happens |
 | --- | --- |
-| lamps that are disks, sheets or strobes, cones below 20 or above 179 degrees | is rendered by `path`: as right, but slower |
+| disks, sheets, strobes, cones below 20 or above 179 degrees | is rendered by `path`: as right, but slower |
 | one channel of the water much more turbid than another, or light scattered mostly backwards | likewise |
 | depths beyond 25 m | their D is 65535; widen `render.depth_range_m`, or take `render.depth_exr` |
 | a course wider than 3 km | D loses half of its step of 0.38 mm; a warning says to divide the course |
-| objects smaller than 2 mm or larger than 100 m, a terrain larger than 50 km | a warning: the unit may be wrong, or digits are lost |
-| tens of millions of triangles | 500 bytes each while it is loaded; `varos-warp preprocess --vertices` decimates a terrain |
-| a course that is faster than its vehicle, or against a stronger current | is reported; the vehicle lags, and the course still ends |
+| objects below 2 mm or above 100 m, a terrain above 50 km | a warning: the unit may be wrong, or digits are lost |
+| tens of millions of triangles | takes 500 bytes for each; `varos-warp preprocess --vertices` decimates |
+| a course too fast for its vehicle, or a stronger current | is reported; the vehicle lags, the course still ends |
 | drag, righting moment or thrusters too stiff for steps of 5 ms | is refused, with what makes it so |
 
 ## How to read the entries

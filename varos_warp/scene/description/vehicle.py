@@ -325,7 +325,7 @@ class Current(Block):
 
 
 class Vehicle(Block):
-    """A sphere, or a rigid body, with thrusters. Values that are absent follow from the mass, between those of presets."""
+    """A sphere, or a rigid body, with thrusters. Absent values follow from the mass, between those of presets."""
 
     id: VehicleId = "0"
     """One letter or digit that names the vehicle in the dataset's file names."""
