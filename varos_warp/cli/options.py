@@ -41,11 +41,13 @@ class Choices:
     max_scatterings: Annotated[int | None, typer.Option(
         help="Most scatterings in the water on a path of light.")] = None
     max_bounces: Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")] = None
-    layers: Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Layers of A to render.")] = None
-    integrator: Annotated[str | None, typer.Option(metavar="auto|field|path|reference",
-                                                   help="How A is computed.")] = None
+    layers: Annotated[str | None, typer.Option(metavar="LAYERS",
+                                               help="Layers of A to render, of direct,single,multiple.")] = None
+    integrator: Annotated[str | None, typer.Option(
+        metavar="NAME", help="How A is computed: auto, field, path or reference.")] = None
     seed: Seed = None
-    denoise: Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")] = None
+    denoise: Annotated[str | None, typer.Option(
+        metavar="NAME", help="Denoiser of A: oidn, nlm or none.")] = None
     vehicle: Vehicle = None
     linear_exr: Annotated[bool, typer.Option(
         "--linear-exr", help="Also write A before denoising, with its standard error.")] = False
