@@ -14,7 +14,7 @@ from varos_warp.kernels.world.camera import Camera
 from varos_warp.render.moments import poses_of_rows
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.shutter import Strobe
+from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.frames import transform
 from varos_warp.scene.optics.shutter import instants, on_share, open_ns, row_offsets_s
 

@@ -11,7 +11,7 @@ from varos_warp.dataset.layout import POSE_FORMS, READINGS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.moving import check_moving
+from varos_warp.dataset.validate.objects import check_moving
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
@@ -413,7 +413,7 @@ def check_dvl(data: Dataset, result: Validation) -> None:
 
 def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, beams: np.ndarray) -> None:
     """Ranges are those to the scene's meshes, where all of their files are at hand; beams at an edge may differ."""
-    from varos_warp.scene.geometry.ranging import ranges
+    from varos_warp.scene.geometry.query import ranges
 
     try:
         scene, parts = rebuilt(data)

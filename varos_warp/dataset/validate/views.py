@@ -17,7 +17,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.blur import blur_of
-from varos_warp.dataset.validate.moving import of_still
+from varos_warp.dataset.validate.objects import of_still
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 

@@ -12,10 +12,12 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
+from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
-from varos_warp.scene.description.vehicle import Current, Light, Pose, Trajectory, Vehicle
-from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
+from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
+from varos_warp.scene.description.water import Water
+from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter
 from varos_warp.scene.files import absolute
 
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}

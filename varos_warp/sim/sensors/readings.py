@@ -103,7 +103,7 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, other
         parts: Everything solid, from ``build_parts``.
         others: Poses of other vehicles, whose bodies are among the parts.
     """
-    from varos_warp.scene.geometry.ranging import ranges  # Warp is loaded only where there is a DVL
+    from varos_warp.scene.geometry.query import ranges  # Warp is loaded only where there is a DVL
 
     there, beams = sampled(trajectory, dvl.rate_hz), beam_directions(dvl)
     velocity = velocity_of_sensor(there, dvl.position, frames.attitude(dvl))
