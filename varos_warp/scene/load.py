@@ -227,9 +227,10 @@ def _input_error(error: ValidationError, source: _Source) -> InputError:
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
     where = source.where(path)
-    changes = [text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner]
-    if "line" in where and changes:  # which may have made the block wrong
+    changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner)
+    if "line" in where and path and changes:  # which may have made the block wrong
         problem += f" (with --set {' and '.join(changes)})"
+        remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
     return InputError(problem, value=value, remedy=remedy or None, **where)
 
 
@@ -274,14 +275,19 @@ def _most_specific(problems):
 
 _REMEDIES = {
     "missing": "Add it.",
-    **dict.fromkeys(("float_type", "float_parsing"), "Give a number."),
-    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "Give a whole number."),
-    **dict.fromkeys(("tuple_type", "list_type"), "Give a list, such as [1, 2, 3]."),
+    **dict.fromkeys(("float_type", "float_parsing"), "Give a number, without a unit."),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "Give a whole number, without a unit."),
+    **dict.fromkeys(("tuple_type", "list_type"), "Give a list: in brackets, or one item a line, each after a dash."),
     **dict.fromkeys(("model_type", "dict_type", "model_attributes_type"), "Give a block of keys, indented under it."),
     "string_type": "Put quotes around it if it is text.",
     "finite_number": "Give a finite number.",
     "too_long": "Give as many items as are asked for.",
 }
+
+
+_PLAIN = {"number": "a number", "integer": "a whole number", "tuple": "a list", "list": "a list", "string": "a text",
+          "boolean": "true or false"}
+"""Words for the types of pydantic's messages."""
 
 
 def _explain(path: tuple, e: dict, source: _Source) -> tuple[str, str]:
@@ -301,6 +307,10 @@ def _explain(path: tuple, e: dict, source: _Source) -> tuple[str, str]:
         return "has too few items", f"Give at least {context['min_length']}."
     message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
     message = re.sub(r"valid dictionary.*", "block of keys", message)
+    message = re.sub(r"an? valid (\w+)(, unable.*)?", lambda found: _PLAIN.get(found[1], found[0]), message)
+    if kind == "string_pattern_mismatch":
+        key = ".".join(str(part) for part in path if not isinstance(part, int))
+        return f"should have the form {context['pattern']}", f"`varos-warp schema {key}` says what it means."
     bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
               "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}
     if kind in bounds:

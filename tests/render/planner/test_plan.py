@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from physics.rig import VAROS_LAMPS, VAROS_WATER
 
+from varos_warp.dataset.run.planning import plan_sequence
 from varos_warp.errors import InputError
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import cost
@@ -385,3 +386,14 @@ def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, pa
     planner = Planner(scene, None, [])
     planner.worst = View(0, scene.vehicle.cameras[0], POSE, ())
     assert planner.gain_of_field() == pytest.approx(gain * SAMPLE_COST["path"] / SAMPLE_COST["field"])
+
+
+def test_an_integrator_is_refused_only_where_an_image_takes_one():
+    """A of clear water has no field; a run of B, C and D needs none."""
+    def planned_for(*outputs):
+        scene = make_scene(None, integrator="field", outputs=outputs, spp=1)
+        return plan_sequence(scene, None, [POSE], quiet=True)
+
+    assert planned_for("B", "C", "D").models.keys() == {"B", "C", "D"}
+    with pytest.raises(InputError, match="does not scatter"):
+        planned_for("A")

@@ -55,7 +55,8 @@ class Scene(Block):
     vehicle: Vehicle = Vehicle()
     """The vehicle with its lights, cameras and sensors."""
     trajectory: Trajectory
-    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, but beside ``vehicles``."""
+    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, unless there are
+    ``vehicles``."""
     vehicles: Annotated[list[FleetVehicle], Field(min_length=1)] | None = None
     """Several vehicles instead of ``vehicle`` and ``trajectory``, each with its own ``id`` (docs/vehicles.md). A run
     makes a dataset of each. Absent: the one ``vehicle``."""

@@ -27,8 +27,8 @@ class Shutter(Block):
     exposure_s: Duration = 0.0
     """How long each pixel is exposed [s]; 0 is an instant."""
     readout_s: Duration = 0.0
-    """From the exposure of the first row to that of the last and one row more [s]: a rolling shutter, first row first;
-    0 is a global shutter. Time stamps are of the middle of the exposure of the middle row."""
+    """Time that a rolling shutter takes to read all rows, first row first: their number times the time from one row to
+    the next [s]; 0 is a global shutter. Time stamps are of the middle of the exposure of the middle row."""
 
     @model_validator(mode="after")
     def _is_open(self):

@@ -187,7 +187,7 @@ class Current(Block):
 
 
 class Vehicle(Block):
-    """A sphere, or a rigid body, with thrusters; absent values are interpolated by mass between presets."""
+    """A sphere, or a rigid body, with thrusters. Absent values follow from the mass, between those of presets."""
 
     id: VehicleId = "0"
     """One letter or digit that names the vehicle in the dataset's file names."""

@@ -190,7 +190,8 @@ class Parametric(Movable):
     """An object made from its measures."""
 
     chord_error_m: Annotated[float, Field(ge=1e-6)] | None = Field(default=None, examples=[0.001])
-    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
+    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm;
+    for a boulder an 80th of its radius."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
