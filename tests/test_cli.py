@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -110,6 +111,14 @@ def test_plan_prints_what_the_planner_says(scene_file):
     assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 
+def test_plan_and_run_warn_of_what_info_warns_of(scene_file, tmp_path):
+    change = ("--set", "surface_depth_m=-1", "--device", "cpu")
+    (warning, *_) = json.loads(call("info", scene_file, *change[:2], "--json").stdout)["warnings"]
+    assert warning.startswith("vehicle.lights.0: is above the sea surface")
+    assert f"note: {warning}\n" in call("plan", scene_file, *change).stderr
+    assert f"note: {warning}\n" in call("run", scene_file, "-o", tmp_path / "out", *change, "--frames", "0").stderr
+
+
 COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
           "--denoise --set")
 JOB = COMMON + " --linear-exr --shard --json --quiet"
@@ -201,6 +210,9 @@ def test_info_shows_water_and_cameras_with_their_units(scene_file):
     assert "absorption a [1/m]" in text
     assert "mean free path [m]" in text
     assert "36.957" in text  # focal length in pixels
+    assert re.search(r"L0 +the vehicle +\(.*\) +\(0, 0\.9\d+, -0\.2\d+\)", text)
+    assert "stereo pair L0, R0: baseline " in text
+    assert "camera R0: not given, so those of the paper's camera: sensor_mm, focal_mm" in text
     facts = json.loads(call("info", scene_file, "--json").stdout)
     assert facts["water"]["c"] == pytest.approx([0.11, 0.06, 0.04])
     assert facts["trajectory"]["length_m"] == 12.0
@@ -232,7 +244,7 @@ def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     assert more["seconds"] >= once["seconds"] >= less["seconds"] > 0.0
     assert less["bytes"] < once["bytes"]
     text = call("info", scene_file).output
-    assert "dataset: 10 frames, 80 images, about " in text
+    assert "dataset: 10 frames through 2 cameras, 80 images, about " in text
     assert "with 8 samples per pixel of A; varos-warp plan measures it" in text
 
 
@@ -240,7 +252,7 @@ def test_info_and_run_refuse_missing_files_before_anything_is_made(scene_file, t
     lost = "materials={wall: {kind: slope_blend, flat: {texture: lost.png}}}"
     for verb in (("info",), ("run", "-o", tmp_path / "out", "--device", "cpu")):
         said = refused(*verb, scene_file, "--set", lost, "-q")
-        assert "lost.png: materials.wall.flat.texture: there is no such image file" in said
+        assert f"--set {lost}: materials.wall.flat.texture = 'lost.png': there is no such image file (/" in said
     assert not (tmp_path / "out").exists()
 
 

@@ -3,8 +3,10 @@
 Bad input ends it with status 2, images that could not be made with status 1.
 """
 
+import difflib
 import sys
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,12 @@ class InputError(ValueError):
         what = self.key if self.value is None else f"{self.key} = {self.value!r}" if self.key else repr(self.value)
         text = ": ".join(part for part in (where, what, self.problem) if part)
         return f"{text}. {self.remedy}" if self.remedy else text
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str | None:
+    """The remedy for a name that is not known, if one that is known is much like it."""
+    near = difflib.get_close_matches(word, list(known), 1)
+    return f"Did you mean '{near[0]}'?" if near else None
 
 
 class RunFailed(RuntimeError):

@@ -63,9 +63,60 @@ def test_water_too_murky_to_see_through_is_noticed():
 
 def test_waypoints_under_the_terrain_or_too_near_to_it_are_noticed_by_number():
     texts = warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 1, -1), (2, 2, 0.1)])
-    assert any("waypoint 1 is under the terrain" in t for t in texts)
+    assert any("waypoint 1 is under the terrain, whose height there is 0.00 m" in t for t in texts)
     assert any("waypoint 2 is nearer to terrain than the vehicle's radius" in t and "0.10 m" in t for t in texts)
     assert any("vehicle.cameras.0 (M0): is under the terrain at waypoint 1" in t for t in texts)
+
+
+def test_a_course_that_is_under_the_terrain_as_a_whole_is_told_first_and_with_the_remedy():
+    flat = FLAT | {"position": [0, 0, -3]}
+    texts = warnings(terrain=flat, waypoints=[(0, 0, -5), (1, 1, -6)])
+    assert texts[0].startswith("trajectory: all 2 waypoints are under the terrain, whose height there is -3.00 m; ")
+    assert "raise the course" in texts[0]
+    many = warnings(terrain=flat, waypoints=[(0, 0, 1), *((0.1 * i, 0, -5) for i in range(7))])
+    assert any("waypoints 1, 2, 3, 4, 5 and 2 more are under" in text for text in many)
+
+
+BESIDE = [(60, 0, 1), (62, 0, 1)]
+
+
+def test_a_course_beside_the_terrain_is_noticed_with_where_both_are():
+    (text,) = warnings(terrain=FLAT, waypoints=BESIDE)
+    assert text.startswith("vehicle.cameras.0 (M0): sees no surface within 25 m (render.depth_range_m)")
+    assert "at all 2 waypoints" in text
+    assert "waypoint 0 is at (60, 0, 1), terrain and objects from (-10, -10, 0) to (10, 10, 0)" in text
+
+
+def test_some_looks_into_open_water_are_meant_and_most_are_not():
+    away = {"rotation_euler_deg": [90, 0, 0]}
+    assert warnings(terrain=FLAT, waypoints=[(0, 0, 1), BESIDE[0]]) == []
+    (text,) = warnings(terrain=FLAT, waypoints=[(0, 0, 1), *BESIDE])
+    assert "at waypoints 1, 2" in text
+    assert "sees no surface" in warnings(terrain=FLAT, vehicle={"cameras": [away]})[0]
+    assert warnings(waypoints=BESIDE) == []  # open water is asked for
+
+
+def test_a_small_object_in_sight_and_one_that_moves_into_it_are_surfaces_enough():
+    nut = {"kind": "nut", "size": "M8", "position": [0.07, 3.0, 1.04]}
+    assert warnings(objects=[nut]) == []
+    assert "sees no surface" in warnings(objects=[nut | {"position": [0, -3, 1]}])[0]
+    moving = {"kind": "nut", "size": "M8", "path": [{"position": [0, -3, 1]}, {"position": [0, 3, 1], "time_s": 9}]}
+    assert warnings(objects=[moving]) == []
+
+
+@pytest.mark.parametrize(("vehicle", "key"), [
+    ({"cameras": [{"id": "L0", "position": [-60, 0, -100]}]}, "vehicle.cameras.0 (L0)"),
+    ({"lights": [{"position": [150, -100, 0]}]}, "vehicle.lights.0"),
+    ({"imu": {"position": [0, 0, 20]}}, "vehicle.imu"), ({"dvl": {"position": [0, 80, -20]}}, "vehicle.dvl"),
+])
+def test_mounting_positions_in_millimetres_are_noticed(vehicle, key):
+    texts = [text for text in warnings(terrain=FLAT, vehicle=vehicle) if "positions are in metres" in text]
+    position = next(iter(vehicle.values()))
+    position = (position[0] if isinstance(position, list) else position)["position"]
+    first = next(x for x in position if x)
+    assert len(texts) == 1
+    assert texts[0].startswith(f"{key}: {np.linalg.norm(position):.3g} m from the vehicle's origin; "
+                               f"positions are in metres ({abs(first) / 1000:g} for {abs(first):g} mm)")
 
 
 def straight(start, end, *, seconds=10.0, waypoint=1, reference_z=0.0):
@@ -133,7 +184,8 @@ def test_a_camera_keeps_the_attitude_of_the_waypoint_before():
                                      {"position": [0, 0.1, 0]}]},
         "vehicle": {"lights": [LAMP], "cameras": [{"position": [0, 0.5, 0]}]}, "surface_depth_m": 80.0,
         "objects": [{"kind": "boulder", "diameter": 0.5, "position": [0, 0.7, 0]}]})
-    assert check_scene(s, build_parts(s)) == []
+    (text,) = check_scene(s, build_parts(s))
+    assert "sees no surface" in text
 
 
 def test_a_camera_inside_an_object_is_noticed():
@@ -180,10 +232,14 @@ def test_odd_exposures_are_noticed():
 def test_millimetres_taken_for_metres_are_noticed(tmp_path):
     vertices = 500.0 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) + [0, 0, -30]
     write_ply(tmp_path / "mm.ply", vertices, np.array([[0, 1, 2]]))
-    (text,) = warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply"}])
+    text = warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply"}])[0]
     assert text.startswith("objects.0: 500 m across")
     assert "scale: 0.001" in text
-    assert "scale: 1000" in warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply", "scale": 1e-6}])[0]
+    small = warnings(tmp_path=tmp_path, objects=[{"file": "mm.ply", "scale": 1e-6, "position": [0, 2, 1]}])
+    assert "only 0.0005 m across with scale: 1e-06" in small[0]
+    assert "check scale" in small[0]
+    write_ply(tmp_path / "km.ply", 1e-6 * vertices, np.array([[0, 1, 2]]))
+    assert "scale: 1000" in warnings(tmp_path=tmp_path, objects=[{"file": "km.ply", "position": [0, 2, 1]}])[0]
 
 
 # ------------------------------------------------------------------------------------------------------------- info
@@ -226,6 +282,18 @@ def test_the_vehicle_displaces_its_mass_and_its_buoyancy(buoyancy):
     s = scene(vehicle={"net_buoyancy": buoyancy})
     assert 1025.0 * 4.0 / 3.0 * np.pi * vehicle_radius(s) ** 3 == pytest.approx(40.0 + buoyancy / 9.81)
     assert vehicle_radius(s) == sphere(s.vehicle, s.gravity).radius
+
+
+def test_info_tells_where_cameras_are_how_far_apart_a_pair_is_and_what_was_not_given():
+    pair = [{"id": "L0", "position": [-0.06, 0, 0], "focal_mm": 3.4},
+            {"id": "R0", "position": [0.06, 0, 0], "rotation_euler_deg": [-90, 0, 0], "resolution": [64, 36],
+             "sensor_mm": [4.4, 2.4], "focal_mm": 3.4}, {"id": "M1"}]
+    info = json.loads(json.dumps(scene_info(scene(vehicle={"cameras": pair}), [])))
+    left, right, _ = info["cameras"]
+    assert (left["position"], left["looks_along"]) == ([-0.06, 0.0, 0.0], [0.0, 1.0, 0.0])
+    assert right["looks_along"] == [0.0, 0.0, -1.0]
+    assert (left["defaults"], right["defaults"]) == (["resolution", "sensor_mm"], [])
+    assert info["stereo"] == [{"cameras": ["L0", "R0"], "baseline_m": pytest.approx(0.12)}]
 
 
 # ------------------------------------------------------------------------------------------------------------ shutters

@@ -91,6 +91,38 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("look_at: [0, 5, 0]", "look_at: [0, 5, 0], rotation_euler_deg: [0, 0, 9]", "trajectory.waypoints.0", 13,
      "not both"),
     ("position: [0, 0, 0]", "position: [0, 0]", "trajectory.waypoints.0.position.2", 13, "is missing"),
+    # names of other tools
+    ("density: 0.125", "scattering: 0.1", "water.principled.scattering", 8, "Known here: density"),
+    ("mass_kg: 40", "cameras: [{K: [[900, 0, 640], [0, 900, 360], [0, 0, 1]]}]", "vehicle.cameras.0.K", 10,
+     "fx = focal_mm / sensor_mm[0] x width; the principal point is the middle of the image"),
+    ("mass_kg: 40", "cameras: [{fx: 900, fy: 900}]", "vehicle.cameras.0.fx", 10, "Intrinsics are resolution"),
+    ("mass_kg: 40", "cameras: [{image_size: [640, 480]}]", "vehicle.cameras.0.image_size", 10,
+     "Here it is resolution: Width and height of the image [pixels]."),
+    ("mass_kg: 40", "lights: [{power_w: 100}]", "vehicle.lights.0.power_w", 10, "Here it is intensity: Radiant"),
+    ("spp: 8", "samples: 8", "render.samples", 14, "Here it is spp: "),
+    ("kind: pipe, radius: 0.15, length: 2.0", "mesh: a.ply", "objects.0.mesh", 3, "Here it is file: "),
+    ("material: steel", "material: steal", "objects.0.material", 3, "(there are: steel). Did you mean 'steel'?"),
+    ("mass_kg: 40", "lights: [{kind: led_flood}]", "vehicle.lights.0", 10,
+     "led_flood is a file: give kind: profile and file: led_flood"),
+    # what a value should be, by its key
+    ("mass_kg: 40", "cameras: [{id: right}]", "vehicle.cameras.0.id", 10,
+     "'right': should be two letters or digits. Such as M0: Type (M mono"),
+    ("mass_kg: 40", "mass_kg: 18 kg", "vehicle.mass_kg", 10,
+     "'18 kg': should be a number from 0.001 to 1e+09. Give the number alone; the unit is kg."),
+    ("mass_kg: 40", "lights: [{kind: point, intensity: 5}]", "vehicle.lights.0.intensity", 10,
+     "5: should be a list of 3, each number from 0 to 1e+20. Such as [100.0, 100.0, 100.0]: Radiant intensity in every "
+     "direction for red, green and blue [W/sr]."),
+    ("look_at: [0, 5, 0]", "look_at: ahead", "trajectory.waypoints.0.look_at", 13, "'ahead': should be a list of 3"),
+    ("look_at: [0, 5, 0]", "look_at: [0, x, 0]", "trajectory.waypoints.0.look_at.1", 13, "'x': should be a number"),
+    ("mass_kg: 40", "cameras: [{port: {kind: flat, distance_m: 1}, n_water: sea}]", "vehicle.cameras.0.n_water", 10,
+     "'sea': should be a number from 1 to 3 or list of 3, each number from 1 to 3 or block"),
+    ("density: 0.125", "density: [1]", "water.principled.density", 8, "should be a number from 0 to 1e+06"),
+    ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: {kind: metal, roughness: rough}", "materials.steel.roughness", 6,
+     "should be a number from 0 to 1. Give a number."),
+    ("steel: {", "steel: {roughness: 0.1, ", "materials.steel.roughness", 6, "Blocks of kind metal or rust have it"),
+    ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: red", "materials.steel", 6, "should be a block. Give a block"),
+    ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list, each block. Begin each"),
+    ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):
     assert SMALL.count(old) == 1
@@ -110,6 +142,16 @@ def test_three_forms_of_water_at_once_are_refused(tmp_path):
 def test_the_first_problem_is_told_and_the_others_are_counted(tmp_path):
     error = refusal(tmp_path, SMALL.replace("0.125", "-1").replace("mass_kg: 40", "mass_kg: 0"))
     assert "(1 more problem: vehicle.mass_kg)" in error.message
+
+
+def test_keys_that_are_missing_are_told_as_missing(tmp_path):
+    """Beside a key with the name of another tool they would else seem to be wrong, too."""
+    start = SMALL.index("  principled")
+    other = "  coefficients:\n    absorption: [0.1, 0.1, 0.1]\n    b: [0.1, 0.1, 0.1]\n"
+    error = refusal(tmp_path, SMALL[:start] + other + SMALL[SMALL.index("vehicle:"):])
+    assert error.key == "water.coefficients.absorption"
+    assert "unknown key. Here it is sigma_a: Absorption coefficients for red, green and blue [1/m]" in error.message
+    assert "(1 more problem: water.coefficients.b; missing: sigma_s, sigma_a)" in error.message
 
 
 def test_a_key_given_twice_is_refused_since_yaml_would_drop_one(tmp_path):

@@ -6,9 +6,14 @@ import pytest
 import trimesh
 from PIL import Image
 
+from varos_warp.dataset.run.produce import select
 from varos_warp.errors import InputError
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.geometry.build import object_part
+from varos_warp.scene.hull import vehicle_radius
+from varos_warp.scene.lights.distribution import distribution
+from varos_warp.scene.load import load_scene, scene_from_dict
 from varos_warp.scene.named_files import check_textures, require_files
+from varos_warp.scene.source import located
 
 
 def scene(folder, **changes):
@@ -72,3 +77,56 @@ def test_textures_of_a_dae_file_are_told_to_be_unread(tmp_path):
     (tmp_path / "box.dae").write_text("<COLLADA><image><init_from>wood.png</init_from></image></COLLADA>")
     warning, = check_textures(scene(tmp_path, objects=[{"file": "box.dae"}]))
     assert "those of DAE files are not read" in warning
+
+
+SCENE = """
+trajectory: {poses: [{position: [0, 0, 0]}]}
+terrain:
+  file:
+    - floor.obj
+    - flor.obj
+objects:
+  - {file: floor.obj}
+vehicle:
+  lights:
+    - {kind: profile, file: lamp.csv}
+  net_buoyancy: -1000
+"""
+
+
+def refusal(path, task, overrides=()):
+    """What is said when a task for a scene file, loaded before, fails."""
+    scene = load_scene(path, overrides)
+    with pytest.raises(InputError) as error, located(scene):
+        task(scene)
+    return error.value.message.replace(str(path.parent), "HERE")
+
+
+def test_what_is_found_after_loading_is_told_with_file_line_and_value_of_the_scene(tmp_path):
+    path, floor = tmp_path / "scene.yaml", tmp_path / "floor.obj"
+    path.write_text(SCENE)
+    floor.touch()
+    assert refusal(path, require_files) == ("HERE/scene.yaml:6: terrain.file.1 = 'flor.obj': there is no such mesh "
+                                            "file (HERE/flor.obj). Did you mean 'floor.obj'?")
+    assert refusal(path, require_files, ["terrain.file=flor.obj"]).startswith("--set terrain.file=flor.obj: terrain.")
+    lamp = refusal(path, lambda scene: distribution(scene.lights[0], scene))
+    assert lamp.startswith("HERE/scene.yaml:11: vehicle.lights.0.file = 'lamp.csv': there is no such")
+    assert refusal(path, build_object).startswith("HERE/scene.yaml:8: objects.0.file = 'floor.obj': the mesh file is "
+                                                  "empty (0 bytes) (HERE/floor.obj). Copy")
+    assert refusal(path, vehicle_radius).startswith("HERE/scene.yaml:12: vehicle.net_buoyancy = -1000.0: would leave")
+    (tmp_path / "lamp.csv").write_text("angle_deg,intensity\n0,1\n9,-1\n")
+    assert "HERE/lamp.csv:3: vehicle.lights.0.file" in refusal(path, lambda scene: distribution(scene.lights[0], scene))
+
+
+def test_what_is_not_of_the_scene_stays_as_it_is_told(tmp_path):
+    def refuse(scene):
+        raise InputError("are too old", file=tmp_path / "dataset.json", key="render.outputs", value="A")
+
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    assert refusal(tmp_path / "scene.yaml", refuse) == "HERE/dataset.json: render.outputs = 'A': are too old"
+    option = refusal(tmp_path / "scene.yaml", lambda scene: select(slice(5, 9), 2))
+    assert option.startswith("frames = '5:9:': names no frame")
+
+
+def build_object(scene):
+    object_part(scene, scene.objects[0], "objects.0")

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
-from varos_warp.scene.schema import UNITS, explain, find_key, json_schema, unit_of
+from varos_warp.scene.schema import FORMS, UNITS, explain, find_key, json_schema, unit_of
 from varos_warp.scene.templates import TEMPLATES, template_text
 
 SCHEMA = json_schema()
@@ -58,6 +58,12 @@ def test_examples_are_values_that_the_key_accepts():
     for key, entry, _ in KEYS:
         for example in entry.get("examples", ()):
             assert fits(example, entry), (key, example)
+
+
+def test_the_form_of_every_text_has_words():
+    entries = [json.dumps(entry) for _, entry, _ in KEYS]
+    assert {json.loads(text) for entry in entries for text in re.findall(r'"pattern": ("[^"]*")', entry)} == set(FORMS)
+    assert "value:   two letters or digits" in explain("vehicle.cameras.id")
 
 
 # ---------------------------------------------------------------------------------------- what an editor would mark

@@ -24,21 +24,29 @@ from varos_warp.cli.tables import print_json, print_plan
 @verb
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
     """Choose the integrator and the samples, and say why and how long a run will take."""
+    from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import keep_plan, plan_sequence
     from varos_warp.dataset.run.produce import select, simulated
     from varos_warp.render.renderer import FrameRenderer
+    from varos_warp.scene.checks import check_scene
     from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.load import load_scene
     from varos_warp.scene.named_files import require_files
+    from varos_warp.scene.source import located
+    from varos_warp.sim.trajectory import path_samples
 
     device = resolve_device(choices.device)
     loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
-    require_files(loaded)
-    simulation = simulated(loaded, quiet, [])  # what a DVL reads is not looked at
-    poses = list(simulation.frames.poses())
-    wanted = [poses[frame] for frame in select(chosen, len(poses))]
-    renderer = FrameRenderer(loaded, device)
-    planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
+    with located(loaded):
+        require_files(loaded)
+        simulation, parts = simulated(loaded, quiet, []), build_parts(loaded)  # what a DVL reads is not looked at
+        poses = list(simulation.frames.poses())
+        wanted = [poses[frame] for frame in select(chosen, len(poses))]
+        for warning in check_scene(loaded, parts, path_samples(simulation)):
+            Console(quiet).tell(f"note: {warning}")
+        renderer = FrameRenderer(loaded, device, parts)
+        planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
     keep_plan(loaded, renderer, wanted, planned)
     result = planned.to_dict()
     if json_:

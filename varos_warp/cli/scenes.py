@@ -56,10 +56,12 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
     """Tell what a run of a scene would make and how long it takes, and warn of what looks wrong."""
     from varos_warp.scene.load import load_scene
     from varos_warp.scene.named_files import require_files
+    from varos_warp.scene.source import located
 
     loaded = load_scene(scene, set_ or ())
-    require_files(loaded)
     seen = [loaded.observed_by(vehicle.id) for vehicle in loaded.vehicles or ()] or [loaded]
+    with located(loaded):
+        require_files(loaded)
     facts = [_facts(alone, quiet) for alone in seen]
     if json_:
         print_json(dict(zip([alone.vehicle.id for alone in seen], facts, strict=True)) if loaded.vehicles else facts[0])
@@ -78,11 +80,13 @@ def _facts(scene, quiet: bool) -> dict:
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
     from varos_warp.scene.geometry.build import build_parts
+    from varos_warp.scene.source import located
     from varos_warp.sim.trajectory import course_facts, path_samples
 
-    parts = build_parts(scene)
-    simulation = simulated(scene, quiet, parts)
-    facts, found = scene_info(scene, parts), check_scene(scene, parts, path_samples(simulation))
+    with located(scene):
+        parts = build_parts(scene)
+        simulation = simulated(scene, quiet, parts)
+        facts, found = scene_info(scene, parts), check_scene(scene, parts, path_samples(simulation))
     facts["trajectory"] |= course_facts(simulation)
     return {**facts, "dataset": dataset_facts(scene, len(simulation.frames)),
             "shutters": shutter_facts(scene, parts, simulation), "warnings": found + simulation.messages}

@@ -74,24 +74,42 @@ def print_info(facts: dict) -> None:
                  [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
                    f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
                    f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}"] for c in facts["cameras"]])
+    _print_mounts(facts)
     print_table(["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
                  [[s["id"], f"{1e3 * s['exposure_s']:g}", f"{1e3 * s['readout_s']:g}", f"{s['streak_px']:.3g}",
                    f"{s['skew_px']:.3g}"] for s in facts["shutters"]])
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    str(light["intensity"])] for i, light in enumerate(facts["lights"])])
-    print_table(["mesh", "vertices", "triangles", "size [m]"],
+    print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
-                   " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True))]
-                  for m in facts["meshes"]])
+                   " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
+                   *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+
+
+def _print_mounts(facts: dict) -> None:
+    """Where cameras are and look, how far apart the two of a pair are, and what was not asked for."""
+    print_table(["camera", "on", "position [m]", "looks along"],
+                [[c["id"], f"the {c['mount']}", _place(c["position"]), _place(c["looks_along"])]
+                 for c in facts["cameras"]])
+    for pair in facts["stereo"]:
+        print(f"stereo pair {', '.join(pair['cameras'])}: baseline {pair['baseline_m']:.4g} m")
+    for c in facts["cameras"]:
+        if c["defaults"]:
+            print(f"camera {c['id']}: not given, so those of the paper's camera: {', '.join(c['defaults'])}")
+
+
+def _place(values: list[float]) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in values)})"
 
 
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
     samples = f"{dataset['spp']} samples per pixel of A" + " (the planner chooses them)" * dataset["spp_is_planned"]
-    print(f"dataset: {dataset['frames']} frames, {dataset['images']} images, about {_size(dataset['bytes'])}, roughly "
-          f"{_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
+    through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
+    print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "
+          f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
 
 
 def _size(count: float) -> str:

@@ -31,6 +31,7 @@ from varos_warp.scene.files import is_file
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.load import load_scene
 from varos_warp.scene.optics.shutter import open_ns
+from varos_warp.scene.source import located
 
 MOST_SPP = 64
 """Samples per pixel at which an image is good enough, where the scene names none."""
@@ -221,6 +222,10 @@ class _EditedScene:
         self._stamps = {self.path: _stamp(self.path)}  # before it is read: what is saved meanwhile is a change
         scene = load_scene(self.path, self.overrides)
         self._stamps |= files_named(scene, scene.model_dump())
+        with located(scene):
+            return self._view(scene)
+
+    def _view(self, scene: Scene) -> View:
         cameras = [smaller(camera, self.viewpoint.width) for camera in scene.vehicle.cameras]
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
         camera = _camera(cameras, self.viewpoint.camera)

@@ -7,11 +7,11 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
+from varos_warp.scene.frames import attitude, attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
-from varos_warp.scene.geometry.query import clearance, is_inside
+from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.named_files import check_textures
@@ -23,6 +23,11 @@ PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
 """Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
+GRID, MOST_STOPS = 16, 50
+"""Rays along each side of an image, and stops, from which surfaces are looked for."""
+FARTHEST_MOUNT_M, FARTHEST_MOUNT = 5.0, 10.0
+"""How far from the vehicle's origin something on it may be: metres, or radii of the vehicle if they are more."""
+LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
 
 
 def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None = None) -> list[str]:
@@ -43,21 +48,23 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    found = [*check_textures(scene), *_check_water(scene), *_check_sizes(parts), *_check_reach(scene, parts),
-             *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
+    found = [*check_textures(scene), *_check_water(scene), *_check_sizes(scene, parts), *_check_reach(scene, parts),
+             *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
              *_check_inside(scene, solids, poses), *_check_starts(parts), *_check_lamps_in_bodies(scene, parts),
-             *at_stops, *on_the_way]
+             *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
+    found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
-    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory``."""
+    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``trajectory`` ..."""
     find_course(scene, parts)
     pattern, body = scene.trajectory.pattern, scene.vehicle.rigid_body
     return {
         "name": scene.name,
         "water": water_info(scene),
         "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
+        "stereo": _pairs(scene.vehicle.cameras),
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
@@ -99,7 +106,8 @@ def water_info(scene: Scene) -> dict:
 def camera_info(camera) -> dict:
     """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees].
 
-    The view is that in the water, behind the port.
+    The view is that in the water, behind the port. ``position`` [m] and ``looks_along`` are in the axes of the mount;
+    ``defaults`` are keys that the scene file leaves to the paper's camera.
     """
     K, model = intrinsics(camera), camera_model(camera)
     fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
@@ -108,7 +116,18 @@ def camera_info(camera) -> dict:
     return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
             "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
             "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
-            "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1]}
+            "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1], "mount": camera.mount,
+            "position": list(camera.position), "looks_along": (attitude(camera)[:, 1].round(6) + 0.0).tolist(),
+            "defaults": [key for key in LENS_KEYS if key not in camera.model_fields_set]}
+
+
+def _pairs(cameras) -> list[dict]:
+    """Left and right cameras of one number, and their distance [m]."""
+    known = {camera.id.upper(): camera for camera in cameras}
+    pairs = [(left, known[f"R{name[1]}"]) for name, left in known.items() if name[0] == "L" and f"R{name[1]}" in known]
+    return [{"cameras": [left.id, right.id],
+             "baseline_m": float(np.linalg.norm(np.subtract(left.position, right.position)))}
+            for left, right in pairs if left.mount == right.mount]
 
 
 def _gather(scene, parts, poses, path):
@@ -159,18 +178,29 @@ def _check_water(scene):
     return []
 
 
-def _check_sizes(parts):
+def _check_sizes(scene, parts):
     """Sizes that no sea floor or man-made object has; a factor of 1000 suggests millimetres."""
     warnings = []
     for part in parts:
         first = next(box.vertices for box in part.boxes())  # of a scatter, one of the copies
         size = float(np.ptp(first, axis=0).max())
         largest, smallest = (50e3, 1.0) if part.name == "terrain" else (100.0, 2e-3)
-        if size > largest:
-            warnings.append(f"{part.name}: {size:.4g} m across; if its file is in millimetres, give scale: 0.001")
-        elif size < smallest:
-            warnings.append(f"{part.name}: only {size:.3g} m across; if its file is in kilometres, give scale: 1000")
+        if smallest <= size <= largest:
+            continue
+        only, unit, scale = ("only ", "kilometres", 1000) if size < smallest else ("", "millimetres", 0.001)
+        given = _scale_of(scene, part.name)
+        how, remedy = (f" with scale: {given}", "check scale; parts are in metres") if given != 1.0 else (
+            "", f"if its file is in {unit}, give scale: {scale}")
+        warnings.append(f"{part.name}: {only}{size:.4g} m across{how}; {remedy}")
     return warnings
+
+
+def _scale_of(scene, name):
+    """Scale that the scene file gives a part; 1 of a vehicle's body."""
+    kind, _, number = name.partition(".")
+    if kind == "scatter":
+        return scene.scatter[int(number)].object.scale
+    return scene.terrain.scale if kind == "terrain" else scene.objects[int(number)].scale if kind == "objects" else 1.0
 
 
 def _check_reach(scene, parts):
@@ -184,6 +214,22 @@ def _check_reach(scene, parts):
         return []
     return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
             f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several scenes"]
+
+
+def _check_mounts(scene):
+    """What would hang far outside of the vehicle: positions in millimetres."""
+    vehicle, warnings = scene.vehicle, []
+    reach = max(FARTHEST_MOUNT_M, FARTHEST_MOUNT * vehicle_radius(scene))
+    mounted = {f"vehicle.cameras.{i} ({camera.id})": camera for i, camera in enumerate(vehicle.cameras)
+               if camera.mount == "vehicle"}
+    mounted |= {f"vehicle.lights.{i}": light for i, light in enumerate(vehicle.lights)}
+    mounted |= {f"vehicle.{name}": getattr(vehicle, name) for name in ("imu", "depth_gauge", "magnetometer", "dvl")}
+    for key, block in mounted.items():
+        if block is not None and (distance := np.linalg.norm(block.position)) > reach:
+            example = next(abs(x) for x in block.position if x)
+            warnings.append(f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
+                            f"({example / 1000:g} for {example:g} mm)")
+    return warnings
 
 
 def _check_cameras(scene):
@@ -271,7 +317,7 @@ def _check_inside(scene, parts, poses):
                           "m)", "; surface_depth_m is the depth of world z = 0"))
         for wrong, what, remark in found:
             if wrong.any():
-                where = "" if fixed else f" at {_stop(scene)} {_numbers(np.flatnonzero(wrong))}"
+                where = "" if fixed else f" at {_which(scene, wrong)}"
                 warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
     return warnings
 
@@ -310,12 +356,71 @@ def _check_stops(scene, parts, stops):
         under, distance = _inside(part, stops), clearance(part.vertices, part.faces, stops, radius)
         close = np.isfinite(distance) & ~under
         if under.any():
-            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(under))} is {_within(part)}")
+            height = f", whose height there is {_height(part, stops[under])}" if part.name == "terrain" else ""
+            lost = "; nothing of it is seen from there: raise the course, or lower the terrain" if under.all() else ""
+            warnings.append(f"trajectory: {_which(scene, under)} {_are(under)} {_within(part)}{height}{lost}")
         if close.any():
-            warnings.append(f"trajectory: {_stop(scene)} {_numbers(np.flatnonzero(close))} is nearer to {part.name} "
+            warnings.append(f"trajectory: {_which(scene, close)} {_are(close)} nearer to {part.name} "
                             f"than the vehicle's radius of {radius:.2f} m ({distance[close].min():.2f} m)")
         touching |= under | close
     return warnings, stops[touching]
+
+
+def _height(terrain, stops):
+    """Height of the terrain over places, in words."""
+    tops = [float(z[-1]) for z in heights_at(terrain.vertices, terrain.faces, stops[:, :2]) if len(z)]
+    low, high = min(tops), max(tops)
+    return f"{low:.2f} m" if high - low < 0.005 else f"{low:.2f} to {high:.2f} m"
+
+
+def _check_sight(scene, parts, poses):
+    """Cameras that have no surface in sight at most of the stops; where things move, one may come into it."""
+    if not parts or scene.moving:
+        return []
+    warnings, reach = [], scene.render.depth_range_m[1]
+    boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for part in parts for box in part.boxes()])
+    chosen = np.unique(np.linspace(0, len(poses) - 1, MOST_STOPS).astype(int))
+    for i, camera in enumerate(scene.vehicle.cameras):
+        fixed = camera.mount == "world"
+        T_w_c = camera_pose(camera, np.array([np.eye(4)] if fixed else [poses[stop] for stop in chosen]))
+        blind = ~_sees(parts, boxes, camera, T_w_c, reach)
+        if 2 * np.count_nonzero(blind) <= len(blind):
+            continue
+        first, low, high = T_w_c[int(np.argmax(blind))], boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        lost = np.zeros(len(poses), bool)
+        lost[chosen] = blind
+        if blind.all():
+            lost[:] = True
+        where = "" if fixed else f" at {_which(scene, lost)}"
+        warnings.append(f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
+                        f"{where}: D holds nothing there, A little but water; "
+                        f"{'it' if fixed else f'{_stop(scene)} {np.argmax(lost)}'} is at {_place(first[:3, 3])}, "
+                        f"terrain and objects from {_place(low)} to {_place(high)}")
+    return warnings
+
+
+def _sees(parts, boxes, camera, T_w_c, reach):
+    """Whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
+    model, (width, height) = camera_model(camera), camera.resolution
+    x, y = ((np.arange(GRID) + 0.5) * side / GRID for side in (width, height))
+    rays = model.rays(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
+    seen = rays.weight > 0.0
+    R, start = T_w_c[:, None, :3, :3], T_w_c[:, None, :3, 3]
+    origin = (R @ rays.origin[seen][..., None])[..., 0] + start
+    along = (R @ rays.direction[seen][..., None])[..., 0]
+    t = ranges(parts, origin.reshape(-1, 3), along.reshape(-1, 3), reach)
+    found = np.isfinite(t).reshape(len(T_w_c), -1).any(axis=1)
+    middles = boxes.mean(axis=1)
+    for k in np.flatnonzero(~found):
+        points = (middles - T_w_c[k, :3, 3]) @ T_w_c[k, :3, :3]
+        points = points[np.linalg.norm(points, axis=1) < reach]
+        pixels = model.project(points)
+        found[k] = ((pixels >= 0.0) & (pixels <= camera.resolution)).all(axis=1).any()
+    return found
+
+
+def _place(point):
+    return f"({', '.join(f'{x:.4g}' for x in np.round(point, 3) + 0.0)})"
 
 
 def _check_path(scene, parts, path, told):
@@ -368,5 +473,16 @@ def _stop(scene):
     return "waypoint" if scene.trajectory.poses is None else "pose"
 
 
-def _numbers(indices):
-    return ", ".join(map(str, indices[:5])) + (f" and {len(indices) - 5} more" if len(indices) > 5 else "")
+def _which(scene, chosen):
+    """Stops in words, of bool [N]: waypoint 3; waypoints 0, 1 and 71 more; all 73 waypoints."""
+    numbers, name = np.flatnonzero(chosen), _stop(scene)
+    if len(numbers) == 1:
+        return f"{name} {numbers[0]}"
+    if len(numbers) == len(chosen):
+        return f"all {len(numbers)} {name}s"
+    more = f" and {len(numbers) - 5} more" if len(numbers) > 5 else ""
+    return f"{name}s {', '.join(map(str, numbers[:5]))}{more}"
+
+
+def _are(chosen):
+    return "are" if np.count_nonzero(chosen) > 1 else "is"

@@ -1,10 +1,14 @@
 """Scene files and the files that they name: whether they exist, and their text."""
 
+import itertools
 import os
 from pathlib import Path
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 from varos_warp.limits import check_limit
+
+MOST_NAMES = 10_000
+"""Of a folder that are looked at for one like another."""
 
 
 def is_file(path: Path) -> bool:
@@ -35,7 +39,17 @@ def require_file(path: Path, what: str, remedy: str, key: str | None = None) -> 
     """
     if not is_file(path):
         problem = f"there is no such {what}" + (": this is a folder" if os.path.isdir(path) else "")
-        raise InputError(problem, file=path, key=key, remedy=remedy)
+        raise InputError(problem, file=path, key=key, remedy=like_it(path) or remedy)
+
+
+def like_it(path: Path) -> str | None:
+    """Remedy for a file that is not there, if one beside it has a name much like it."""
+    try:
+        with os.scandir(path.parent) as entries:
+            names = [entry.name for entry in itertools.islice(entries, MOST_NAMES) if entry.is_file()]
+    except (OSError, ValueError):
+        return None
+    return did_you_mean(path.name, names)
 
 
 def read_text(path: Path, what: str, remedy: str, key: str | None = None) -> str:

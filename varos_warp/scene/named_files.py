@@ -10,7 +10,7 @@ from urllib.parse import unquote
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
-from varos_warp.scene.files import is_file
+from varos_warp.scene.files import is_file, like_it
 
 MOST_BYTES = 1 << 24
 """Of a file's text that is searched for names."""
@@ -30,7 +30,7 @@ def require_files(scene: Scene) -> None:
     also = f" Missing, too: {', '.join(others[:5])}{', ...' * (len(others) > 5)}." if others else ""
     known = f"Give {' or '.join(GROUND_TEXTURES)}, or the path" if what == "image" else "Paths are"
     raise InputError(f"there is no such {what} file", file=path, key=key,
-                     remedy=f"{known} relative to the scene file.{also}")
+                     remedy=f"{like_it(path) or f'{known} relative to the scene file.'}{also}")
 
 
 def check_textures(scene: Scene) -> list[str]:

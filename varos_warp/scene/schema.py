@@ -1,6 +1,5 @@
 """The JSON Schema of scene files, for editors and the docs, and what it says of one key in plain words."""
 
-import difflib
 import json
 import re
 from collections.abc import Iterator
@@ -8,9 +7,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import Scene
 
 UNITS = frozenset((
@@ -20,6 +20,9 @@ UNITS = frozenset((
 """What may stand in brackets in the description of a key: its unit."""
 KIND_KEYS = ("kind", "model")
 """Keys that tell which of several blocks one is."""
+FORMS = {r"^[0-9a-zA-Z]$": "a letter or digit", r"^[0-9a-zA-Z]{2}$": "two letters or digits",
+         r"^M\d+(\.\d+)?$": "M and a number, such as M24", r"^(terrain|objects\.\d+)$": "terrain or objects.NUMBER"}
+"""What a text of each form is, in words."""
 
 
 class _Generator(GenerateJsonSchema):
@@ -30,15 +33,19 @@ class _Generator(GenerateJsonSchema):
 
 
 @cache
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit."""
-    schema = Scene.model_json_schema(schema_generator=_Generator)
-    schema["required"].remove("trajectory")  # or each of the vehicles has one
+def json_schema(model: type[BaseModel] = Scene) -> dict[str, Any]:
+    """JSON Schema of the scene file, not to be changed; keys have a description, and ``x-unit`` if they have a unit.
+
+    Or that of another file, of one ``model``.
+    """
+    schema = model.model_json_schema(schema_generator=_Generator)
+    if model is Scene:
+        schema["required"].remove("trajectory")  # or each of the vehicles has one
     for block in (schema, *schema["$defs"].values()):
         for key, entry in block.get("properties", {}).items():
             if "const" in entry and key in KIND_KEYS:
                 entry.setdefault("description", f"Tells what this is. {block['description']}")
-            if unit := unit_of(entry["description"]):
+            if unit := unit_of(entry.get("description", "")):
                 entry["x-unit"] = unit
     return {"$schema": GenerateJsonSchema.schema_dialect, **schema, "title": "Scene file of varos-warp"}
 
@@ -62,7 +69,7 @@ class Entry:
     required: bool
 
 
-def find_key(key: str) -> list[Entry]:
+def find_key(key: str, model: type[BaseModel] = Scene) -> list[Entry]:
     """What the schema says of a key such as ``vehicle.cameras.port``; more than one entry if kinds of block differ.
 
     Items of lists need no number and materials no name; a part may name a kind: ``objects.pipe.radius``.
@@ -70,7 +77,7 @@ def find_key(key: str) -> list[Entry]:
     Raises:
         InputError: There is no such key.
     """
-    root = json_schema()
+    root = json_schema(model)
     blocks, found, named = [root], [], False
     for part in key.split("."):
         if part.isdecimal():
@@ -132,9 +139,8 @@ def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
 
 def _unknown(key: str, part: str, blocks: list[dict]) -> InputError:
     known = list(dict.fromkeys(name for block in blocks for name in block.get("properties", {})))
-    near = difflib.get_close_matches(part, known, 1)
     listing = f"Known there: {', '.join(known)}." if known else "It is no block, nothing is under it."
-    return InputError(f"no key '{part}'", key=key, remedy=f"Did you mean '{near[0]}'?" if near else listing)
+    return InputError(f"no key '{part}'", key=key, remedy=did_you_mean(part, known) or listing)
 
 
 # -------------------------------------------------------------------------------------------------------------- words
@@ -152,27 +158,28 @@ def explain(key: str) -> str:
 
 def _explained(path, entry, root) -> Iterator[str]:
     yield path + (f" (of {', '.join(entry.kinds)})" if entry.kinds else "")
-    yield f"  {_plain(entry.schema['description'])}"
+    yield f"  {plain(entry.schema['description'])}"
     yield from (f"  {name + ':':9}{words}" for name, words in facts(entry).items() if words)
     for block in blocks_in(entry.schema, root):
         kind = kind_of(block)
         yield ""
-        yield f"  {f'kind {kind}' if kind else 'keys'}: {_plain(block['description'].splitlines()[0])}"
+        yield f"  {f'kind {kind}' if kind else 'keys'}: {plain(block['description'].splitlines()[0])}"
         names = [name for name in block["properties"] if name not in KIND_KEYS or kind is None]
         rows = [(name, _default(inner), inner) for name in names for inner in entries(name, [block])]
         wide, deep = (max((len(row[column]) for row in rows), default=0) for column in (0, 1))
-        yield from (f"    {name:{wide}} {default:{deep}} {_plain(inner.schema['description'])}"
+        yield from (f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}"
                     for name, default, inner in rows)
 
 
 def facts(entry: Entry) -> dict[str, str]:
     """What a key may be, its unit, default and example, in words; empty where there is none."""
-    return {"value": _words(entry.schema), "unit": entry.schema.get("x-unit", ""),
+    return {"value": in_words(entry.schema), "unit": entry.schema.get("x-unit", ""),
             "default": _default(entry) if entry.required or "default" in entry.schema else "",
             "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
+    """A description as one line without markup."""
     return " ".join(text.replace("``", "").split())
 
 
@@ -188,21 +195,23 @@ def _value(value) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _words(schema: dict, several: bool = False) -> str:
+def in_words(schema: dict, several: bool = False) -> str:
     """What a value may be, or several, with its bounds."""
     choices = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
     if choices:
-        return " or ".join(dict.fromkeys(filter(None, (_words(choice, several) for choice in choices))))
+        return " or ".join(dict.fromkeys(filter(None, (in_words(choice, several) for choice in choices))))
     if "enum" in schema or "const" in schema:
         return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
     lists = "lists" if several else "list"
     if "prefixItems" in schema:
         items = schema["prefixItems"]
-        alike = len(set(map(_words, items))) == 1
-        return (f"{lists} of {len(items)} {_words(items[0], several=True)}" if alike else
-                f"{lists} of {len(items)}: {', '.join(map(_words, items))}")
+        alike = len(set(map(in_words, items))) == 1
+        return (f"{lists} of {len(items)} {in_words(items[0], several=True)}" if alike else
+                f"{lists} of {len(items)}: {', '.join(map(in_words, items))}")
     if schema.get("type") == "array":
-        return f"{lists} of {_words(schema['items'], several=True)}"
+        return f"{lists} of {in_words(schema['items'], several=True)}"
+    if "pattern" in schema:
+        return FORMS[schema["pattern"]]
     words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "",
              "object": "blocks by name"}.get(schema.get("type", ""), "block")
     return words + "s" * (several and words in ("number", "whole number", "text", "block")) + _bounds(schema)
@@ -213,8 +222,6 @@ def _bounds(schema: dict) -> str:
         return f" from {_bound(schema['minimum'])} to {_bound(schema['maximum'])}"
     names = {"minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below"}
     found = [f"{word} {_bound(schema[name])}" for name, word in names.items() if name in schema]
-    if "pattern" in schema:
-        found.append(f"of the form {schema['pattern']}")
     return f" {' and '.join(found)}" if found else ""
 
 

@@ -1,8 +1,7 @@
 """Scene files that come with the package, to begin with."""
 
-import difflib
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.load import DATA
 
 SCHEMA_FILE = "varos-warp.schema.json"
@@ -33,8 +32,7 @@ def template_text(name: str = "starter") -> str:
     """
     known = name.replace("-", "_")
     if known not in TEMPLATES:
-        near = difflib.get_close_matches(known, TEMPLATES, 1)
         raise InputError("there is no such template", key="--template", value=name,
-                         remedy=f"Did you mean '{near[0]}'?" if near else f"Use one of {', '.join(TEMPLATES)}.")
+                         remedy=did_you_mean(known, TEMPLATES) or f"Use one of {', '.join(TEMPLATES)}.")
     path = DATA / ("starter.yaml" if known == "starter" else f"templates/{known}.yaml")
     return f"# yaml-language-server: $schema={SCHEMA_FILE}\n{path.read_text(encoding='utf-8')}"

@@ -7,14 +7,16 @@ import time
 
 import numpy as np
 import pytest
-from standins import FlatFloorRenderer, make_scene, tree
+from standins import FlatFloorRenderer, make_scene, scene_dict, tree
 
 from varos_warp.dataset import files
+from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce, select
 from varos_warp.dataset.timing import BESIDE, MAIN
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError
+from varos_warp.scene.load import scene_from_dict
 
 
 def run(out, render=None, *, stop_after=None, scene=None, **options):
@@ -37,6 +39,17 @@ def test_a_plain_run_makes_every_image_of_every_camera(written):
             assert len(list((data.layout.camera_dir(camera) / output).glob("*.png"))) == 10
     assert (written / "contact_sheet.png").is_file()
     assert not list(written.rglob(".*"))
+
+
+@pytest.mark.parametrize(("cameras", "unit"), [(1, "frames"), (2, "views")])
+def test_progress_counts_frames_or_each_view_of_several_cameras(tmp_path, monkeypatch, cameras, unit):
+    made = []
+    monkeypatch.setattr(Console, "progress", lambda self, *what: made.append(what) or Progress(*what, quiet=True))
+    data = scene_dict()
+    data["vehicle"]["cameras"] = data["vehicle"]["cameras"][:cameras]
+    data["render"]["outputs"] = ["D"]
+    run(tmp_path, scene=scene_from_dict(data), frames=slice(0, 3))
+    assert made[-1] == ("rendering", 3 * cameras, unit)
 
 
 def test_running_twice_changes_nothing_and_renders_nothing(written, tmp_path):

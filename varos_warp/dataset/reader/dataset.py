@@ -60,13 +60,15 @@ class Dataset:
     It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
     first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
     may share it; it pickles as its path, so worker processes may have it, too. In all methods ``camera`` is the id of a
-    camera, by default the first; ``frame`` the number of a frame in the sequence; ``output`` the letter of an image.
+    camera, by default the first; ``frame`` the number of a frame in the sequence, as in the names of its files;
+    ``output`` the letter of an image.
 
     Args:
         root: Folder that holds ``dataset.json``.
 
     Raises:
-        InputError: If there is no readable dataset; reading methods raise it for damaged or missing files.
+        InputError: If there is no readable dataset; reading methods raise it for damaged or missing files, and
+            IndexError for a frame that the dataset has not.
     """
 
     def __init__(self, root: str | Path):
@@ -132,7 +134,8 @@ class Dataset:
     def _index(self, number: int) -> int:
         index = bisect.bisect_left(self.frames, number)
         if number not in self.frames[index:index + 1]:
-            raise IndexError(f"there is no frame {number}: the dataset has {runs(self.frames)}, the ends exclusive")
+            known = ", ".join(f"{a} to {b - 1}" if b - a > 1 else f"{a}" for a, b in runs(self.frames)) or "none"
+            raise IndexError(f"there is no frame {number}: the dataset has {known}; data[0] is the first that is there")
         return index
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -221,7 +224,7 @@ class Dataset:
 
         ``truth``: of A, without the camera noise that it may have.
         """
-        camera = self._camera(camera)
+        camera, _ = self._camera(camera), self._index(frame)
         clean = truth and output == "A" and self.has_noise("A")
         return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
 
@@ -241,15 +244,19 @@ class Dataset:
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
-        path = self.layout.exr(self._camera(camera), output, frame)
+        path = self._exr(output, frame, camera)
         return np.stack(_channels(path, files.read_exr(path), *"RGB"), -1).astype(np.float32)
 
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
-        path = self.layout.exr(self._camera(camera), "F", frame)
+        path = self._exr("F", frame, camera)
         u, v, x, y, z, occluded = _channels(path, files.read_exr(path), "flow.u", "flow.v", "motion.x", "motion.y",
                                             "motion.z", "occluded")
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
+
+    def _exr(self, output: str, frame: int, camera: str | None) -> Path:
+        self._index(frame)
+        return self.layout.exr(self._camera(camera), output, frame)
 
     def next_T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray | None:
         """Pose [4, 4] of a camera at the next frame of the sequence, to which F is the flow; None if not on record.

@@ -15,7 +15,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
-from varos_warp.dataset.progress import Console
+from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered
 from varos_warp.dataset.run.workers import run_in_workers
@@ -35,6 +35,7 @@ from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.named_files import require_files
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.source import located
 from varos_warp.sim.clock import frame_time_ns
 
 
@@ -95,7 +96,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     try:
         folder.open_folder(scene, layout)  # before anything is made or removed there
         # n workers and their parent share the folder as n + 1
-        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard):
+        with folder.claimed(layout.root, (workers, workers + 1) if workers else shard), located(scene):
             previous = folder.open_folder(scene, layout)
             if images and previous is None:
                 require_files(scene)
@@ -234,7 +235,7 @@ class _Run:
         if not self.work:
             return
         try:
-            with self.console.progress("rendering", len(self.work)) as progress:
+            with self.rendering() as progress:
                 results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
                                          tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
@@ -272,6 +273,11 @@ class _Run:
                     self.record.write_checksums()
         finally:
             self.write_log()
+
+    def rendering(self) -> Progress:
+        """How far the rendering is: a frame is one job, or one for each of several cameras."""
+        unit = "frames" if len(self.layout.cameras) == 1 else "views"
+        return self.console.progress("rendering", len(self.work), unit)
 
     def lacks_segments(self, images: bool) -> bool:
         """Whether what tells what S means is to be made, though no image is."""
@@ -417,7 +423,7 @@ class _Run:
         """
         if not self.work:
             return
-        with self.console.progress("rendering", len(self.work)) as progress:
+        with self.rendering() as progress:
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)

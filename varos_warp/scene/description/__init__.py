@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
+from varos_warp.errors import did_you_mean
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.lights import Light
@@ -68,6 +69,8 @@ class Scene(Block):
 
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
+    _source: Any = PrivateAttr(default=None)
+    """Where its keys stand in the file (scene/source.py)."""
     _written = written_otherwise(
         lambda scene: ("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer"))
 
@@ -111,7 +114,9 @@ class Scene(Block):
         for key, placed in blocks:
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
-                raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})")
+                near = did_you_mean(placed.material, self.materials)
+                raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})"
+                                 + (f". {near}" if near else ""))
         return self
 
     @model_validator(mode="after")

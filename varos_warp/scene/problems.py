@@ -1,0 +1,268 @@
+"""What is wrong with a scene file, in plain words: the errors of validation as messages that name a remedy."""
+
+import re
+import typing
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from varos_warp.errors import InputError, did_you_mean
+from varos_warp.scene.description import LAMPS
+from varos_warp.scene.schema import KIND_KEYS, Entry, facts, find_key, in_words, plain
+from varos_warp.scene.source import Source
+
+ELSEWHERE = {
+    "sigma_a": ("a", "absorption", "absorption_coefficient", "absorption_coefficients", "mu_a"),
+    "sigma_s": ("b", "scattering", "scattering_coefficient", "scattering_coefficients", "mu_s"),
+    "resolution": ("size", "image_size", "width", "height", "image_width", "image_height"),
+    "focal_mm": ("f", "focal_length", "focal_length_mm"),
+    "f_stop": ("aperture", "f_number", "fnumber"),
+    "distortion": ("dist", "dist_coeffs", "distortion_coefficients", "distortion_coeffs"),
+    "position": ("translation", "xyz", "origin", "location", "t"),
+    "rotation_euler_deg": ("rotation", "rpy", "orientation", "euler", "quaternion"),
+    "intensity": ("power", "power_w", "watts", "energy", "lumens", "brightness"),
+    "cone_deg": ("angle", "beam_angle", "cone", "spot_size", "fov"),
+    "reflectance": ("albedo", "color", "colour", "base_color", "kd"),
+    "file": ("mesh", "path", "filename", "uri", "model"),
+    "lights": ("lamps",),
+    "spp": ("samples", "samples_per_pixel"),
+    "frame_rate_hz": ("fps", "frame_rate", "rate_hz"),
+}
+"""Names that other tools have for our keys."""
+INTRINSICS = ("k", "fx", "fy", "cx", "cy", "intrinsics", "camera_matrix", "fov", "fov_deg", "hfov", "horizontal_fov")
+"""What other tools say of a camera in one key, and we in three."""
+THREE_KEYS = ("Intrinsics are resolution, sensor_mm and focal_mm: fx = focal_mm / sensor_mm[0] x width; the principal "
+              "point is the middle of the image.")
+TYPES = frozenset(("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "bool_type",
+                   "bool_parsing", "string_type", "string_pattern_mismatch", "tuple_type", "list_type", "dict_type",
+                   "model_type", "model_attributes_type"))
+"""Errors of validation that mean: something else belongs there."""
+
+
+def input_error(error: ValidationError, source: Source) -> InputError:
+    """The first problem of a scene, and how many more there are."""
+    problems = _most_specific([(_key_path(e["loc"], source.data, e["type"] == "missing"), e) for e in error.errors()])
+    # A misspelt key is most likely what makes another one missing.
+    problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
+    path, first = problems[0]
+    problem, remedy = _explain(path, first, source)
+    named = re.match(r"([\w.]+): ", problem)
+    if not path and named:  # a check of the whole scene that names a key itself
+        path = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
+        problem = problem[named.end():]
+    remedy += _others(path, first, problems[1:])
+    value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
+    if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
+        value = None
+    where = source.where(path)
+    changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner)
+    if "line" in where and path and changes:  # which may have made the block wrong
+        problem += f" (with --set {' and '.join(changes)})"
+        remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
+    return InputError(problem, value=value, remedy=remedy or None, **where)
+
+
+def _others(path: tuple, first: dict, problems: list) -> str:
+    """What else is wrong; keys that are missing by themselves, for what is given in their place is told first."""
+    names = {True: [], False: []}
+    for other, e in problems:
+        missing = e["type"] == "missing"
+        near = missing and other[:-1] == path[:-1]
+        names[missing].append(".".join(map(str, other[-1:] if near else other)))
+    missing, wrong = names[True], names[False]
+    parts = []
+    if wrong:
+        parts.append(f"{len(wrong)} more problem{'s' * (len(wrong) > 1)}: {_some(wrong)}")
+    if missing:
+        parts.append(f"missing{', too' * (first['type'] == 'missing')}: {_some(missing)}")
+    return f" ({'; '.join(parts)})" if parts else ""
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(list(dict.fromkeys(names))[:3]) + ", ..." * (len(names) > 3)
+
+
+def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
+    """The path of keys in the file: pydantic's, without the names of types and of kinds that it puts between.
+
+    ``missing``: the last key is not in the file.
+    """
+    path: list = []
+    for i, part in enumerate(loc):
+        exists = (isinstance(data, dict) and part in data) or (isinstance(data, list) and isinstance(part, int)
+                                                               and part < len(data))
+        if exists and not _is_tag(part, loc[i + 1:], data):
+            path.append(part)
+            data = data[part]
+        elif isinstance(part, int) or (missing and i == len(loc) - 1):
+            path.append(part)
+            data = None
+    return tuple(path)
+
+
+def _is_tag(part, rest, data):
+    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
+
+    A block without ``kind`` may be of the kind ``file``: then the next part is a key beside this one.
+    """
+    if not isinstance(data, dict) or not rest or isinstance(data[part], dict):
+        return False
+    return data["kind"] == part if "kind" in data else rest[0] in data
+
+
+def _most_specific(problems):
+    """Without what pydantic says about the other branches of a union, of which the user meant only one."""
+    paths = [path for path, _ in problems]
+    kept: dict[tuple, Any] = {}
+    for path, e in problems:
+        deeper = any(len(other) > len(path) and other[:len(path)] == path for other in paths)
+        if not deeper or e["type"] == "extra_forbidden":
+            kept.setdefault(path, e)
+    return list(kept.items())
+
+
+def _explain(path: tuple, e: dict, source: Source) -> tuple[str, str]:
+    """Problem and remedy in plain words."""
+    kind, context = e["type"], e.get("ctx", {})
+    if kind == "extra_forbidden":
+        return "unknown key", _instead(path, source)
+    if kind == "missing":
+        return "is missing", "Add it."
+    if kind == "union_tag_invalid":
+        return f"unknown kind '{context['tag']}'", _other_kind(str(context["tag"]), _listed(context["expected_tags"]))
+    if kind == "literal_error":
+        return "is not one of the choices", _suggest(str(e["input"]), _listed(context["expected"].replace(" or ", ",")))
+    if kind == "too_short":
+        return "has too few items", f"Give at least {context['min_length']}."
+    if kind in TYPES and (known := _known(path, source)):
+        return _should_be(path, e, known)
+    message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    message = re.sub(r"valid dictionary.*", "block of keys", message)
+    bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
+              "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}
+    if kind in bounds:
+        name, word = bounds[kind]
+        return message, f"Give a number that is {word} {context[name]:g}."
+    remedies = {"finite_number": "Give a finite number.", "too_long": "Give as many items as are asked for."}
+    return message, remedies.get(kind, "")
+
+
+def _listed(names: str) -> list[str]:
+    return [name.strip(" '") for name in names.split(",")]
+
+
+def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
+    """What belongs at a key, by the schema, and an example or a unit."""
+    schemas = [entry.schema for entry in known]
+    if isinstance(path[-1], int):
+        schemas = [item for schema in schemas if (item := _item(schema, path[-1]))] or schemas
+    words = " or ".join(dict.fromkeys(filter(None, map(in_words, schemas))))
+    if known[0].key != path[-1] and words == "blocks by name":
+        words = "block"
+    article = "a " if words.split()[0] in ("number", "whole", "list", "list,", "block") else ""
+    about, value = facts(known[0]), e["input"]
+    unit, example = about["unit"], about["example"] or about["default"]
+    if "each block" in words:
+        remedy = "Begin each block with a dash, also if there is but one."
+    elif "block" in words:
+        remedy = "Give a block of keys, indented under it."
+    elif e["type"] == "string_type":
+        remedy = "Put quotes around it if it is text."
+    elif words.startswith(("number", "whole")):
+        alone = isinstance(value, str) and re.match(r"\s*[-+.]?\d", value)
+        remedy = f"Give the number alone{f'; the unit is {unit}' * bool(unit)}." if alone else (
+            "Give a whole number." if words.startswith("whole") else "Give a number.")
+    else:
+        such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "its own keys'") else ""
+        remedy = f"{such}{_first_sentence(known[0])}"
+    return f"should be {article}{words}", remedy
+
+
+def _item(schema: dict, number: int) -> dict | None:
+    """The schema of an item of a list."""
+    for part in (schema, *schema.get("anyOf", ())):
+        if number < len(items := part.get("prefixItems", ())):
+            return items[number]
+        if isinstance(part.get("items"), dict):
+            return part["items"]
+    return None
+
+
+def _known(path: tuple, source: Source) -> list[Entry]:
+    """What the schema says of a key in its block, whose kind the data tell; nothing of what it does not know."""
+    names, data = [], source.data
+    for part in path:
+        names += [str(data[key]) for key in KIND_KEYS if isinstance(data, dict) and isinstance(data.get(key), str)]
+        names.append(str(part))
+        try:
+            data = data[part]
+        except (LookupError, TypeError):
+            data = None
+    try:
+        return find_key(".".join(names), source.model)
+    except InputError:
+        return []
+
+
+def _first_sentence(entry: Entry) -> str:
+    return re.split(r"(?<=\.)\s+(?=[A-Z])", plain(entry.schema.get("description", "")))[0]
+
+
+def _instead(path: tuple, source: Source) -> str:
+    """What to give instead of a key that is not known."""
+    word, models = str(path[-1]), _models_at(path[:-1], source)
+    if kinds := [kind for model in models if word in model.model_fields for kind in _kinds(model)]:
+        return f"Blocks of kind {' or '.join(kinds)} have it: give the kind."
+    known = _keys_of(models, source.value(path[:-1]))
+    if word.lower() in INTRINSICS and "focal_mm" in known:
+        return THREE_KEYS
+    for ours, theirs in ELSEWHERE.items():
+        if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
+            return f"Here it is {ours}: {_first_sentence(entries[0])}"
+    return _suggest(word, known)
+
+
+def _other_kind(tag: str, known: list[str]) -> str:
+    if tag in LAMPS and "profile" in known:
+        return f"{tag} is a file: give kind: profile and file: {tag}."
+    return _suggest(tag, known)
+
+
+def _suggest(word: str, known: list[str]) -> str:
+    listing = f"Known here: {', '.join(known)}." if known else "Nothing can be set here."
+    return did_you_mean(word, known) or listing
+
+
+def _models_at(path: tuple, source: Source) -> list[type[BaseModel]]:
+    """Kinds of block that may stand at ``path``, whichever is there."""
+    models, data = [source.model], source.data
+    for part in path:
+        models = _of_kind(models, data)
+        data = data[part] if isinstance(data, dict | list) else None
+        annotations = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+        if annotations:
+            models = [model for annotation in annotations for model in _models_in(annotation)]
+    return models
+
+
+def _of_kind(models: list[type[BaseModel]], data: Any) -> list[type[BaseModel]]:
+    """Those that a block says it is of; all if it says nothing of use."""
+    if not isinstance(data, dict) or "kind" not in data:
+        return models
+    return [model for model in models if data["kind"] in _kinds(model)] or models
+
+
+def _keys_of(models: list[type[BaseModel]], data: Any) -> list[str]:
+    """Keys that a block may have."""
+    return list(dict.fromkeys(name for model in _of_kind(models, data) for name in model.model_fields))
+
+
+def _kinds(model) -> tuple:
+    return typing.get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
+
+
+def _models_in(annotation) -> list[type[BaseModel]]:
+    """All models that a type annotation mentions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in typing.get_args(annotation) for model in _models_in(inner)]
