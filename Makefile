@@ -32,7 +32,7 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --editable .[test]
+	$(BIN)/python -m pip install --quiet --editable .[test,docs]
 	$(BIN)/python -m pip install --quiet --no-deps nerfbaselines==1.2.12  # its loaders run with numpy 2, it asks for 1
 	touch $@
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import SpotLight
+from varos_warp.scene.description.lights import SpotLight
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.water import optical_properties
 

@@ -3,6 +3,9 @@
 import os
 from functools import cache
 
+# tests run side by side: threads that multiply small matrices would only wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 
@@ -39,14 +42,19 @@ def small_field(request):
     if {request.path.name, request.path.parent.name} & WHOLE_FIELD:
         yield
         return
-    from fields import SMALL_FIELD
-
-    from varos_warp.render.field import solver
+    from fields import with_fewer_nodes
 
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in SMALL_FIELD.items():
-            patch.setattr(solver, name, value)
+        with_fewer_nodes(patch)
         yield
+
+
+@pytest.fixture
+def few_nodes(monkeypatch):
+    """The same for one test of these."""
+    from fields import with_fewer_nodes
+
+    with_fewer_nodes(monkeypatch)
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.cli import options
+from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError, RunFailed
 
@@ -121,6 +122,14 @@ def test_plan_and_run_warn_of_what_info_warns_of(scene_file, tmp_path):
 COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
           "--denoise --set")
 JOB = COMMON + " --linear-exr --shard --json --quiet"
+
+
+def test_help_goes_from_a_scene_to_a_dataset_and_names_every_format():
+    text = call("--help").output
+    places = [text.index(words) for words in ("Scene files", "Make a dataset", "Use a dataset")]
+    assert places == sorted(places)
+    to = next(option for option in typer.main.get_command(cli.app).commands["export"].params if option.name == "to")
+    assert all(name in to.help for name in FORMATS)
 
 
 @pytest.mark.parametrize(("verb", "options"), [

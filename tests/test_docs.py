@@ -76,3 +76,13 @@ def test_the_nav_of_the_site_names_pages_that_exist(reference):
     made = {*reference.pages(), "index.md", "contributing.md", "changelog.md", "peers.md"}
     for page in re.findall(r"- ([\w./]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE):
         assert page in made or (ROOT / "docs" / page).exists(), page
+
+
+def test_architecture_names_every_room_and_files_that_exist():
+    """Of a row of its table the room is a package, and what to read first lies in it."""
+    rows = re.findall(r"^\| `(\w+)/` \| .* \| (.*) \|$", (ROOT / "docs/architecture.md").read_text(), re.MULTILINE)
+    assert {room for room, _ in rows} == {path.parent.name for path in (ROOT / "varos_warp").glob("*/__init__.py")}
+    for room, reading in rows:
+        names = re.findall(r"`([^`]+)`", reading)
+        assert names
+        assert all((ROOT / "varos_warp" / room / name).is_file() for name in names), (room, names)

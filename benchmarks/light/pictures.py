@@ -16,7 +16,14 @@ FULL_SCALE = 0.5
 
 
 def side_by_side(path: Path, denoised: np.ndarray, reference: Estimate) -> None:
-    """Write the first image, the one with the worst block, the reference, and the errors of the worst one's blocks."""
+    """Write `row_of_images`, enlarged."""
+    row = row_of_images(denoised, reference)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(row.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)).save(path)
+
+
+def row_of_images(denoised: np.ndarray, reference: Estimate) -> np.ndarray:
+    """The first image, the one with the worst block, the reference, and the errors of the worst one's blocks."""
     errors = worst_channel(block_errors(denoised, reference))
     worst = int(np.abs(errors).max(axis=(1, 2)).argmax())
     truth = reference.pixels[0]
@@ -25,9 +32,7 @@ def side_by_side(path: Path, denoised: np.ndarray, reference: Estimate) -> None:
     shown = [encode_color(np.nan_to_num(image), gain) for image in (denoised[0], denoised[worst], truth)]
     shown.append(_error_map(errors[worst], truth.shape))
     gap = np.full((truth.shape[0], 2, 3), 255, np.uint8)
-    row = np.concatenate([piece for image in shown for piece in (image, gap)][:-1], axis=1)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(row.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)).save(path)
+    return np.concatenate([piece for image in shown for piece in (image, gap)][:-1], axis=1)
 
 
 def _error_map(errors: np.ndarray, shape) -> np.ndarray:

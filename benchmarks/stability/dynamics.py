@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.stability import dynamics_control
+from benchmarks.stability import dynamics_body, dynamics_control
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
@@ -353,4 +353,5 @@ def imu_noise() -> Sweep:
 
 
 SWEEPS: Sweeps = (integration_step, attitude_step, quaternion_drift, drag_stiffness, righting_stiffness, mass,
-                  net_buoyancy, current_period, current_speed, gimbal_lock, imu_noise, *dynamics_control.SWEEPS)
+                  net_buoyancy, current_period, current_speed, gimbal_lock, imu_noise, *dynamics_body.SWEEPS,
+                  *dynamics_control.SWEEPS)

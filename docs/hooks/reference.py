@@ -1,5 +1,6 @@
 """Pages that are made from the package: the keys of scene files, the command line, the Python API, the dataset."""
 
+import html
 import inspect
 import re
 import tempfile
@@ -31,7 +32,10 @@ def cell(text: str) -> str:
 
 
 def code(text: str) -> str:
-    return "`{}`".format(text.replace("|", "\\|")) if text else ""
+    """Code for a table: of a pipe, Markdown within backticks would show the backslash."""
+    if "|" in text:
+        return f"<code>{html.escape(text).replace('|', '&#124;')}</code>"
+    return f"`{text}`" if text else ""
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
@@ -64,7 +68,8 @@ def own_words(key: str) -> str:
 def columns(entry) -> list[str]:
     """A row of a table of keys."""
     told = facts(entry)
-    return [f"`{entry.key}`", cell(entry.schema["description"]), cell(told["value"]), cell(told["unit"]),
+    value, form, pattern = told["value"].partition(" of the form ")
+    return [f"`{entry.key}`", cell(entry.schema["description"]), cell(value) + form + code(pattern), cell(told["unit"]),
             code(told["default"]), code(told["example"])]
 
 
@@ -82,13 +87,17 @@ def sections(key: str, page: str) -> list[str]:
         parts.append(section(title, block["description"], [block], names))
     inner = dict.fromkeys(name for block in blocks for name, schema in block["properties"].items()
                           if any(blocks_in(schema, json_schema())))
+    elsewhere = {}
     for name in inner:
         path = f"{key}.{name}"
         if path in PAGES_OF_KEYS or key == "vehicles":
-            there = path if path in PAGES_OF_KEYS else AS_ELSEWHERE.get(name, "vehicle")
-            parts.append(f"## `{path}`\n\nHas [a page of its own](docs/scene/{there}.md).\n")
+            alike = path if path in PAGES_OF_KEYS else f"vehicle.{name}"
+            elsewhere[path] = alike if alike in PAGES_OF_KEYS else AS_ELSEWHERE.get(name, "vehicle")
         else:
             parts += sections(path, page)
+    if elsewhere:
+        links = ", ".join(f"[`{path}`](docs/scene/{there}.md)" for path, there in elsewhere.items())
+        parts.append(f"## On other pages\n\n{links}.\n")
     return parts
 
 
@@ -123,14 +132,19 @@ def api_page() -> str:
     names = ("load_scene", "simulate", "plan_render", "FrameRenderer", "NextFrame", "Dataset", "phase_function",
              "InputError")
     homes = [f"{varos_warp._HOMES[name]}.{name}" for name in names]
-    frames = [f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES]
+    frames = ["varos_warp.render.options.RenderOptions",
+              *(f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES)]
+    found = ["varos_warp.sim.trajectory.Simulation", "varos_warp.sim.motion.Trajectory",
+             "varos_warp.render.planner.decisions.Plan"]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
     return ("# Python API\n\n`import varos_warp as vw` has the first of these names as `vw.load_scene` and so on; "
             "importing it compiles nothing. `vw.Scene` is the [scene file](docs/scene/index.md) as a pydantic model."
             "\n\n"
             "## Names of `varos_warp`\n\n"
-            + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## Images of a frame\n\n"
-            + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## Functions of one task\n\n"
+            + "\n\n".join(f"::: {name}" for name in homes) + "\n\n## What render takes and returns\n\n"
+            + "\n\n".join(f"::: {name}" for name in frames) + "\n\n## What a frame of a Dataset holds\n\n"
+            "::: varos_warp.dataset.reader.frame.Frame\n\n## What simulate and plan_render return\n\n"
+            + "\n\n".join(f"::: {name}" for name in found) + "\n\n## Functions of one task\n\n"
             + "\n\n".join(f"::: {name}" for name in more) + "\n")
 
 

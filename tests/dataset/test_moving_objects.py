@@ -4,10 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
+from evo.tools import file_interface
+from rosbags.highlevel import AnyReader
 
+from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import validate, views
+from varos_warp.dataset.validate import moving, validate, views
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
@@ -88,3 +91,51 @@ def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
 
         monkeypatch.setattr(flows, "moving_parts", lambda *_: [])
     assert any(told in problem for problem in validate(out, quiet=True).problems)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_export_has_their_poses(made, tmp_path, form):
+    """Beside what the format has, as evo reads them; a bag has them as transforms, too."""
+    out, start_ns = tmp_path / "out", 3_000_000_001
+    export(made, form, out, images="B", start_ns=start_ns)
+    time_ns, T = Dataset(made).poses("objects.0")
+    read = file_interface.read_tum_trajectory_file(out / "moving" / "objects.0.txt")
+    np.testing.assert_allclose(read.timestamps, 1e-9 * (time_ns + start_ns), rtol=1e-15)
+    np.testing.assert_allclose(read.poses_se3, T, atol=1e-12)
+    told = (out / "moving" / "README.txt").read_text()
+    assert "objects.0: number 2 in S; its box in its own axes [m]: low -0.5 -0.5 -0.75" in told
+    if form == "mcap":
+        with AnyReader([out / "bag"]) as bag:
+            topics = [of for of in bag.connections if of.topic == "/tf"]
+            found = [bag.deserialize(raw, of.msgtype).transforms[0] for of, _, raw in bag.messages(topics)]
+        found = [message for message in found if message.child_frame_id == "objects.0"]
+        assert {message.header.frame_id for message in found} == {"world"}
+        np.testing.assert_allclose([[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z]
+                                    for t in found], T[:, :3, 3], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def passed_through(tmp_path_factory):
+    """A boulder that comes from behind, through the camera, whose shutter is open for long."""
+    path = [{"time_s": t, "position": [0.3, -1.0 + 3.0 * t, 1.2]} for t in (0, 1)]
+    camera = {"id": "M0", "resolution": [48, 27], "sensor_mm": [4.8, 2.7], "focal_mm": 3.0,
+              "rotation_euler_deg": [-15, 0, 0], "shutter": {"exposure_s": 0.08}}
+    scene = scene_from_dict({
+        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 0.6, "seed": 2},
+        "objects": [{"kind": "boulder", "diameter": 0.6, "path": path}], "surface_depth_m": 50,
+        "vehicle": {"cameras": [camera]},
+        "trajectory": {"poses": [{"position": [0, 0, 1.2]}, {"time_s": 1, "position": [0.6, 0.2, 1.2],
+                                                             "rotation_euler_deg": [0, 0, 20]}]},
+        "render": {"frame_rate_hz": 10, "outputs": ["B", "C", "D", "S"], "spp_b": 4, "denoise_b": "none"}})
+    out = tmp_path_factory.mktemp("passing") / "out"
+    produce(scene, out, device="cpu", quiet=True)
+    return out
+
+
+def test_what_passes_while_a_shutter_is_open_fails_no_check(passed_through):
+    """It blurs B of what S has beside it."""
+    assert validate(passed_through, quiet=True).problems == []
+    data, shape = Dataset(passed_through), (27, 48)
+    assert 0.2 < moving.swept(data, 7, "M0", shape).mean() < 0.9
+    assert moving.swept(data, 4, "M0", shape).all()  # it is about the camera
+    assert not moving.swept(data, 0, "M0", shape).any()  # behind it

@@ -118,14 +118,28 @@ def counted(monkeypatch):
     return counts
 
 
-def fresh(path: Path, width: int = 48) -> np.ndarray:
+def fresh(path: Path, width: int = 48, frame: int = 0) -> np.ndarray:
     """The first image that a new renderer makes of a scene file."""
     scene = load_scene(path)
     cameras = [camera.model_copy(update={"resolution": (width, width * 9 // 16)}) for camera in scene.vehicle.cameras]
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
-    T_w_v = simulate(scene).trajectory.T_w_v(0)
-    image = FrameRenderer(scene, "cpu").render(T_w_v, None, "A", spp=1, integrator="path").A
+    simulation = simulate(scene)
+    T_w_v, time_ns = simulation.frames.T_w_v(frame), int(simulation.frames.time_ns[frame])
+    image = FrameRenderer(scene, "cpu").render(T_w_v, None, "A", spp=1, integrator="path", time_ns=time_ns,
+                                               motion=simulation.motion(time_ns)).A
     return developed("A", image.radiance, scene)[0]
+
+
+def test_a_shutter_blurs_it_also_one_that_comes_at_the_last_frame(scene_file):
+    cameras = yaml.safe_load(scene_file.read_text())["vehicle"]["cameras"]
+    cameras[0]["shutter"] = {"exposure_s": 0.09, "readout_s": 0.05}
+    screen = watch(scene_file, lambda: edit(scene_file, cameras=cameras), viewpoint=Viewpoint(frame=10, width=48))
+    sharp, blurred = screen.images
+    assert np.array_equal(blurred, fresh(scene_file, frame=10))
+    assert not np.array_equal(blurred, sharp)
+    result = call(scene_file, "-o", scene_file.parent / "end", "--time", 1.06, "--spp", 1, "--once")
+    assert "--time" in result.stderr
+    assert "lasts 1 s" in result.stderr
 
 
 @pytest.mark.parametrize("where", [("--frame", 5), ("--time", 0.5)])

@@ -18,6 +18,8 @@ RED, GREEN, BLUE = (0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125)
 VAROS_WATER = {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0]}
 TURBID = {"sigma_s": [0.55, 0.7, 0.8], "sigma_a": [0.45, 0.3, 0.2], "phase": {"g": 0.8}}
 """Turbid water of three albedos, one a channel. Tests that share it share its field, which is solved once a run."""
+ISOTROPIC = {"sigma_s": [0.5, 0.9, 0.0], "sigma_a": [0.5, 0.1, 1.0], "phase": {"g": 0.0}}
+"""Water of two albedos in which all orders of light are known, and no scattering in blue."""
 Z = SIGMAS
 
 

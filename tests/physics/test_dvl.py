@@ -10,7 +10,7 @@ from varos_warp.scene.description.noise_profile import DvlNoise, MagnetometerNoi
 from varos_warp.scene.description.vehicle import Dvl, Magnetometer
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.geometry.ranging import ranges
+from varos_warp.scene.geometry.query import ranges
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.sensors.dvl import beam_directions, bottom_track

@@ -13,7 +13,7 @@ from varos_warp.scene import device
 from varos_warp.scene.description.world import Rust, Stop
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.parts import Instances, Moving
-from varos_warp.scene.geometry.ranging import ranges
+from varos_warp.scene.geometry.query import ranges
 from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
@@ -124,10 +124,36 @@ def test_a_moving_edge_before_a_still_camera_is_a_ramp(truth):
     assert np.abs(by_plate.radiance - by_camera.radiance).max() <= 2.01 / 256
 
 
+def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
+    """A plate beside the camera is lit, comes 0.3 m closer, and lights the wall, which sees nothing else."""
+    lamp = {"kind": "spot", "position": [-0.9, 0.6, 0], "direction": [-1, 0, 0], "cone_deg": 70, "intensity": [9, 9, 9]}
+    reflector = rectangle((-1.75, 0.2, -0.4), (0, 0.8, 0), (0, 0, 0.8), 0.8, "reflector")
+    scene = scene_of({"exposure_s": 0.3}, lights=[lamp])
+    one = moving(reflector, (1.0, 0, 0))
+    how = {"outputs": "A", "spp": 16, "integrator": "path", "max_bounces": 2, "denoise": "none"}
+    renderer = FrameRenderer(scene, "cpu", parts=[one, wall()])
+    blurred = [renderer.render(np.eye(4), motion=at_rest, time_ns=SECOND // 2, seed=k, **how).A.radiance.mean()
+               for k in range(12)]
+    still = FrameRenderer(scene_of(lights=[lamp]), "cpu", parts=[one, wall()])
+    times = 0.5 + 0.3 * ((np.arange(12) + 0.5) / 12 - 0.5)  # of a smooth course; the step's error is below 1e-4
+    instants = [still.render(np.eye(4), time_ns=round(SECOND * t), seed=k, **how).A.radiance.mean()
+                for k, t in enumerate(times)]
+    trend = np.polyval(np.polyfit(times, instants, 2), times)  # without which their spread is noise
+    error = np.hypot(np.std(blurred, ddof=1), np.std(instants - trend, ddof=3)) / np.sqrt(12)
+    truth("light off a moving plate", source="mean over instants", expected=np.mean(instants), got=np.mean(blurred),
+          stderr=error, reason="noise of 12 images of each")
+
+
+def at_rest(offset_ns):
+    """A vehicle that stays."""
+    return np.repeat(np.eye(4)[None], len(offset_ns), axis=0)
+
+
 def test_without_motion_objects_are_not_blurred_either():
     scene, parts = scene_of({"exposure_s": 0.25}), [moving(plate(), (1, 0, 0)), wall()]
     plain = FrameRenderer(scene_of(), "cpu", parts=parts)
-    how = {"outputs": "ABD", "spp": 2, "spp_b": 2, "integrator": "path", "time_ns": SECOND // 3}
+    how = {"outputs": "ABD", "spp": 2, "spp_b": 2, "integrator": "path", "layers": ("direct",),
+           "time_ns": SECOND // 3}
     still, sharp = FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), **how), plain.render(np.eye(4), **how)
     assert np.array_equal(still.A.radiance, sharp.A.radiance)
     assert np.array_equal(still.B.radiance, sharp.B.radiance)

@@ -14,7 +14,7 @@ from varos_warp.kernels.world.camera import Camera
 from varos_warp.render.moments import poses_of_rows
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.shutter import Strobe
+from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.frames import transform
 from varos_warp.scene.optics.shutter import instants, on_share, open_ns, row_offsets_s
 
@@ -208,6 +208,9 @@ def test_a_camera_in_the_world_sees_no_flow_through_a_rolling_shutter():
     # after which the vehicle stands still
     still = renderer.render(np.eye(4), rig, following=NextFrame(np.eye(4)), **how).F
     np.testing.assert_array_equal(pair.flow, still.flow)
+    # nor does it matter what else is asked for
+    beside = renderer.render(np.eye(4), rig, following=NextFrame(np.eye(4)), **how | {"outputs": "FS"}).F
+    np.testing.assert_array_equal(beside.flow, still.flow)
 
 
 def test_flow_is_not_told_where_the_image_moves_as_fast_as_rows_are_read():

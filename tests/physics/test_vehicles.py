@@ -10,6 +10,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.companions import companions
+from varos_warp.sim.sensors.dvl import beam_directions
 from varos_warp.sim.trajectory import simulate
 
 pytestmark = pytest.mark.subject("camera")
@@ -127,12 +128,30 @@ def test_a_vehicle_stays_where_its_sequence_ends():
     assert T[0, 0, 3] < 0.0  # before the first frame it goes back as all vehicles do
 
 
-def test_a_dvl_finds_a_body_below():
-    """A board that sinks at 0.4 m/s: the range of each beam is its depth over the cosine of the beam's angle."""
-    board = {"kind": "calibration_board", "rows": 9, "columns": 9, "square_m": 0.8, "rotation_euler_deg": [-90, 0, 0]}
-    sinks = {"body": board, "trajectory": {"poses": stops((0, 0, -2), (0, 0, -2.4))}}
+BOARD = {"kind": "calibration_board", "rows": 9, "columns": 9, "square_m": 0.8}
+
+
+def test_a_dvl_finds_a_body_below_and_how_it_moves():
+    """A board that sinks at 0.4 m/s and then stays: depth over the cosine of the beams' angle, speed times it."""
+    sinks = {"body": BOARD | {"rotation_euler_deg": [-90, 0, 0]},
+             "trajectory": {"poses": stops((0, 0, -2), (0, 0, -2.4))}}
     scene = scene_from_dict({"vehicles": [
-        {"id": "0", "dvl": {"rate_hz": 4}, "trajectory": STILL | {"duration_s": 1.1}}, {"id": "1"} | sinks]})
+        {"id": "0", "dvl": {"rate_hz": 4}, "trajectory": STILL | {"duration_s": 1.6}}, {"id": "1"} | sinks]})
+    dvl, cosine = simulate(scene, build_parts(scene)).dvl, np.cos(np.radians(30))
+    time_s = 1e-9 * dvl.time_ns
+    depth, rate = 2.0 + 0.4 * np.minimum(time_s, 1.0), np.where(time_s <= 1.0, 0.4, 0.0)
+    assert np.unique(rate).tolist() == [0.0, 0.4]
+    np.testing.assert_allclose(dvl.range, np.repeat((depth / cosine)[:, None], 4, 1), atol=1e-6)
+    np.testing.assert_allclose(dvl.beam_velocity, np.repeat(rate[:, None] * cosine, 4, 1), atol=1e-9)
+    np.testing.assert_allclose(dvl.velocity, rate[:, None] * [0, 0, 1], atol=1e-9)
+
+
+def test_a_dvl_over_a_board_that_turns_feels_it_pass_by():
+    """About an axis at a distance a, all of the board below moves at a x rate but for what circles about the sensor."""
+    turns, away = np.radians(20.0), 1.5
+    path = [{"time_s": t, "position": [away, 0, -2], "rotation_euler_deg": [-90, 0, 20 * t]} for t in range(2)]
+    scene = scene_from_dict({"objects": [BOARD | {"path": path}], "trajectory": STILL | {"duration_s": 1.0},
+                             "vehicle": {"dvl": {"rate_hz": 4}}})
     dvl = simulate(scene, build_parts(scene)).dvl
-    depth = 2.0 + 0.4 * np.minimum(1e-9 * dvl.time_ns, 1.0)
-    np.testing.assert_allclose(dvl.range, np.repeat((depth / np.cos(np.radians(30)))[:, None], 4, 1), atol=1e-6)
+    expected = -away * turns * beam_directions(scene.vehicle.dvl)[:, 1]
+    np.testing.assert_allclose(dvl.beam_velocity, np.tile(expected, (len(dvl.time_ns), 1)), atol=1e-6)

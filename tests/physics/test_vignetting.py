@@ -77,7 +77,7 @@ def test_only_a_has_it():
 @pytest.mark.parametrize("camera", [{}, {"distortion": BARREL}, {"port": FLAT, "n_water": [1.339, 1.342, 1.347]}])
 def test_cos4_is_that_of_the_ray_at_the_lens(camera):
     """In air behind a port, whatever the lens: of images, by the weights of `rays`, and of the weights by its angle."""
-    how = {"outputs": "A", "integrator": "path", "spp": 6, "denoise": "none"}
+    how = {"outputs": "A", "integrator": "path", "spp": 6, "layers": ("direct", "single"), "denoise": "none"}
     plain, fallen = renderer_of("none", **camera), renderer_of("none", **camera, vignetting=COS4)
     cosine = camera_model(plain.scene.vehicle.cameras[0]).directions(pixel_centres(WIDTH, HEIGHT))[..., 2]
     np.testing.assert_allclose(fallen.rays(np.eye(4)).weight, plain.rays(np.eye(4)).weight * cosine**4, rtol=1e-12)

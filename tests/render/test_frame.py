@@ -158,7 +158,7 @@ def test_bounds_leave_out_what_they_say(renderer, bounds, empty):
                                                 ("B", None)])
 def test_the_standard_error_is_that_of_repeated_renders(renderer, output, layers):
     """What 32 images say of themselves against how they differ, averaged alike over the pixels around."""
-    how = {"spp": 64, "spp_b": 64, "integrator": "path"} | ({"layers": layers} if layers else {})
+    how = {"spp": 16, "spp_b": 16, "integrator": "path"} | ({"layers": layers} if layers else {})
     images = [getattr(renderer.render(POSE, outputs=output, seed=s, **how), output) for s in range(32)]
     values, stderr = (np.array([getattr(image, name) for image in images], float) for name in ("radiance", "stderr"))
     noisy = ((stderr**2).mean(axis=0) > 1e-10 * values.mean((0, 1, 2)) ** 2).all(axis=-1)
@@ -171,7 +171,7 @@ def test_the_standard_error_of_all_orders_is_honest_for_the_whole_image(renderer
     """The mean over the image of 40 renders: unit variance of their standard scores."""
     seeds, means, errors = 40, [], []
     for seed in range(seeds):
-        image = renderer.render(POSE, outputs="A", spp=32, seed=seed, integrator="path").A
+        image = renderer.render(POSE, outputs="A", spp=16, seed=seed, integrator="path").A
         means.append(image.radiance.mean(axis=(0, 1), dtype=float))
         errors.append(np.sqrt((image.stderr.astype(float) ** 2).sum(axis=(0, 1))) / image.stderr[..., 0].size)
     scores = (np.array(means) - np.mean(means, axis=0)) / np.sqrt(np.mean(np.square(errors), axis=0))
@@ -187,7 +187,7 @@ def test_the_standard_error_falls_with_the_root_of_the_samples_or_faster(rendere
     The root of a mean over 640 squares of halves is uncertain by 4 %, of those that matter by about 10 %.
     """
     how = {"outputs": "A", "layers": ("direct", "single"), "integrator": integrator}
-    rms = [np.sqrt(np.square(renderer.render(POSE, spp=spp, **how).A.stderr, dtype=float).mean()) for spp in (64, 1024)]
+    rms = [np.sqrt(np.square(renderer.render(POSE, spp=spp, **how).A.stderr, dtype=float).mean()) for spp in (32, 512)]
     slope = np.log(rms[1] / rms[0]) / np.log(16.0)
     uncertain = 0.1 * np.sqrt(2.0) / np.log(16.0)
     assert steepest - uncertain < slope < -0.5 + uncertain

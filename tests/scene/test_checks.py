@@ -327,3 +327,27 @@ def test_a_strobe_that_lights_some_rows_of_a_rolling_shutter_is_noticed():
     """Of 36 rows over 36 ms, each open for 2 ms, a flash of 1.2 ms in the middle meets those within 1.6 ms."""
     (text,) = shutter_warnings({"exposure_s": 0.002, "readout_s": 0.036}, {"on_s": 0.0012})
     assert "its strobe lights only rows 16 to 19 of the 36 of camera M0" in text
+
+
+BALL = {"kind": "boulder", "diameter": 0.6}
+
+
+def fleet(other, **blocks):
+    s = scene_from_dict({"water": TABLE_1, "surface_depth_m": 80.0, **blocks, "vehicles": [
+        {"id": "a", "lights": [LAMP], "trajectory": {"waypoints": [{"position": [0, 0, 2]}]}}, {"id": "b", **other}]})
+    return check_scene(s, build_parts(s))
+
+
+def test_a_body_that_begins_in_the_ground_or_in_another_and_lamps_in_their_own_body_are_noticed():
+    def at(*position):
+        return {"body": BALL, "trajectory": {"waypoints": [{"position": list(position)}]}}
+
+    assert fleet(at(0, 3, 1), terrain=FLAT) == []
+    assert fleet(at(0, 3, 0.1), terrain=FLAT) == []  # it lies on the ground
+    (text,) = fleet(at(0, 3, -0.2), terrain=FLAT)
+    assert text.startswith("vehicles.b: the middle of it is under the terrain where it begins")
+    path = [{"time_s": t, "position": [t, 3, 1]} for t in range(2)]
+    (text,) = fleet(at(0.1, 3, 1), objects=[BALL | {"diameter": 2.0, "path": path}])
+    assert text.startswith("objects.0: the middle of it is inside vehicles.b")
+    (text,) = fleet(at(0, 3, 1) | {"lights": [LAMP, LAMP | {"position": [0.0, 0.9, 0.0]}]})
+    assert text.startswith("vehicles.1.lights.0: is inside the body of its vehicle")

@@ -213,7 +213,14 @@ def test_an_override_is_blamed_and_not_the_line_of_the_file_that_it_replaced(tmp
     assert (str(error.file), error.line) == ("--set vehicle.cameras.0.focal_mm=0", None)
     error = refusal(tmp_path, text, ["water.jerlov={type: II}"])
     assert (Path(error.file).name, error.line) == ("scene.yaml", 7)
-    assert "(with --set water.jerlov={type: II})" in error.message
+    assert "(with --set water.jerlov={type: II}). To replace the whole block" in error.message
+    told = refusal(tmp_path, text, ["water.jerlov.type=II"]).message  # which makes the block jerlov, too
+    assert told.count("water.jerlov.type=II") == 1
+
+
+def test_a_unit_in_a_value_is_told(tmp_path):
+    error = refusal(tmp_path, SMALL, ["trajectory.speed=0.5 m/s"])
+    assert error.message.endswith("trajectory.speed = '0.5 m/s': should be a number. Give a number, without a unit.")
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-1", "-0.0", ".nan", "1.5"])

@@ -120,9 +120,19 @@ def test_a_key_is_explained_by_meaning_range_unit_default_and_example():
     assert "example: 0.06" in explain("vehicle.cameras.port.radius_m")
 
 
+@pytest.mark.parametrize(("key", "words"), [
+    ("vehicle.cameras.position", "list of 3 numbers from -1e+09 to 1e+09"),
+    ("scatter.circle", "list of 3: number, number, number above 0"), ("scatter.polygon", "list of lists of 2 numbers"),
+    ("vehicle.lights", "list of blocks"), ("seed", "whole number at least 0 and below 2147483648"),
+    ("terrain.file", "text or list of texts")])
+def test_what_a_key_may_be_is_told_as_people_say_it(key, words):
+    assert f"value:   {words}\n" in explain(key)
+
+
 def test_a_block_is_explained_by_its_kinds_and_their_keys():
     text = explain("vehicle.cameras.0.port")
-    for words in ("kind flat: A flat pane", "distance_m               required", "kind dome:", "half_angle_deg"):
+    for words in ("kind flat: A flat pane", "    distance_m     required        From the lens",
+                  "    clear_radius_m absent          Radius", "kind dome:", "half_angle_deg"):
         assert words in text
     assert text == explain("vehicle.cameras.port").replace("cameras.port", "cameras.0.port")
 

@@ -10,7 +10,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import PointLight, SpotLight
+from varos_warp.scene.description.lights import PointLight, SpotLight
 
 
 @pytest.mark.parametrize("ahead", [2.0, 0.0])

@@ -12,8 +12,9 @@ from typing import Annotated
 import typer
 
 import varos_warp
-from varos_warp.cli import datasets, jobs, scenes
 from varos_warp.cli.app import app
+
+from varos_warp.cli import scenes, jobs, datasets  # isort: skip  # in the order of the help
 
 __all__ = ["app", "datasets", "jobs", "main", "scenes"]
 

@@ -33,7 +33,10 @@ class _Command(_PlainFlags, TyperCommand):
 
 
 app = typer.Typer(cls=_Group, no_args_is_help=True, pretty_exceptions_enable=False,
-                  help="Realistic synthetic underwater video with exact ground truth.")
+                  help="Realistic synthetic underwater video with exact ground truth.\n\nTo begin with: "
+                       "varos-warp init my.yaml, varos-warp info my.yaml, varos-warp run my.yaml -o OUT.")
+PANELS = {"scenes": "Scene files", "jobs": "Make a dataset", "datasets": "Use a dataset"}
+"""Headings of the verbs in the help, by the module that has them."""
 
 
 def verb(function: Callable, goes_on: bool = False) -> Callable:
@@ -68,7 +71,8 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
                for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
     guarded.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in options])
     guarded.__annotations__ = {p.name: p.annotation for p in options}
-    return app.command(cls=_Command, no_args_is_help=False)(guarded)
+    panel = PANELS[function.__module__.rpartition(".")[2]]
+    return app.command(cls=_Command, no_args_is_help=False, rich_help_panel=panel)(guarded)
 
 
 resumable = functools.partial(verb, goes_on=True)

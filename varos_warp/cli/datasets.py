@@ -12,7 +12,7 @@ from varos_warp.cli.tables import print_json, print_table
 
 @verb
 def validate(dataset: Folder, json_: Json = False, quiet: Quiet = False):
-    """Read everything back and check it against itself; status 2 if something does not agree."""
+    """Read every file and check that they agree with each other; status 2 if some do not."""
     from varos_warp.dataset.layout import datasets_in
     from varos_warp.dataset.validate import validate as check
 
@@ -68,17 +68,18 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="Such as euroc: see docs/exports.md.")],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT",
+                                           help="euroc, tum, kitti, colmap, nerfstudio or mcap: see docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
-           camera: Annotated[list[str] | None, typer.Option(help="Only this camera; repeatable.")] = None,
+           camera: Annotated[list[str] | None, typer.Option(metavar="ID", help="Only this camera; repeatable.")] = None,
            raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
-           start_ns: Annotated[int, typer.Option(help="Time of the beginning, added to all stamps: ROS takes 0 for "
-                                                      "none.")] = 0,
+           start_ns: Annotated[int, typer.Option(help="Time of the sequence's beginning, added to all stamps; ROS "
+                                                      "takes a stamp of 0 for none.")] = 0,
            json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
 
-    Where readings have noise, they are exported with it.
+    Readings with noise are exported with it.
     """
     from varos_warp.dataset.export import export as write
     from varos_warp.dataset.export.job import NO_NOISE
@@ -98,8 +99,8 @@ def noise(dataset: Folder,
           profile: Annotated[list[str], typer.Option("--profile", metavar="NAME|FILE",
                                                      help="What errs and how; repeatable for several sensors.")],
           out: NewFolder,
-          seed: Annotated[int, typer.Option(help="Of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
-    """Add noise of IMU, depth gauge and cameras to a copy of a dataset, whose truth stays beside it."""
+          seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
+    """Add noise of sensors and cameras to a copy of a dataset; the truth stays beside it."""
     from varos_warp.dataset.noise_pass import add_noise
     from varos_warp.scene.description.noise_profile import load_profile, merge_profiles
 

@@ -21,6 +21,40 @@ from varos_warp.cli.options import (
 from varos_warp.cli.tables import print_json, print_plan
 
 
+@verb
+def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
+    """Choose the integrator and the samples, and say why and how long a run will take."""
+    from varos_warp.dataset.progress import Console
+    from varos_warp.dataset.run.planning import keep_plan, plan_sequence
+    from varos_warp.dataset.run.produce import select, simulated
+    from varos_warp.render.renderer import FrameRenderer
+    from varos_warp.scene.checks import check_scene
+    from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.geometry.build import build_parts
+    from varos_warp.scene.load import load_scene
+    from varos_warp.scene.named_files import require_files
+    from varos_warp.scene.source import located
+    from varos_warp.sim.trajectory import path_samples
+
+    device = resolve_device(choices.device)
+    loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
+    with located(loaded):
+        require_files(loaded)
+        simulation, parts = simulated(loaded, quiet, []), build_parts(loaded)  # what a DVL reads is not looked at
+        poses = list(simulation.frames.poses())
+        wanted = [poses[frame] for frame in select(chosen, len(poses))]
+        for warning in check_scene(loaded, parts, path_samples(simulation)):
+            Console(quiet).tell(f"note: {warning}")
+        renderer = FrameRenderer(loaded, device, parts)
+        planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
+    keep_plan(loaded, renderer, wanted, planned)
+    result = planned.to_dict()
+    if json_:
+        print_json(result)
+        return
+    print_plan(result, planned)
+
+
 @resumable
 def run(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
         json_: Json = False, quiet: Quiet = False):
@@ -31,21 +65,21 @@ def run(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, worke
 @resumable
 def render(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
            json_: Json = False, quiet: Quiet = False):
-    """Render the frames only, without IMU, depth gauge and vehicle poses."""
+    """Render the images only, without sensors and the vehicle's poses."""
     make(scene, out, choices, json_, quiet, shard=parse_shard(shard), workers=workers, sensors=False)
 
 
 @verb
 def simulate(scene: SceneFile, out: Out, seed: Seed = None, vehicle: Vehicle = None, set_: Set = None,
              json_: Json = False, quiet: Quiet = False):
-    """Write trajectory, IMU and depth gauge only."""
+    """Write the course and the readings of the sensors only, in seconds; no images."""
     make(scene, out, Choices(seed=seed, vehicle=vehicle, set_=set_), json_, quiet, images=False)
 
 
 @resumable
 def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Shard = None, json_: Json = False,
          quiet: Quiet = False):
-    """Make a small bundled scene, start to end, with a report: minutes on two CPU cores."""
+    """Make the dataset of a small scene that comes with the package, and a report: minutes on two cores."""
     from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
     from varos_warp.scene.load import demo_scene_path
@@ -79,37 +113,3 @@ def _print_summary(summary, with_images: bool) -> None:
     where = f" on {summary.device}" if summary.device else ""
     state = "" if summary.complete else "; not complete yet"
     print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
-
-
-@verb
-def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
-    """Say which models each output needs, why, and what it will cost."""
-    from varos_warp.dataset.progress import Console
-    from varos_warp.dataset.run.planning import keep_plan, plan_sequence
-    from varos_warp.dataset.run.produce import select, simulated
-    from varos_warp.render.renderer import FrameRenderer
-    from varos_warp.scene.checks import check_scene
-    from varos_warp.scene.device import resolve_device
-    from varos_warp.scene.geometry.build import build_parts
-    from varos_warp.scene.load import load_scene
-    from varos_warp.scene.named_files import require_files
-    from varos_warp.scene.source import located
-    from varos_warp.sim.trajectory import path_samples
-
-    device = resolve_device(choices.device)
-    loaded, chosen = load_scene(scene, choices.overrides()), parse_frames(choices.frames)
-    with located(loaded):
-        require_files(loaded)
-        simulation, parts = simulated(loaded, quiet, []), build_parts(loaded)  # what a DVL reads is not looked at
-        poses = list(simulation.frames.poses())
-        wanted = [poses[frame] for frame in select(chosen, len(poses))]
-        for warning in check_scene(loaded, parts, path_samples(simulation)):
-            Console(quiet).tell(f"note: {warning}")
-        renderer = FrameRenderer(loaded, device, parts)
-        planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
-    keep_plan(loaded, renderer, wanted, planned)
-    result = planned.to_dict()
-    if json_:
-        print_json(result)
-        return
-    print_plan(result, planned)

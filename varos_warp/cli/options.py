@@ -13,12 +13,13 @@ SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YA
 Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `varos-warp run` wrote to.")]
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
 NewFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")]
-Device = Annotated[str, typer.Option(help="auto, cpu or cuda:N.")]
+Device = Annotated[str, typer.Option(help="auto (a GPU if there is one), cpu or cuda:N.")]
 Frames = Annotated[str | None, typer.Option(metavar="A:B:STEP",
                                                  help="Only frames A to B - 1, every STEP-th; also A:B, A: or A.")]
-Seed = Annotated[int | None, typer.Option(help="Of every random choice.")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change the scene; repeatable.")]
-Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame from the I-th, I from 0.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of every random choice, instead of the scene's.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE",
+                                               help="Change a key of the scene for this call; repeatable.")]
+Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame, from frame I on; I from 0.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
@@ -33,21 +34,23 @@ class Choices:
 
     device: Device = "auto"
     frames: Frames = None
-    outputs: Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Image types to make.")] = None
+    outputs: Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Types of images to make.")] = None
     tolerance: Annotated[float | None, typer.Option(
         help="Relative error asked of A; the planner chooses the samples.")] = None
     spp: Annotated[int | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")] = None
     max_scatterings: Annotated[int | None, typer.Option(
         help="Most scatterings in the water on a path of light.")] = None
     max_bounces: Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")] = None
-    layers: Annotated[str | None, typer.Option(metavar="direct,single,multiple", help="Parts of A to render.")] = None
-    integrator: Annotated[str | None, typer.Option(metavar="auto|field|path|reference",
-                                                   help="How A is computed.")] = None
+    layers: Annotated[str | None, typer.Option(metavar="LAYERS",
+                                               help="Layers of A to render, of direct,single,multiple.")] = None
+    integrator: Annotated[str | None, typer.Option(
+        metavar="NAME", help="How A is computed: auto, field, path or reference.")] = None
     seed: Seed = None
-    denoise: Annotated[str | None, typer.Option(metavar="oidn|nlm|none", help="Denoiser of A.")] = None
+    denoise: Annotated[str | None, typer.Option(
+        metavar="NAME", help="Denoiser of A: oidn, nlm or none.")] = None
     vehicle: Vehicle = None
     linear_exr: Annotated[bool, typer.Option(
-        "--linear-exr", help="Also write A as rendered, with its standard error.")] = False
+        "--linear-exr", help="Also write A before denoising, with its standard error.")] = False
     set_: Set = None
 
     def overrides(self) -> list[str]:
@@ -81,9 +84,10 @@ class PreviewOptions:
     frame: Annotated[int | None, typer.Option(min=0, metavar="N", help="Which frame; the first by default.")] = None
     time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course in seconds instead.")] = None
     camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None
-    width: Annotated[int, typer.Option(min=16, help="Of the image in pixels; at most the camera's own.")] = 320
+    width: Annotated[int, typer.Option(
+        min=16, metavar="N", help="Width of the image in pixels; at most the camera's own.")] = 320
     spp: Annotated[int | None, typer.Option(
-        min=1, help="Refine up to so many samples per pixel; the scene's, or 64, by default.")] = None
+        min=1, metavar="N", help="Refine up to this many samples per pixel; by default the scene's, or 64.")] = None
 
     def parsed(self) -> dict:
         """Fields of `Viewpoint`.
@@ -100,20 +104,25 @@ class PreviewOptions:
 class Repair:
     """What `preprocess` does to meshes."""
 
-    vertices: Annotated[int | None, typer.Option(min=4, help="Decimate to this many, skirt included.")] = None
+    vertices: Annotated[int | None, typer.Option(
+        min=4, metavar="N", help="Decimate to this many, skirt included.")] = None
     merge_tolerance: Annotated[float | None, typer.Option(
-        min=0.0, help="Merge vertices nearer than so many m, by default 1 mm or a quarter of the median edge.")] = None
+        min=0.0, metavar="M", help="Merge vertices nearer than this, in metres; by default 1 mm, or a quarter of the "
+        "median edge if that is less.")] = None
     fill_holes: Annotated[float | None, typer.Option(
-        min=0.0, help="Fill holes up to so many metres wide, by default ten median edges.")] = None
-    smooth: Annotated[int, typer.Option(min=0, max=1000, help="Rounds of smoothing, for rough surveys.")] = 0
+        min=0.0, metavar="M", help="Fill holes up to this wide, in metres; by default ten median edges.")] = None
+    smooth: Annotated[int, typer.Option(
+        min=0, max=1000, metavar="N", help="Rounds of smoothing, for rough surveys.")] = 0
     shrinkwrap: Annotated[str, typer.Option(
         metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
         "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto"
     close: Annotated[str, typer.Option(
         metavar="skirt|solid|none", help="Close the outline of a wrapped sheet by a skirt, or by skirt and "
         "bottom.")] = "skirt"
-    region: Annotated[str | None, typer.Option(metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only.")] = None
-    scale: Annotated[float, typer.Option(help="Multiply coordinates; 0.001 if they are millimetres.")] = 1.0
+    region: Annotated[str | None, typer.Option(
+        metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only, in the axes of the file [m].")] = None
+    scale: Annotated[float, typer.Option(
+        metavar="X", help="Multiply coordinates; 0.001 if they are in millimetres.")] = 1.0
     up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None
 
     def parsed(self) -> dict:

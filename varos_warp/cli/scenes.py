@@ -23,9 +23,37 @@ from varos_warp.cli.tables import print_cache, print_info, print_json, print_pre
 from varos_warp.errors import InputError
 
 
+def _complete_template(typed: str) -> list[str]:
+    from varos_warp.scene.templates import TEMPLATES
+
+    return [name for name in TEMPLATES if name.startswith(typed)]
+
+
+@verb
+def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
+         template: Annotated[str, typer.Option(metavar="NAME", help="Scene to begin with; --list names them.",
+                                               autocompletion=_complete_template)] = "starter",
+         list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):
+    """Write a commented scene file to begin with, and beside it the JSON Schema by which editors complete its keys."""
+    from varos_warp.dataset import files
+    from varos_warp.scene.schema import json_schema
+    from varos_warp.scene.templates import SCHEMA_FILE, TEMPLATES, template_text
+
+    if list_:
+        print_table(["template", "scene"], [[name, words] for name, words in TEMPLATES.items()])
+        return
+    text = template_text(template)
+    if file.exists():
+        raise InputError("is there already", file=file, remedy="Name another file; nothing is overwritten.")
+    files.write_bytes(file, text.encode())
+    files.write_json(file.with_name(SCHEMA_FILE), json_schema())
+    print(f"{file} is written, and for editors {file.with_name(SCHEMA_FILE)}; "
+          f"next: varos-warp info {file}, then varos-warp run {file} -o OUT")
+
+
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
-    """Show what is in a scene, and warn of what looks wrong."""
+    """Tell what a run of a scene would make and how long it takes, and warn of what looks wrong."""
     from varos_warp.scene.load import load_scene
     from varos_warp.scene.named_files import require_files
     from varos_warp.scene.source import located
@@ -69,7 +97,7 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
         "-o", "--out", metavar="FOLDER", help="Keep preview.png there up to date, without the viewer.")] = None,
         once: Annotated[bool, typer.Option("--once", help="End after the last refinement.")] = False,
         device: Device = "auto", vehicle: Vehicle = None, set_: Set = None, quiet: Quiet = False):
-    """Show a small image A of a scene that refines, and again whenever the scene is saved; Ctrl-C ends it."""
+    """Show a small image A of a scene, and again whenever the scene file is saved; Ctrl-C ends it."""
     from varos_warp.dataset.preview import Viewpoint
     from varos_warp.dataset.preview import preview as show
     from varos_warp.dataset.screens import FolderScreen, RerunScreen
@@ -104,43 +132,15 @@ def schema(key: Annotated[str | None, typer.Argument(
         print(explain(key))
 
 
-def _complete_template(typed: str) -> list[str]:
-    from varos_warp.scene.templates import TEMPLATES
-
-    return [name for name in TEMPLATES if name.startswith(typed)]
-
-
-@verb
-def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
-         template: Annotated[str, typer.Option(metavar="NAME", help="Scene to begin with; --list names them.",
-                                               autocompletion=_complete_template)] = "starter",
-         list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):
-    """Write a commented scene file to begin with, and beside it the JSON Schema by which editors complete its keys."""
-    from varos_warp.dataset import files
-    from varos_warp.scene.schema import json_schema
-    from varos_warp.scene.templates import SCHEMA_FILE, TEMPLATES, template_text
-
-    if list_:
-        print_table(["template", "scene"], [[name, words] for name, words in TEMPLATES.items()])
-        return
-    text = template_text(template)
-    if file.exists():
-        raise InputError("is there already", file=file, remedy="Name another file; nothing is overwritten.")
-    files.write_bytes(file, text.encode())
-    files.write_json(file.with_name(SCHEMA_FILE), json_schema())
-    print(f"{file} is written, and for editors {file.with_name(SCHEMA_FILE)}; "
-          f"next: varos-warp info {file}, then varos-warp run {file} -o OUT")
-
-
 @verb
 def preprocess(
         meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Files, which are joined.")],
         out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
         repair: Repair, device: Device = "auto", json_: Json = False, quiet: Quiet = False):
-    """Join, merge, repair, shrinkwrap and decimate meshes, and print the error that it made.
+    """Join, merge, repair, shrinkwrap and decimate meshes, and tell how far the result is from them.
 
-    16.6 million vertices, wrapped and decimated to 250 000, need 10 CPU-minutes and 9.3 GB of memory; it grows in
-    proportion to the vertices of the model or of its wrap, whichever are more.
+    16.6 million vertices, wrapped and decimated to 250 000, take 10 CPU-minutes and 9.3 GB of memory. Memory grows in
+    proportion to the vertices of the model or of its wrap, whichever has more.
     """
     from varos_warp.dataset.files import write_json
     from varos_warp.dataset.progress import NamedSteps
@@ -163,7 +163,7 @@ def preprocess(
 
 @verb
 def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete every entry.")] = False, json_: Json = False):
-    """Show what was precomputed and kept for later runs, or delete it; it is made again where it is needed."""
+    """List what was precomputed and is kept for later runs, or delete it: it is then made again when needed."""
     from varos_warp import cache as kept
 
     if clear:

@@ -22,6 +22,7 @@ from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
 from varos_warp.render.image.frame import RadianceImage
 from varos_warp.render.image.outputs import OUTPUTS, to_half
+from varos_warp.render.moments import Motion
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
@@ -29,6 +30,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.files import is_file
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.load import load_scene
+from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.scene.source import located
 
 MOST_SPP = 64
@@ -83,10 +85,13 @@ class View(NamedTuple):
     """Positions of the vehicle [N, 3] [m]."""
     time_ns: int = 0
     """When [ns]."""
+    motion: Motion | None = None
+    """Of the vehicle around that time, where the camera has a shutter."""
 
     def render(self, letter: str, **options) -> RadianceImage:
         """Image A or B."""
-        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, time_ns=self.time_ns, **options), letter)
+        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, motion=self.motion, time_ns=self.time_ns,
+                                            **options), letter)
 
 
 def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int | None = None, device: str = "auto",
@@ -225,11 +230,12 @@ class _EditedScene:
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
         camera = _camera(cameras, self.viewpoint.camera)
         simulation = self._simulated(scene)
-        time_ns, T_w_v = _pose(self.viewpoint, simulation)
-        return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position, time_ns)
+        time_ns, T_w_v = _pose(self.viewpoint, simulation, open_ns(cameras))
+        motion = simulation.motion(time_ns) if camera.shutter else None
+        return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position, time_ns, motion)
 
     def _simulated(self, scene: Scene):
-        moving = scene.model_dump(exclude=NOT_MOVING)
+        moving = scene.model_dump(exclude=NOT_MOVING) | {"open_ns": open_ns(scene.vehicle.cameras)}
         if isinstance(scene.trajectory.pattern, HullFollowing):
             moving["followed"] = _solid(scene)
         if moving != self._moving:
@@ -298,14 +304,15 @@ def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
     return cameras[0] if wanted is None else known[wanted]
 
 
-def _pose(viewpoint: Viewpoint, simulation) -> tuple[int, np.ndarray]:
-    """When [ns], and the pose [4, 4] of the vehicle from which to look."""
+def _pose(viewpoint: Viewpoint, simulation, stays_open_ns: int) -> tuple[int, np.ndarray]:
+    """When [ns], and the pose [4, 4] of the vehicle from which to look; shutters are open for that long afterwards."""
     frame, time_s, trajectory = viewpoint.frame, viewpoint.time_s, simulation.trajectory
     if time_s is not None:
-        end = 1e-9 * trajectory.time_ns[-1]
-        if not 0.0 <= time_s <= end:
-            raise InputError("is not on the course", key="--time", value=time_s, remedy=f"It lasts {end:g} s.")
-        time_ns = min(round(1e9 * time_s), int(trajectory.time_ns[-1]))
+        end_ns = int(trajectory.time_ns[-1]) - stays_open_ns
+        if not 0.0 <= time_s <= 1e-9 * end_ns:
+            raise InputError("is not on the course", key="--time", value=time_s,
+                             remedy=f"It lasts {1e-9 * end_ns:g} s.")
+        time_ns = min(round(1e9 * time_s), end_ns)
         return time_ns, trajectory.at([time_ns]).T_w_v(0)
     if not 0 <= frame < len(simulation.frames):
         raise InputError("there is no such frame", key="--frame", value=frame,

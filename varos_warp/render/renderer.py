@@ -288,7 +288,7 @@ class FrameRenderer:
 
     def _moving_parts(self, here: Exposed, following: Exposed, parts: np.ndarray | None) -> list[MovingPart]:
         """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
-        if parts is None:
+        if parts is None or not self.world.moving:
             return []
         now, then = (at.world.poses_at(at.row_times()) for at in (here, following))
         numbers = [self.world.part_names.index(part.name) + 1 for part in self.world.moving]

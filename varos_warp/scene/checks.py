@@ -10,9 +10,8 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import attitude, attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.geometry.query import clearance, heights_at, is_inside
-from varos_warp.scene.geometry.ranging import ranges
+from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.named_files import check_textures
@@ -51,7 +50,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     found = [*check_textures(scene), *_check_water(scene), *_check_sizes(scene, parts), *_check_reach(scene, parts),
              *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene), *_check_lights(scene, poses),
-             *_check_inside(scene, solids, poses), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
+             *_check_inside(scene, solids, poses), *_check_starts(parts), *_check_lamps_in_bodies(scene, parts),
+             *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
 
@@ -281,8 +281,8 @@ def _check_strobes(lights, camera):
         rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
         if not rows.size:
             warnings.append(f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
-                            f"camera {camera.id} is exposed from {offset[0] - half:g} to {offset[-1] + half:g} s: it "
-                            "never sees it")
+                            f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
+                            "s: it never sees it")
         elif len(rows) < len(offset):
             warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
                             f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
@@ -319,6 +319,33 @@ def _check_inside(scene, parts, poses):
             if wrong.any():
                 where = "" if fixed else f" at {_which(scene, wrong)}"
                 warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
+    return warnings
+
+
+def _check_starts(parts):
+    """What moves and begins in the ground or in something else, one warning for each; what lies on it may."""
+    warnings, told = [], set()
+    single = [part for part in parts if isinstance(part, Part)]
+    for part in (part for part in single if isinstance(part, Moving)):
+        middle = 0.5 * (part.vertices.min(axis=0) + part.vertices.max(axis=0))
+        for other in single:
+            if other is not part and (other.name, part.name) not in told and _inside(other, middle).any():
+                told.add((part.name, other.name))
+                warnings.append(f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps "
+                                "what moves out of other things (move its first stop)")
+                break
+    return warnings
+
+
+def _check_lamps_in_bodies(scene, parts):
+    """Lights of other vehicles that their own bodies enclose."""
+    warnings, bodies = [], {part.name: part for part in parts if part.name in scene.companions}
+    for i, vehicle in enumerate(scene.vehicles or ()):
+        if (body := bodies.get(vehicle.key)) is None or not vehicle.lights:
+            continue
+        within = _inside(body, np.array([light.position for light in vehicle.lights]) @ body.R_w_o.T + body.origin)
+        warnings += [f"vehicles.{i}.lights.{k}: is inside the body of its vehicle, so that no other vehicle sees its "
+                     "light (move it out, or make the body smaller)" for k in np.flatnonzero(within)]
     return warnings
 
 
@@ -431,7 +458,8 @@ def _runs_past(near, points, stops, reach):
 
 
 def _inside(part, points):
-    """Which points [N, 3] are under the terrain or inside a closed object, bool [N]."""
+    """Which points [N, 3], or [3], are under the terrain or inside a closed object, bool [N]."""
+    points = np.atleast_2d(points)
     if part.name != "terrain" and not trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight:
         return np.zeros(len(points), bool)
     return is_inside(part.vertices, part.faces, points)

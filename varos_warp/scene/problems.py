@@ -55,9 +55,10 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
     where = source.where(path)
-    changes = [text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner]
-    if "line" in where and changes:  # which may have made the block wrong
+    changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner)
+    if "line" in where and path and changes:  # which may have made the block wrong
         problem += f" (with --set {' and '.join(changes)})"
+        remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
     return InputError(problem, value=value, remedy=remedy or None, **where)
 
 

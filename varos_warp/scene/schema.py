@@ -164,10 +164,11 @@ def _explained(path, entry, root) -> Iterator[str]:
         kind = kind_of(block)
         yield ""
         yield f"  {f'kind {kind}' if kind else 'keys'}: {plain(block['description'].splitlines()[0])}"
-        for name in block["properties"]:
-            inner, = entries(name, [block])
-            if name not in KIND_KEYS or kind is None:
-                yield f"    {name:24} {_default(inner):14} {plain(inner.schema['description'])}"
+        names = [name for name in block["properties"] if name not in KIND_KEYS or kind is None]
+        rows = [(name, _default(inner), inner) for name in names for inner in entries(name, [block])]
+        wide, deep = (max((len(row[column]) for row in rows), default=0) for column in (0, 1))
+        yield from (f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}"
+                    for name, default, inner in rows)
 
 
 def facts(entry: Entry) -> dict[str, str]:
@@ -187,35 +188,43 @@ def _default(entry: Entry) -> str:
         return "required"
     value = entry.schema.get("default")
     blocks = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(item, dict) for item in value))
-    return "absent" if value is None else "none" if value in ([], {}) else "its own keys'" if blocks else _value(value)
+    return "absent" if value is None else "none" if value in ([], {}) else "see its keys" if blocks else _value(value)
 
 
 def _value(value) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def in_words(schema: dict) -> str:
-    """What a value may be, with its bounds."""
+def in_words(schema: dict, several: bool = False) -> str:
+    """What a value may be, or several, with its bounds."""
     choices = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
     if choices:
-        return " or ".join(dict.fromkeys(filter(None, map(in_words, choices))))
+        return " or ".join(dict.fromkeys(filter(None, (in_words(choice, several) for choice in choices))))
     if "enum" in schema or "const" in schema:
         return " or ".join(map(str, schema.get("enum", [schema.get("const")])))
+    lists = "lists" if several else "list"
     if "prefixItems" in schema:
         items = schema["prefixItems"]
-        return f"list of {len(items)}, each {' / '.join(dict.fromkeys(map(in_words, items)))}"
+        alike = len(set(map(in_words, items))) == 1
+        return (f"{lists} of {len(items)} {in_words(items[0], several=True)}" if alike else
+                f"{lists} of {len(items)}: {', '.join(map(in_words, items))}")
     if schema.get("type") == "array":
-        return f"list, each {in_words(schema['items'])}"
+        return f"{lists} of {in_words(schema['items'], several=True)}"
     if "pattern" in schema:
         return FORMS[schema["pattern"]]
     words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "",
              "object": "blocks by name"}.get(schema.get("type", ""), "block")
-    return words + _bounds(schema)
+    return words + "s" * (several and words in ("number", "whole number", "text", "block")) + _bounds(schema)
 
 
 def _bounds(schema: dict) -> str:
     if {"minimum", "maximum"} <= schema.keys():
-        return f" from {schema['minimum']:g} to {schema['maximum']:g}"
+        return f" from {_bound(schema['minimum'])} to {_bound(schema['maximum'])}"
     names = {"minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most", "exclusiveMaximum": "below"}
-    found = [f"{word} {schema[name]:g}" for name, word in names.items() if name in schema]
+    found = [f"{word} {_bound(schema[name])}" for name, word in names.items() if name in schema]
     return f" {' and '.join(found)}" if found else ""
+
+
+def _bound(value: float) -> str:
+    """A number without rounding it."""
+    return f"{value:g}" if float(f"{value:g}") == value else str(value)

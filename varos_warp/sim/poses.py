@@ -24,6 +24,9 @@ REST_S = 2.0
 SPEED = CubicHermiteSpline([0.0, 1.0], [1.0, 0.0], [0.0, 0.0])
 """What is left of the speed at the last pose, by the share of the time to rest; it begins and ends without a jolt."""
 
+STEP_NS = 1_000_000
+"""Between the poses that a velocity is made of [ns]."""
+
 JOLT = CubicHermiteSpline([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])
 """Speed that comes of a unit acceleration at the last pose, which fades away in a unit of time."""
 
@@ -73,6 +76,20 @@ def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, C
     """
     along = {part.name: poses_along(part.path, time_ns) for part in parts if isinstance(part, Moving) and part.path}
     return along | {key: poses(time_ns) for key, poses in (others or {}).items()}
+
+
+def velocity_with(poses: Callable[[np.ndarray], np.ndarray], points: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+    """Velocity [N, 3] [m/s] of what is at points [N, 3] of the world at times int64 [N] [ns] and moves along ``poses``.
+
+    By differences to the second order, of this instant and those before: where a course ends it is what it was.
+    """
+    now, before, earlier = (poses(np.asarray(time_ns) - k * STEP_NS) for k in range(3))
+    own = np.einsum("nji,nj->ni", now[:, :3, :3], points - now[:, :3, 3])  # in axes of what moves
+
+    def moved(then):
+        return np.einsum("nij,nj->ni", then[:, :3, :3] - now[:, :3, :3], own) + then[:, :3, 3] - now[:, :3, 3]
+
+    return (moved(earlier) - 4.0 * moved(before)) / (2e-9 * STEP_NS)
 
 
 def at_ticks(poses: Sequence[description.Pose | Stop], tick: np.ndarray) -> dict[str, np.ndarray]:

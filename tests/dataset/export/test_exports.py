@@ -53,6 +53,10 @@ def test_depth_along_the_ray_becomes_planar(data):
     np.testing.assert_allclose(along_axis(along, CameraModel(K)), 5.0, rtol=1e-14)
 
 
+def test_where_nothing_moves_no_poses_lie_beside(out):
+    assert not list(out.glob("*/moving"))
+
+
 def test_opencv_and_openexr_read_the_native_images_as_the_dataset_does(data):
     for camera in data.cameras:
         frame = data.frames[-1]

@@ -79,6 +79,20 @@ def test_opencv_reads_it_as_kitti_has_it(whole):
     assert np.isnan(data.image("F", 5)[known == 0]).all()
 
 
+def test_readers_of_raft_and_its_successors_have_it(whole):
+    """They let OpenCV choose the depth and ask for colours, turn the planes about, and take 1 for valid."""
+    data = Dataset(whole)
+    for frame in (0, 9):
+        planes = cv2.imread(str(data.layout.png("L0", "F", frame)), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+        u, v, valid = (planes[..., k].astype(np.float32) for k in (2, 1, 0))
+        F = data[frame].F
+        assert np.unique(valid).tolist() == [0.0, 1.0]
+        assert np.array_equal(valid == 1.0, np.isfinite(F[..., 0]))
+        flow = (np.stack([u, v], -1) - 2.0**15) / 64.0
+        assert flow[valid == 1.0].std(axis=0).min() > 0.05
+        assert np.abs(flow - F)[valid == 1.0].max() <= 1 / 128
+
+
 def test_flow_beyond_16_bits_is_unknown_in_the_png():
     flow = np.array([[[-512.0, 511.984], [512.0, 0.0], [0.0, -512.1], [np.nan, np.nan]]], np.float32)
     pixels = OUTPUTS["F"].encode(flow)

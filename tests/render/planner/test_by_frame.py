@@ -72,13 +72,25 @@ def test_a_peak_between_even_poses_is_found_and_followed():
         return noisy_images(0.1 * np.sqrt(truth(view[1])))(spp, *how)
 
     frames = list(range(0, 1001, 100))
-    needed = samples_along(image, [("M0", frame) for frame in frames], {("M0", 500): 9}, 0.1, -0.75)
+    needed = samples_along(image, [("M0", frame) for frame in frames], (("M0", 500), 9), 0.1, -0.75)
     plan = {"spp_by_frame": knots(needed)}
     assert 500 not in asked
     assert {350, 450} <= set(asked) - set(frames)
     assert all(300 <= frame <= 600 for frame in set(asked) - set(frames))
     for frame in range(380, 461):  # chance and a straight line through a bump make a tenth; and steps of four above 16
         assert truth(frame) * 0.9 <= spp_of(plan, "M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
+
+
+def test_needs_in_smaller_images_count_in_proportion():
+    """Small images need four times the samples: views take their share of what the worst one needs in the sequence."""
+    def image(view, spp, *how):
+        return noisy_images(0.8 if view[1] <= 500 else 0.4)(spp, *how)  # 64 and 16 samples for 0.1
+
+    views = [("M0", 0), ("M0", 1000)]
+    needed = samples_along(image, views, (("M0", 500), 16), 0.1, -0.75, smaller=True)
+    assert needed[("M0", 500)] == 16
+    assert 15 <= needed[("M0", 0)] <= 18
+    assert 4 <= needed[("M0", 1000)] <= 5
 
 
 def noisy_images(sigma: float, seed: int = 1):

@@ -10,7 +10,7 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.world.light import Light, falloff
 from varos_warp.render.field.open_water import CONES_DEG
 from varos_warp.scene.checks import check_scene
-from varos_warp.scene.description.vehicle import LampPort
+from varos_warp.scene.description.lights import LampPort
 from varos_warp.scene.lights.distribution import NODES, Distribution, behind_port, distribution, of_table
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.lights.records import light_axes, light_record

@@ -4,8 +4,8 @@ Each has ``write(job)``; ``IMAGES``, the letters of the images that it needs, wh
 colour images that are chosen; and ``MOST_CAMERAS`` if the format has no room for all.
 
 Images are linked or copied as they are; depth is encoded anew where a format has units of its own. No format states a
-shutter, so `shutters` writes a note of it. An export is made in a hidden folder beside its own and renamed when it is
-complete.
+shutter, so `shutters` writes a note of it, and `moving` the poses of what moves. An export is made in a hidden folder
+beside its own and renamed when it is complete.
 """
 
 import warnings
@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export import shutters
+from varos_warp.dataset.export import moving, shutters
 from varos_warp.dataset.export.job import Clocked, Job
 from varos_warp.errors import InputError
 
@@ -73,4 +73,5 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     with files.new_folder(out) as temp:
         module.write(replace(job, out=temp))
         shutters.write(replace(job, out=temp))
+        moving.write(replace(job, out=temp))
     return job

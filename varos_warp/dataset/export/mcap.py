@@ -81,6 +81,10 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
             yield t, "/depth0", lambda depth=depth: messages["std_msgs/msg/Float64"](depth)
     if "vehicle" in data.recorded:
         yield from _course(data.states(), messages)
+    for key in data.moving:
+        time_ns, T = data.poses(key)
+        for t, p, q in zip(time_ns.tolist(), T[:, :3, 3], quaternion(T, scalar_first=True), strict=True):
+            yield t, "/tf", lambda t=t, key=key, p=p, q=q: messages.tf(t, ("world", key, p, q))
     for camera in job.cameras:
         yield from _camera(job, camera, messages)
 

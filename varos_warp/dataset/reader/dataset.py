@@ -59,8 +59,8 @@ class Dataset:
 
     It is a sequence of `Frame`: ``data[i]``, ``data[-1]``, ``data[2:8]``, ``data[i, "R0"]`` for another camera than the
     first, ``len(data)`` and ``for frame in data``. Small tables are kept once they are read, images are not. Threads
-    may share it; it pickles as its path, so that worker processes may have it too. Of all methods, ``camera`` is an id,
-    by default that of the first; ``frame`` the number of one in the sequence, as in the names of its files;
+    may share it; it pickles as its path, so worker processes may have it, too. In all methods ``camera`` is the id of a
+    camera, by default the first; ``frame`` the number of a frame in the sequence, as in the names of its files;
     ``output`` the letter of an image.
 
     Args:
@@ -495,7 +495,7 @@ class Dataset:
         return result
 
     def torch(self, outputs: Sequence[str] = "ACD", camera: str | None = None, **options: Any) -> "TorchDataset":
-        """A PyTorch data set of this one: `varos_warp.dataset.reader.torch.TorchDataset`.
+        """This dataset for PyTorch: `varos_warp.dataset.reader.torch.TorchDataset`.
 
         Raises:
             InputError: If PyTorch is not installed.

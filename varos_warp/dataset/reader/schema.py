@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from varos_warp.limits import check_limit
 from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
-from varos_warp.scene.description.optics import Distortion, Index, Port, Vignetting
-from varos_warp.scene.description.shutter import Duration, Strobe
+from varos_warp.scene.description.lights import Strobe
+from varos_warp.scene.description.optics import Distortion, Duration, Index, Port, Vignetting
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]

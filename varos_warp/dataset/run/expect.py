@@ -52,7 +52,7 @@ def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[d
 def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camera: Camera, times_s: list[float]
                       ) -> list[float]:
     """How far at most what the middle of an image sees moves in each of some times [px]."""
-    from varos_warp.scene.geometry.ranging import ranges
+    from varos_warp.scene.geometry.query import ranges
 
     frames, model = simulation.frames, camera_model(camera)
     frames = frames.rows(np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).astype(int)))

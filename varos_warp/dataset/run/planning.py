@@ -26,6 +26,8 @@ def plan_sequence(scene, renderer, poses, quiet: bool = False, **options):
     """`plan_render` with a progress bar."""
     from varos_warp.render.planner.plan import plan_render
 
+    if not {"A", "P"} & set(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
+        scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
     with NamedSteps("planning", STEPS, quiet) as steps:
         return plan_render(scene, renderer, poses, progress=steps.reach, **options)
 

@@ -19,7 +19,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.blur import blur_of
-from varos_warp.dataset.validate.moving import of_still
+from varos_warp.dataset.validate.objects import of_still, swept
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
@@ -70,7 +70,8 @@ class View:
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False
-        return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth & (near < 1e9), data.camera_model(camera),
+        smooth &= (near < 1e9) & ~swept(data, frame, camera, depth.shape)
+        return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth, data.camera_model(camera),
                    sight(data, frame, camera), blur_of(data, frame, camera, depth).displaced)
 
 

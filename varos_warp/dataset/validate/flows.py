@@ -6,7 +6,7 @@ import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import next_sight, sight
-from varos_warp.dataset.validate.moving import moving_parts
+from varos_warp.dataset.validate.objects import moving_parts
 from varos_warp.render.image.flow import Moved, MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import DEPTH_LEVELS

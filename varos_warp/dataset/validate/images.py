@@ -13,7 +13,7 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset, read_exposures
 from varos_warp.dataset.reader.points import pixel_rays
 from varos_warp.dataset.reader.rows import sight
-from varos_warp.dataset.validate import flows, places, surfaces
+from varos_warp.dataset.validate import flows, objects, surfaces
 from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.expose import twin_gains
@@ -35,7 +35,7 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     angles: list[float] = []
     frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
     boxes: dict[int, np.ndarray] = {}
-    result.guard(lambda: boxes.update(places.boxes(data)))
+    result.guard(lambda: boxes.update(objects.boxes(data)))
     for camera in data.cameras:
         colors, sums = [Exposures(data, result, camera, output) for output in exposed], {}
         look = partial(_FrameImages, data, camera, colors, boxes)
@@ -47,9 +47,9 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
                 sums[key] = sums.get(key, 0) + values
         for color in colors:
             problems += color.verdicts()
-        surfaces.judge(result, camera, sums)
+        surfaces.check_sums(result, camera, sums)
         if "places" in sums:
-            places.judge(data, result, camera, boxes, sums["places"])
+            objects.check_places(data, result, camera, boxes, sums["places"])
     result.add_all(problems, "images")
     if angles:
         result.measure("C against the slopes of D, median angle", np.median(angles), 30.0, "deg")
@@ -66,7 +66,7 @@ class _FrameImages:
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
         self.sums: dict[str, np.ndarray] = {}
-        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `places`: ``places``."""
+        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `objects`: ``places``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for color in colors:
             self.found.guard(color.check, self)
@@ -177,7 +177,7 @@ class _FrameImages:
             self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
         if self.boxes:
             model, T_w_c = self.data.camera_model(self.camera), sight(self.data, self.frame, self.camera)
-            self.sums["places"] = places.sums(self.planar, model, T_w_c, pixels, self.boxes)
+            self.sums["places"] = objects.sums_in(self.planar, model, T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""

@@ -16,7 +16,7 @@ from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
-from varos_warp.scene.description.phase import HenyeyGreenstein
+from varos_warp.scene.description.water import HenyeyGreenstein
 from varos_warp.scene.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
 

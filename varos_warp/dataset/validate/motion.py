@@ -11,15 +11,15 @@ from varos_warp.dataset.layout import POSE_FORMS, READINGS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.moving import check_moving
+from varos_warp.dataset.validate.objects import check_moving
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.companions import companions
-from varos_warp.sim.poses import poses_of_moving
 from varos_warp.sim.sensors.dvl import Dvl, bottom_track
+from varos_warp.sim.sensors.readings import met_by_beams
 
 EPS = np.finfo(float).eps
 WINDOW_S = 2.0
@@ -399,35 +399,35 @@ def check_dvl(data: Dataset, result: Validation) -> None:
         return
     truth, about = Dvl(**data.dvl(truth=True)), data.meta["sensors"]["dvl0"]
     velocity = data.trajectory().at(truth.time_ns).velocity_of(np.array(about["T_v_s"])[:3, 3])
-    velocity = (velocity[:, None] @ T[:, :3, :3])[:, 0]
     beams, (least, most) = np.array(about["beams"]), about["range_m"]
+    from_still = -(velocity[:, None] @ T[:, :3, :3])[:, 0] @ beams.T
+    away = _check_ranges(data, result, truth, T, beams)
+    expected = np.where(np.isnan(away), truth.beam_velocity, from_still + away)
     locked = np.where((truth.range >= least) & (truth.range <= most), truth.range, np.nan)
-    off = _apart(vars(truth), vars(bottom_track(truth.time_ns, beams, locked, -velocity @ beams.T)))
+    off = _apart(vars(truth), vars(bottom_track(truth.time_ns, beams, locked, expected)))
     told = result.add_rows(data.layout.sensor("dvl0"), f"is not what its ranges and {data.layout.states.name} make it",
                            ~(off.max(1) <= 1e-9), off, _columns(data, "dvl0"))
     result.measure("dvl0: readings against ranges and states", off.max(), 1e-9, "m, m/s", told)
-    _check_ranges(data, result, truth, T, beams)
     if data.has_noise("dvl0"):
         _check_dvl_noise(data, result, truth, beams)
 
 
-def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, beams: np.ndarray) -> None:
-    """Ranges are those to the scene's meshes, where all of their files are at hand; beams at an edge may differ."""
-    from varos_warp.scene.geometry.ranging import ranges
+def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, beams: np.ndarray) -> np.ndarray:
+    """Ranges are those to the scene's meshes, where all of their files are at hand; beams at an edge may differ.
 
+    Returns:
+        Velocity along the beams [M, 4] [m/s] of what they meet, which may move; NaN where that is not known.
+    """
     try:
         scene, parts = rebuilt(data)
     except InputError:
-        return
-    least, most = data.meta["sensors"]["dvl0"]["range_m"]
-    directions = (beams @ T[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
-    moving = poses_of_moving(parts, np.repeat(truth.time_ns, len(beams)), companions(scene))
-    there = ranges(parts, np.repeat(T[:, :3, 3], len(beams), axis=0), directions, most, moving)
-    there = there.reshape(truth.range.shape)
-    expected = np.where((there >= least) & np.isfinite(there), there, np.nan)
+        return np.full(truth.range.shape, np.nan if data.meta.get("moving") else 0.0)
+    expected, away = met_by_beams(truth.time_ns, T, beams, data.meta["sensors"]["dvl0"]["range_m"], parts,
+                                  companions(scene))
     same = np.isclose(truth.range, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
     result.measure("dvl0: beams with another range than to the scene's meshes", np.mean(~same),
                    0.01 + 1.0 / same.size, "")
+    return np.where(same | (not data.meta.get("moving")), away, np.nan)
 
 
 def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.ndarray) -> None:

@@ -1,6 +1,6 @@
 """C, D and S of one frame against each other: slopes, borders, holes.
 
-Sums over pixels are kept for each frame, so that a camera's frames can be added up before anything is judged.
+Sums over pixels are kept for each frame, so that a camera's frames can be added up before anything is checked.
 """
 
 import numpy as np
@@ -23,12 +23,12 @@ MOST_PIXELS = 150_000
 BAND = 24
 
 
-def judge(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
+def check_sums(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
     """Note what the sums over a camera's frames say: ``slopes``, and borders of ``C`` and ``S``."""
     if "slopes" in sums:
-        judge_slopes(result, camera, sums["slopes"])
+        check_slopes(result, camera, sums["slopes"])
     for letter in sorted(sums.keys() & {"C", "S"}):
-        judge_borders(result, camera, letter, sums[letter])
+        check_borders(result, camera, letter, sums[letter])
 
 
 # --------------------------------------------------------------------------------------------------------------- holes
@@ -94,7 +94,7 @@ def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 
 def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float) -> np.ndarray:
-    """What `judge_slopes` needs of one frame.
+    """What `check_slopes` needs of one frame.
 
     Args:
         normal: C [H, W, 3]; zero where there is none.
@@ -119,7 +119,7 @@ def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float) -> np.ndarra
     return np.vstack([rows, step])
 
 
-def judge_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
+def check_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
     """Each axis of C goes with that of D's slopes, where slopes are more than noise; and neither image is shifted.
 
     Sound axes are correlated by 0.9 and more, flipped ones by as much below 0.
@@ -172,7 +172,7 @@ def border_counts(places: list[tuple[np.ndarray, np.ndarray]], image: np.ndarray
     return counts
 
 
-def judge_borders(result: Validation, camera: str, letter: str, counts: np.ndarray) -> None:
+def check_borders(result: Validation, camera: str, letter: str, counts: np.ndarray) -> None:
     """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both."""
     for direction, (here, *aside) in zip(("across", "down"), counts, strict=True):
         if max(here, *aside) >= FEWEST_JUMPS:

@@ -17,7 +17,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate.blur import blur_of
-from varos_warp.dataset.validate.moving import of_still
+from varos_warp.dataset.validate.objects import of_still, swept
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
 
@@ -50,6 +50,7 @@ class _View:
         self.depth = of_still(data, data.planar_depth(frame, camera), frame, camera)
         self.images = {}
         self.streak = blur_of(data, frame, camera, self.depth).streak if "B" in letters else None
+        self.swept = swept(data, frame, camera, self.depth.shape) if "B" in letters else None
         for letter in letters:
             with contextlib.suppress(InputError):  # told of already
                 pixels = data.pixels(letter, frame, camera)
@@ -148,7 +149,11 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
     letters = first.images.keys() & second.images.keys()
     if "B" in letters and not np.hypot(*(first.streak - second.streak)) <= 1.0:
         letters -= {"B"}  # it is blurred otherwise
-    for letter in letters if len(row) >= FEWEST_POINTS else ():
+    for letter in sorted(letters, key="CSB".index):
+        if letter == "B":
+            row, col, u, v = (x[~(first.swept[row, col] | second.swept[v, u])] for x in (row, col, u, v))
+        if len(row) < FEWEST_POINTS:
+            break
         here, there = first.images[letter][row, col].astype(np.int32), second.images[letter]
         nine = np.stack([there[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]).astype(np.int32)
         slack = letter != "S"  # a step of rounding

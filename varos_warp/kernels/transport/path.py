@@ -49,8 +49,8 @@ from varos_warp.kernels.transport.subpath import (
 from varos_warp.kernels.transport.virtual_lights import (
     VirtualLight,
     found_weight,
-    gather_virtual_light,
     group_of,
+    make_gather_virtual_light,
     may_have_lobe,
 )
 from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
@@ -137,6 +137,7 @@ def carries_all(vertex: Vertex, with_field: bool):
 def make_leave_vertex(spec: PathSpec) -> wp.Function:
     """The function ``leave_vertex`` of a subpath, specialised to ``spec``."""
     visible = make_segment(spec).visible
+    gather_virtual_light = make_gather_virtual_light(spec.instances and spec.varies)
 
     @wp.func
     def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, u: wp.vec2):

@@ -17,7 +17,15 @@ from varos_warp.kernels.sobol import sobol2, sobol4
 from varos_warp.kernels.transport.moments import Moment, Moments
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
-from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.intersect import (
+    Hit,
+    SceneData,
+    make_hit_surface,
+    make_rays,
+    moves,
+    shading_normal,
+    to_instance,
+)
 from varos_warp.kernels.world.light import (
     choose_by_flux,
     get_light,
@@ -42,9 +50,11 @@ class VirtualLight:
     """A point that a light lights."""
 
     p: wp.vec3
-    """Where rays from it start."""
+    """Where rays from it start; on what moves, an offset in its axes and units."""
     n: wp.vec3
-    """Geometric normal on the lit side."""
+    """Geometric normal on the lit side; on what moves, in its axes."""
+    moving: int
+    """Number of what moves that it lies on; -1 for others."""
     L: wp.vec3
     """Radiance that the surface reflects; 0 if the ray hit nothing, or a material that may be metal."""
     density: float
@@ -92,6 +102,17 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) ->
     first_hit, _ = make_rays(instances)
     hit_surface = make_hit_surface(textures, instances)
 
+    @wp.func
+    def moves_with(scene: SceneData, hit: Hit, point: VirtualLight):
+        """The point in the axes of what moves, if it lies on that: samples of other instants find it on the surface."""
+        after = point
+        if moves(scene, hit):
+            copy = scene.moving[hit.instance]
+            after.p = to_instance(copy, point.p - copy.p)
+            after.n = wp.transpose(copy.R) * point.n
+            after.moving = hit.instance
+        return after
+
     @wp.kernel(module="unique", enable_backward=False)
     def find_virtual_lights(
         scene: SceneData,
@@ -117,6 +138,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) ->
         d = ray.d
         hit = first_hit(scene, ray.o, d)
         point = VirtualLight()
+        point.moving = -1
         if hit.face >= 0:
             n = shading_normal(scene, hit)
             surface = hit_surface(scene, hit, n, footprint_width(SUBPATH_ANGLE, hit.t, d, hit.n))
@@ -126,6 +148,8 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) ->
                 E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
+            if wp.static(instances and varies):
+                point = moves_with(scene, hit, point)
         points[row, col] = point
 
     return find_virtual_lights
@@ -140,38 +164,57 @@ class VirtualConnection:
 
 
 @wp.func
-def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
-    """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
+def in_world(scene: SceneData, point: VirtualLight):
+    """A virtual point light where what it lies on is at the sample's instant."""
+    after = point
+    if point.moving >= 0:
+        copy = scene.moving[point.moving]
+        after.p = copy.scale * (copy.R * point.p) + copy.p
+        after.n = copy.R * point.n
+    return after
 
-    Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use different
-    points, so their difference shows the error that all pixels share.
-    """
-    chosen = make_reservoir(u[1])
-    best = VirtualConnection()
-    count = points.shape[0]
-    candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
-    for k in range(candidates):
-        at = int((float(k) + u[0]) / float(CANDIDATES) * float(count))
-        point = points[wp.min(at, count - 1)]
-        offset = point.p - vertex.p
-        r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
-        r = wp.sqrt(r2)
-        d = offset / r
-        facing = -wp.dot(point.n, d) / r2
-        if facing > 0.0 and point.density > 0.0:
-            found = own_lobe_pdf(scene, vertex, d) * facing
-            # from the ratio of weight and density, because the square of either alone might overflow
-            ratio = found / (float(CANDIDATES) * point.density)
-            share = 1.0 / (point.density * (1.0 + ratio * ratio))
-            f = vertex_eval(scene, vertex, d)
-            L = (facing * share) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
-            weight = brightest(L)
-            chosen = offer(chosen, k, weight)
-            if weight > 0.0 and chosen.index == k:
-                best.p = point.p
-                best.L = L / weight
-    best.L *= chosen.total / float(CANDIDATES)
-    return best
+
+@cache
+def make_gather_virtual_light(moving: bool) -> wp.Function:
+    """The function ``gather_virtual_light(scene, points, vertex, u)``, for scenes where objects move or none do."""
+
+    @wp.func
+    def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
+        """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
+
+        Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use
+        different points, so their difference shows the error that all pixels share.
+        """
+        chosen = make_reservoir(u[1])
+        best = VirtualConnection()
+        count = points.shape[0]
+        candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
+        for k in range(candidates):
+            at = int((float(k) + u[0]) / float(CANDIDATES) * float(count))
+            point = points[wp.min(at, count - 1)]
+            if wp.static(moving):
+                point = in_world(scene, point)
+            offset = point.p - vertex.p
+            r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
+            r = wp.sqrt(r2)
+            d = offset / r
+            facing = -wp.dot(point.n, d) / r2
+            if facing > 0.0 and point.density > 0.0:
+                found = own_lobe_pdf(scene, vertex, d) * facing
+                # from the ratio of weight and density, because the square of either alone might overflow
+                ratio = found / (float(CANDIDATES) * point.density)
+                share = 1.0 / (point.density * (1.0 + ratio * ratio))
+                f = vertex_eval(scene, vertex, d)
+                L = (facing * share) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
+                weight = brightest(L)
+                chosen = offer(chosen, k, weight)
+                if weight > 0.0 and chosen.index == k:
+                    best.p = point.p
+                    best.L = L / weight
+        best.L *= chosen.total / float(CANDIDATES)
+        return best
+
+    return gather_virtual_light
 
 
 @wp.func

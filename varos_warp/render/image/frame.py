@@ -91,7 +91,7 @@ class SegmentImage:
 
 @dataclass(frozen=True)
 class FlowImage:
-    """Where what the pixel centres see is seen in the next frame of the same camera; the world stands still."""
+    """Where what the pixel centres see is seen in the next frame of the same camera, also on objects that move."""
 
     flow: np.ndarray
     """Its image point there less the pixel's centre, to the right and down, float32 [H, W, 2] [pixels]; NaN where

@@ -121,22 +121,24 @@ def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: 
     return needed
 
 
-def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: list[Place], known: dict[Place, int],
-                  target: float, steepest: float) -> dict[Place, int]:
+def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: list[Place], worst: tuple[Place, int],
+                  target: float, steepest: float, smaller: bool = False) -> dict[Place, int]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
-        image: As in `samples_needed`, like ``target`` and ``steepest``.
+        image: As in `samples_needed`, like ``target`` and ``steepest``. Where these images are smaller than those in
+            which the worst view was measured, all need more of them, and what they need is taken in proportion.
         views: The first views.
-        known: What others need, among them the one that is thought to need most.
+        worst: The view that is thought to need most, and what it needs in the sequence.
+        smaller: Whether they are.
     """
-    most = max(known.values())
+    place, most = worst
     first = min(max(FIRST, most // REACH), most)
-    unknown = dict.fromkeys(sorted({*views} - {*known}), first)
-    needed = known | samples_needed(image, unknown, target, steepest)
+    unknown = dict.fromkeys(sorted({*views} - {place}), first) | ({place: most} if smaller else {})
+    needed = {place: most} | samples_needed(image, unknown, target, steepest)
     for _ in range(HALVINGS):
         needed |= samples_needed(image, halfway(needed), target, steepest)
-    return needed
+    return {view: max(FEWEST_SPP, -(-count * most // needed[place])) for view, count in needed.items()}
 
 
 def halfway(needed: dict[Place, int]) -> dict[Place, int]:

@@ -6,7 +6,9 @@ another one tells, on average, how far that one is from the truth.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -40,8 +42,15 @@ def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
         sigmas: That end, in standard errors; of several the result is [sigmas, 3].
     """
     square, unsure = squared_error(images, estimates)
-    whole = relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(estimates, np.float64))
+    whole = relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(estimates))
     return np.maximum(whole, block_error(images, estimates) / BLOCKS_WITHIN)
+
+
+def worst_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> np.ndarray:
+    """The largest `error` [3] of any one of the images."""
+    estimates = np.asarray(estimates)
+    with ThreadPoolExecutor() as pool:
+        return np.max([*pool.map(lambda image: error([image], estimates), images)], axis=0)
 
 
 def block_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> np.ndarray:
@@ -73,18 +82,22 @@ def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray])
 
     As if pixels were independent.
     """
-    estimates = np.array(estimates)
-    means, squares, unsure = estimates.mean((1, 2), dtype=np.float64), [], []
-    for image in np.asarray(images):
-        level = image.mean((0, 1), dtype=np.float64)
-        (square, deviation), sane_means = _against_sane(image, estimates, level)
-        both = np.array([means, sane_means])
-        (offset, sane_offset), (chance, sane_chance) = level - both.mean(1), both.var(axis=1, ddof=1) / len(means)
-        rare = offset**2 - chance - (sane_offset**2 - sane_chance)
-        squares.append(square + rare)
-        unsure.append(np.hypot(deviation / np.sqrt(image[..., 0].size),
-                               2.0 * offset * np.sqrt(np.maximum(chance - sane_chance, 0.0))))
-    return np.mean(squares, axis=0), np.mean(unsure, axis=0)
+    estimates = np.asarray(estimates)
+    with ThreadPoolExecutor() as pool:
+        found = [*pool.map(partial(_squared_error, estimates, estimates.mean((1, 2), dtype=np.float64)), images)]
+    return tuple(np.mean(found, axis=0))
+
+
+def _squared_error(estimates: np.ndarray, means: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`squared_error` of one image; ``means`` [count, 3] are those of the estimates."""
+    level = image.mean((0, 1), dtype=np.float64)
+    (square, deviation), sane_means = _against_sane(image, estimates, level)
+    both = np.array([means, sane_means])
+    (offset, sane_offset), (chance, sane_chance) = level - both.mean(1), both.var(axis=1, ddof=1) / len(means)
+    rare = offset**2 - chance - (sane_offset**2 - sane_chance)
+    unsure = np.hypot(deviation / np.sqrt(image[..., 0].size),
+                      2.0 * offset * np.sqrt(np.maximum(chance - sane_chance, 0.0)))
+    return square + rare, unsure
 
 
 def _against_sane(image: np.ndarray, estimates: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +120,7 @@ def _against_sane(image: np.ndarray, estimates: np.ndarray, level: np.ndarray) -
 
 def relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     """Root of mean squares [3] over the brightness of images [count, H, W, 3]; 0 where all is black."""
-    level = brightness(radiance.mean((0, 1, 2)))
+    level = brightness(radiance.mean((0, 1, 2), dtype=np.float64))
     return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(square.shape), where=level > 0.0)
 
 

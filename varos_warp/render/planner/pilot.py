@@ -16,9 +16,12 @@ from varos_warp.sim.clock import frame_time_ns
 POSES = 5
 SMALL, SMALL_SPP = 160 * 90, 4
 """Pixels of an image that tells where the noise is; smaller ones get more samples per pixel, the same in all."""
-PIXELS, LONG = 320 * 180, 1000
-"""Most pixels of an image in which errors are measured, of a short sequence; one of so many frames is worth a pilot of
-its own resolution. A larger image has more pixels for the same edges and details, so it needs fewer samples."""
+PIXELS = 320 * 180
+"""Most pixels of a test image of a short sequence. A larger image has more pixels for the same edges and details, so it
+needs fewer samples: a third, with eight times the pixels."""
+MEASURED, COMPARED = 250, 1000
+"""A sequence of so many frames is worth test images of its own resolution: of the noisiest view, whose error is
+measured, and of others, which are compared with it."""
 SEED, SECOND_SEED = 1 << 31, 3 << 30
 """Random numbers of test images, and of the second image of each view: a scene's seed is below the first."""
 RARE = 1e-3
@@ -65,9 +68,9 @@ def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
     return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
 
 
-def pixels_tried(camera: Camera, frames: int) -> int:
-    """Pixels of the images in which the errors of a sequence of so many frames are measured."""
-    return max(PIXELS, round(min(1.0, frames / LONG) * np.prod(camera.resolution)))
+def pixels_tried(camera: Camera, frames: int, worth: int = MEASURED) -> int:
+    """Pixels of the test images of a sequence of so many frames; ``worth`` is `MEASURED` or `COMPARED`."""
+    return max(PIXELS, round(min(1.0, frames / worth) * np.prod(camera.resolution)))
 
 
 def pilot_frames(count: int) -> list[int]:

@@ -272,14 +272,15 @@ class Planner:
 
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
-        worst, count, camera = self.worst, len(self.poses), self.test_camera
-        frames = by_frame.tried_frames(count, np.prod(camera.resolution) / np.prod(worst.camera.resolution))
+        worst, count = self.worst, len(self.poses)
+        pixels = pilot.pixels_tried(worst.camera, count, pilot.COMPARED)
+        # views are compared in images of as many pixels
+        cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
+        small = cameras[worst.camera.id]
+        frames = by_frame.tried_frames(count, np.prod(small.resolution) / np.prod(worst.camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
         self.progress("samples by frame", 0.0)
-        # views are compared in images of as many pixels
-        cameras = {given.id: pilot_camera(given, pilot.pixels_tried(worst.camera, count))
-                   for given in self.scene.vehicle.cameras}
 
         def image(view, spp, number, denoised):
             name, frame = view
@@ -287,7 +288,8 @@ class Planner:
             return self.denoised(*tried) if denoised else self.image(*tried).radiance
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, {(worst.camera.id, worst.frame): spp}, target, self.steepest)
+        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest,
+                                        smaller=small != self.test_camera)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
@@ -318,15 +320,14 @@ class Planner:
             images.append([self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)])
         self.progress("samples", 1.0)
         estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
-        worst = [np.max([errors.error([image], estimates) for image in level], axis=0) for level in images]
-        return ErrorLaw(levels, np.array(worst), self.steepest)
+        return ErrorLaw(levels, np.array([errors.worst_error(level, estimates) for level in images]), self.steepest)
 
     def estimates(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
         """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
         taken, made = IMAGES * len(LEVELS), []
         while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
             made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
-            if len(made) >= FEWEST_ESTIMATES:
+            if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
                 if unsure[worst] <= errors.PRECISE * square[worst]:

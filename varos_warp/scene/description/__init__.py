@@ -13,10 +13,12 @@ from pydantic import Field, PrivateAttr, model_validator
 from varos_warp.errors import did_you_mean
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
+from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
-from varos_warp.scene.description.vehicle import Current, Light, Pose, Trajectory, Vehicle
-from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter, Water
+from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
+from varos_warp.scene.description.water import Water
+from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter
 from varos_warp.scene.files import absolute
 
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
@@ -54,7 +56,8 @@ class Scene(Block):
     vehicle: Vehicle = Vehicle()
     """The vehicle with its lights, cameras and sensors."""
     trajectory: Trajectory
-    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, but beside ``vehicles``."""
+    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, unless there are
+    ``vehicles``."""
     vehicles: Annotated[list[FleetVehicle], Field(min_length=1)] | None = None
     """Several vehicles instead of ``vehicle`` and ``trajectory``, each with its own ``id`` (docs/vehicles.md). A run
     makes a dataset of each. Absent: the one ``vehicle``."""

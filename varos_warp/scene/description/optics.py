@@ -1,11 +1,11 @@
-"""What stands between a camera and what it sees: the distortion of its lens, its port, and the index of the water."""
+"""What stands between a camera and what it sees: distortion, port and shutter, and the index of the water."""
 
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block, Vec3, unwritten_if_absent
+from varos_warp.scene.description.block import Block, Vec3, outside, unwritten_if_absent
 from varos_warp.scene.optics.camera import camera_model, unit
 
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
@@ -15,6 +15,26 @@ Size = Annotated[float, Field(gt=0.0, le=100.0)]
 Thickness = Annotated[float, Field(ge=0.0, le=100.0)]
 """[m]"""
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+SHORTEST_S = 1e-9
+"""Times are counted in nanoseconds."""
+Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
+"""[s]"""
+
+
+class Shutter(Block):
+    """While it is open A and B are blurred by the vehicle's motion; C, D, S and F are of the middle of the exposure."""
+
+    exposure_s: Duration = 0.0
+    """How long each pixel is exposed [s]; 0 is an instant."""
+    readout_s: Duration = 0.0
+    """Time that a rolling shutter takes to read all rows, first row first: their number times the time from one row to
+    the next [s]; 0 is a global shutter. Time stamps are of the middle of the exposure of the middle row."""
+
+    @model_validator(mode="after")
+    def _is_open(self):
+        if self.exposure_s == 0.0 == self.readout_s:
+            raise ValueError("a shutter has an exposure_s or a readout_s above 0; leave it out for sharp images")
+        return self
 
 
 class FlatPort(Block):

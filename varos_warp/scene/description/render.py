@@ -14,7 +14,7 @@ class Exposure(Block):
     """``adaptive``: each frame by its own brightness, smoothed over time (paper 3.2.1); ``constant``: one gain for the
     sequence; or the gain itself."""
     B: Literal["adaptive", "constant"] | Positive = "constant"
-    """As of A; by default, a reflectance of 0.5 becomes the same grey in every frame."""
+    """As for A; with ``constant``, a reflectance of 0.5 becomes the same grey in every frame."""
 
 
 def field_by_old_name(name):
@@ -29,19 +29,20 @@ class Render(Block):
     """Frames per second [Hz]."""
     outputs: list[Literal["A", "B", "C", "D", "S", "P", "F"]] = ["A", "B", "C", "D"]
     """Image types: A underwater, B without water in uniform light, C normals, D depth, S objects, P the twin of A
-    without port and distortion, F optical flow."""
+    without port, distortion, vignetting and shutter, F optical flow."""
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE asked of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
-    """Sampling of A stops after about this long, whatever the tolerance [s]; absent: 60 on a CPU, 5 on a GPU."""
+    """The planner chooses no more samples of A than take about this long, whatever the tolerance [s]; absent: 60 on a
+    CPU, 5 on a GPU."""
     spp: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice."""
     spp_b: Annotated[int, Field(ge=1)] = 20
     """Samples per pixel of B (paper 3.2.1)."""
     max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
-    """Most scatterings in the water on a path of light; absent: no bound but the planner's."""
+    """Most scatterings in the water on a path of light. Absent: no bound."""
     max_bounces: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[8])
-    """Most reflections on surfaces on a path of light; absent: no bound but the planner's."""
+    """Most reflections on surfaces on a path of light. Absent: no bound."""
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
     """Which light A holds: reflected once (direct), scattered once (single), everything else (multiple)."""
     integrator: Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)] = "auto"

@@ -1,4 +1,4 @@
-"""The world: terrain, objects, scattered copies, materials and water."""
+"""The world: terrain, objects, scattered copies and materials."""
 
 import itertools
 from typing import Annotated, Literal
@@ -7,8 +7,6 @@ from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
-    Coefficient,
-    CoefficientRgb,
     EulerAngles,
     NonNegative,
     Position,
@@ -20,7 +18,6 @@ from varos_warp.scene.description.block import (
     kind_by_default,
     unwritten_if_absent,
 )
-from varos_warp.scene.description.phase import FournierForand, HenyeyGreenstein, MeanCosine, Phase
 
 # ---------------------------------------------------------------------------------------------------------- geometry
 
@@ -193,7 +190,8 @@ class Parametric(Movable):
     """An object made from its measures."""
 
     chord_error_m: Annotated[float, Field(ge=1e-6)] | None = Field(default=None, examples=[0.001])
-    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm."""
+    """How far its triangles may lie from the true surface [m]; absent: a 500th of its radius, 0.05 to 0.38 mm;
+    for a boulder an 80th of its radius."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
@@ -443,58 +441,3 @@ class Dirt(Block):
 
 Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind"),
                      kind_by_default("diffuse")]
-
-
-# ------------------------------------------------------------------------------------------------------------- water
-
-
-class Principled(Block):
-    """Blender's Principled Volume (paper, table 1)."""
-
-    density: Coefficient = Field(examples=[0.125])
-    """Multiplies scattering and absorption [1/m]."""
-    color: CoefficientRgb = Field(examples=[[0.014, 0.146, 0.345]])
-    """Scattering, as a share of the density, for red, green and blue."""
-    absorption_color: UnitRgb = Field(examples=[[0.0, 0.394, 1.0]])
-    """Tint of what is not scattered, for red, green and blue: absorption is density (1 - color) (1 -
-    sqrt(absorption_color)), each at least 0."""
-    anisotropy: MeanCosine = 0.0
-    """Mean cosine g of Henyey and Greenstein's phase function: 0 scatters evenly, towards 1 ahead."""
-
-
-class Coefficients(Block):
-    """Scattering and absorption coefficients [1/m] per channel."""
-
-    sigma_s: CoefficientRgb = Field(examples=[[0.0018, 0.0183, 0.0431]])
-    """Scattering coefficients for red, green and blue [1/m]; oceanography's b."""
-    sigma_a: CoefficientRgb = Field(examples=[[0.1233, 0.0397, 0.0]])
-    """Absorption coefficients for red, green and blue [1/m]; oceanography's a."""
-    phase: Phase = HenyeyGreenstein()
-    """Phase function: where scattered light goes (docs/phase_functions.md)."""
-
-
-class Jerlov(Block):
-    """A Jerlov water type."""
-
-    type: Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
-    """I to III: oceans, from clear to turbid; 1C to 9C: coasts. IC is an old name of 1C."""
-    phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)
-    """Phase function (docs/phase_functions.md). Absent: Fournier and Forand's, with the backscatter fraction of
-    Petzold's average particles."""
-
-
-class Water(Block):
-    """Exactly one of the three forms."""
-
-    principled: Principled | None = None
-    """Blender's Principled Volume, as in the VAROS paper."""
-    coefficients: Coefficients | None = None
-    """Scattering and absorption coefficients."""
-    jerlov: Jerlov | None = None
-    """A Jerlov type, which stands for measured coefficients."""
-
-    @model_validator(mode="after")
-    def _one_form(self):
-        if sum(form is not None for form in (self.principled, self.coefficients, self.jerlov)) != 1:
-            raise ValueError("give exactly one of principled, coefficients, jerlov (or `water: none`)")
-        return self

@@ -10,7 +10,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain
 from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
-from varos_warp.scene.geometry.boards import board
+from varos_warp.scene.geometry.assets.boards import board
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Moving, Part

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import LampPort, Light
+from varos_warp.scene.description.lights import LampPort, Light
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.ports import snell, transmitted
 

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from varos_warp.kernels.world.light import Light as LightData
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Light
+from varos_warp.scene.description.lights import Light
 from varos_warp.scene.frames import R_V_C, look_at_matrix
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.optics.shutter import Instants, on_share

@@ -10,7 +10,7 @@ import warp as wp
 
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Principled
+from varos_warp.scene.description.water import Principled
 from varos_warp.scene.water.jerlov import JERLOV
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 from varos_warp.scene.water.phase.phase_function import PhaseFunction

@@ -26,7 +26,7 @@ class Dvl:
     range: np.ndarray
     """Along each beam [M, 4] [m], NaN without lock."""
     beam_velocity: np.ndarray
-    """Of the bottom along each beam, away from the sensor [M, 4] [m/s], NaN without lock."""
+    """Of what each beam meets, along it and away from the sensor [M, 4] [m/s], NaN without lock."""
 
 
 def beam_directions(dvl: description.Dvl) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What the vehicle's sensors read along a trajectory (IMU and depth gauge: paper 3.2.2 and 3.2.3)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.clock import frames_until, times_ns
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.poses import poses_of_moving
+from varos_warp.sim.poses import poses_of_moving, velocity_with
 from varos_warp.sim.sensors.dvl import Dvl, beam_directions, bottom_track
 from varos_warp.sim.sensors.noise import imu_noise
 
@@ -93,9 +93,9 @@ def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer
 
 def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, others: Mapping[str, Callable] | None = None
                 ) -> Dvl:
-    """Beams d of the sensor: range along d to what is there at the time, velocity - d . R_sv (R_vw v + w x l).
+    """Beams d of the sensor: range along d to what is there at the time, and velocity d . (u - R_sv (R_vw v + w x l)).
 
-    What a beam meets counts as still, also where it moves.
+    u is the velocity of what a beam meets, in sensor axes: 0 where it stands still.
 
     Args:
         trajectory: Of the vehicle.
@@ -103,17 +103,40 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, other
         parts: Everything solid, from ``build_parts``.
         others: Poses of other vehicles, whose bodies are among the parts.
     """
-    from varos_warp.scene.geometry.ranging import ranges  # Warp is loaded only where there is a DVL
-
     there, beams = sampled(trajectory, dvl.rate_hz), beam_directions(dvl)
     velocity = velocity_of_sensor(there, dvl.position, frames.attitude(dvl))
     T_w_s = there.poses() @ frames.pose_matrix(dvl)
+    distance, away = met_by_beams(there.time_ns, T_w_s, beams, dvl.range_m, parts, others)
+    return bottom_track(there.time_ns, beams, distance, away - velocity @ beams.T)
+
+
+def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float], parts: list,
+                 others: Mapping[str, Callable] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [M, 4] along beams to what is there at the time, NaN without lock, and its velocity along them [M, 4].
+
+    Args:
+        time_ns: int64 [M].
+        T_w_s: Poses of the sensor [M, 4, 4].
+        beams: Unit vectors [4, 3], sensor axes.
+        range_m: Least and most [m].
+        parts: Everything solid, from ``build_parts``.
+        others: Poses of other vehicles, whose bodies are among the parts.
+    """
+    from varos_warp.scene.geometry.query import first_met  # Warp is loaded only where there is a DVL
+
+    start, when = np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), np.repeat(time_ns, len(beams))
     directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
-    least, most = dvl.range_m
-    moving = poses_of_moving(parts, np.repeat(there.time_ns, len(beams)), others)
-    distance = ranges(parts, np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), directions, most, moving)
-    distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan).reshape(-1, len(beams))
-    return bottom_track(there.time_ns, beams, distance, -velocity @ beams.T)
+    least, most = range_m
+    poses = poses_of_moving(parts, when, others)
+    distance, met = first_met(parts, start, directions, most, poses)
+    away = np.zeros(len(distance))
+    for k, key in enumerate(poses):
+        rays = np.flatnonzero(met == k)
+        points = start[rays] + distance[rays, None] * directions[rays]
+        velocity = velocity_with(lambda at, key=key: poses_of_moving(parts, at, others)[key], points, when[rays])
+        away[rays] = (velocity * directions[rays]).sum(axis=1)
+    distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan)
+    return distance.reshape(-1, len(beams)), away.reshape(-1, len(beams))
 
 
 def velocity_of_sensor(there: Trajectory, lever, R_v_s: np.ndarray) -> np.ndarray:

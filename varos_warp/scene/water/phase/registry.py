@@ -16,7 +16,7 @@ def make_phase(block, resolve: Callable[[str], Path] = Path, key: str = "phase")
     """The phase function that a block of the scene file describes.
 
     Args:
-        block: One of scene/description/phase.py.
+        block: One of scene/description/water.py.
         resolve: Finds a file that the block names.
         key: Where the block stands, for messages.
 

@@ -1,0 +1,160 @@
+"""The lights of a vehicle, and when they flash."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+
+from varos_warp.scene.description.block import (
+    Block,
+    Position,
+    Unit,
+    Vec3,
+    kind_by_default,
+    outside,
+    unwritten_if_absent,
+)
+from varos_warp.scene.description.optics import SHORTEST_S, Index
+
+Intensity = Annotated[float, Field(ge=0.0, le=1e20), outside(0.0, 1e-20, "an intensity is 0 or at least 1e-20 W/sr")]
+"""[W/sr]; beyond, single precision over- or underflows on the way of the light."""
+IntensityRgb = tuple[Intensity, Intensity, Intensity]
+
+
+def _check_direction(value):
+    """Directions of lights have a length: float32 on the device squares it."""
+    if np.linalg.norm(value) < 1e-6:
+        raise ValueError("the direction of a light must be at least 1e-6 long")
+    return value
+
+
+Radius = Annotated[float, Field(gt=0.0, le=100.0)]
+"""Of a lamp [m]: a disk across its axis, each point of which shines as the whole lamp does."""
+
+
+class Strobe(Block):
+    """A light that flashes with every frame instead of shining all the time."""
+
+    on_s: Annotated[float, Field(ge=SHORTEST_S, le=60.0, examples=[0.002])]
+    """How long [s]."""
+    delay_s: Annotated[float, Field(ge=-60.0, le=60.0)] = 0.0
+    """From the frame's time stamp to the middle of the flash [s]."""
+
+
+class LampPort(Block):
+    """A flat pane before a lamp, perpendicular to its axis: the beam narrows and brightens as it enters the water."""
+
+    kind: Literal["flat"] = "flat"
+    n_glass: Index = 1.49
+    """Refractive index of the pane, relative to air; 1.49 is acrylic."""
+    n_water: Index = 1.34
+    """Refractive index of the water, relative to air."""
+
+
+class SpotLight(Block):
+    """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
+
+    kind: Literal["spot"] = "spot"
+    position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
+    cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
+        359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
+    """Full angle of the cone [degrees], at most 359.9, or 360 for a light without one; single precision cannot
+    represent the cosines of cones below 1 degree."""
+    blend: Unit = 0.0
+    """Width of the cone's soft edge as in Blender: 0 is a hard edge, 1 fades from the axis on."""
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity inside the cone for red, green and blue [W/sr]. Blender's power P in watts is 4 pi times it."""
+    port: LampPort | None = None
+    """A flat pane before the lamp. With one, cone and intensity are those in air. Absent: they are those in the
+    water."""
+    radius_m: Radius | None = Field(default=None, examples=[0.03])
+    """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
+    shadows. Absent: a point."""
+    strobe: Strobe | None = None
+    """Flashes with every frame. Absent: it shines all the time."""
+
+    _has_direction = field_validator("direction")(_check_direction)
+    _written = unwritten_if_absent("port", "radius_m", "strobe")
+
+
+class ProfileLight(Block):
+    """A lamp whose intensity by angle to its axis a file tells: CSV (angle_deg, intensity) or IES LM-63."""
+
+    kind: Literal["profile"]
+    file: str = Field(examples=["led_flood"])
+    """File of the intensity by the angle to the axis, CSV (angle_deg, intensity) or IES LM-63, the same all around the
+    axis; its scale does not matter. Or the name of a lamp that comes with the package, ``led_flood``."""
+    position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity at the profile's peak for red, green and blue [W/sr]."""
+    port: LampPort | None = None
+    """A flat pane before the lamp. With one, profile and intensity are those in air. Absent: they are those in the
+    water."""
+    radius_m: Radius | None = Field(default=None, examples=[0.02])
+    """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
+    shadows. Absent: a point."""
+    strobe: Strobe | None = None
+    """Flashes with every frame. Absent: it shines all the time."""
+
+    _has_direction = field_validator("direction")(_check_direction)
+    _written = unwritten_if_absent("radius_m", "strobe")
+
+
+class PointLight(Block):
+    """A light that shines equally in every direction, ``intensity`` [W/sr]."""
+
+    kind: Literal["point"]
+    position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity in every direction for red, green and blue [W/sr]."""
+    strobe: Strobe | None = None
+    """Flashes with every frame. Absent: it shines all the time."""
+
+    _written = unwritten_if_absent("strobe")
+
+
+class SheetLight(Block):
+    """A sheet of light, as of a line laser: ``intensity`` [W/sr] between two pairs of planes through the light, else 0.
+
+    The angles between the planes are ``fan_deg``, in the sheet, and ``thickness_deg``, across it.
+    """
+
+    kind: Literal["sheet"]
+    position: Position = (0.0, 0.0, 0.0)
+    """Position in vehicle axes: x right, y forward, z up [m]."""
+    direction: Vec3 = (0.0, 1.0, 0.0)
+    """To the middle of the fan, in vehicle axes, of any length."""
+    normal: Position = Field(examples=[[0, 0.6, 1]])
+    """Normal of the sheet in vehicle axes, of any length; what of it lies along the direction is left out."""
+    fan_deg: Annotated[float, Field(ge=0.1, le=170.0)] = Field(examples=[60])
+    """Full angle of the fan, in the sheet [degrees]."""
+    thickness_deg: Annotated[float, Field(ge=0.01, le=170.0)] = Field(examples=[0.3])
+    """Full angle across the sheet [degrees]; single precision cannot represent much thinner ones."""
+    intensity: IntensityRgb = (100.0, 100.0, 100.0)
+    """Radiant intensity inside the sheet for red, green and blue [W/sr]."""
+    strobe: Strobe | None = None
+    """Flashes with every frame. Absent: it shines all the time."""
+
+    _has_direction = field_validator("direction")(_check_direction)
+
+    @field_validator("normal")
+    @classmethod
+    def _across(cls, value, info: ValidationInfo):
+        direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
+        size = np.linalg.norm(value) * np.linalg.norm(direction)
+        if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
+            raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
+        return value
+
+    _written = unwritten_if_absent("strobe")
+
+
+Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),
+                  kind_by_default("spot")]
