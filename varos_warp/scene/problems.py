@@ -21,7 +21,7 @@ ELSEWHERE = {
     "position": ("translation", "xyz", "origin", "location", "t"),
     "rotation_euler_deg": ("rotation", "rpy", "orientation", "euler", "quaternion"),
     "intensity": ("power", "power_w", "watts", "energy", "lumens", "brightness"),
-    "cone_deg": ("angle", "beam_angle", "cone", "spot_size", "fov"),
+    "cone_deg": ("angle", "beam_angle", "spot_size", "fov"),
     "reflectance": ("albedo", "color", "colour", "base_color", "kd"),
     "file": ("mesh", "path", "filename", "uri", "model"),
     "lights": ("lamps",),
@@ -159,10 +159,10 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
     words = " or ".join(dict.fromkeys(filter(None, map(in_words, schemas))))
     if known[0].key != path[-1] and words == "blocks by name":
         words = "block"
-    article = "a " if words.split()[0] in ("number", "whole", "list", "list,", "block") else ""
+    article = "a " if words.split()[0] in ("number", "whole", "list", "block") else ""
     about, value = facts(known[0]), e["input"]
     unit, example = about["unit"], about["example"] or about["default"]
-    if "each block" in words:
+    if words.startswith("list of blocks"):
         remedy = "Begin each block with a dash, also if there is but one."
     elif "block" in words:
         remedy = "Give a block of keys, indented under it."
@@ -173,7 +173,7 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
         remedy = f"Give the number alone{f'; the unit is {unit}' * bool(unit)}." if alone else (
             "Give a whole number." if words.startswith("whole") else "Give a number.")
     else:
-        such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "its own keys'") else ""
+        such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "see its keys") else ""
         remedy = f"{such}{_first_sentence(known[0])}"
     return f"should be {article}{words}", remedy
 
