@@ -162,7 +162,7 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
     article = "a " if words.split()[0] in ("number", "whole", "list", "list,", "block") else ""
     about, value = facts(known[0]), e["input"]
     unit, example = about["unit"], about["example"] or about["default"]
-    if "each block" in words:
+    if words.startswith("list of blocks"):
         remedy = "Begin each block with a dash, also if there is but one."
     elif "block" in words:
         remedy = "Give a block of keys, indented under it."

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 import varos_warp as vw
 from varos_warp.errors import InputError
-from varos_warp.scene.description import phase as description
+from varos_warp.scene.description import water as description
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 from varos_warp.scene.water.phase.mixture import Mixture
 from varos_warp.scene.water.phase.registry import PHASE_FUNCTIONS
