@@ -81,10 +81,10 @@ BESIDE = [(60, 0, 1), (62, 0, 1)]
 
 
 def test_a_course_beside_the_terrain_is_noticed_with_where_both_are():
-    (text,) = warnings(terrain=FLAT, waypoints=BESIDE)
+    (text,) = warnings(terrain=FLAT, waypoints=BESIDE, vehicle={"cameras": [{"position": [0, 0.5, 0]}]})
     assert text.startswith("vehicle.cameras.0 (M0): sees no surface within 25 m (render.depth_range_m)")
     assert "at all 2 waypoints" in text
-    assert "waypoint 0 is at (60, 0, 1), terrain and objects from (-10, -10, 0) to (10, 10, 0)" in text
+    assert "at waypoint 0 it is at (60, 0.5, 1), terrain and objects from (-10, -10, 0) to (10, 10, 0)" in text
 
 
 def test_some_looks_into_open_water_are_meant_and_most_are_not():

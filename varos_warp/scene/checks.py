@@ -394,7 +394,7 @@ def _check_sight(scene, parts, poses):
         where = "" if fixed else f" at {_which(scene, lost)}"
         warnings.append(f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
                         f"{where}: D holds nothing there, A little but water; "
-                        f"{'it' if fixed else f'{_stop(scene)} {np.argmax(lost)}'} is at {_place(first[:3, 3])}, "
+                        f"{'' if fixed else f'at {_stop(scene)} {np.argmax(lost)} '}it is at {_place(first[:3, 3])}, "
                         f"terrain and objects from {_place(low)} to {_place(high)}")
     return warnings
 
