@@ -110,18 +110,18 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("mass_kg: 40", "mass_kg: 18 kg", "vehicle.mass_kg", 10,
      "'18 kg': should be a number from 0.001 to 1e+09. Give the number alone; the unit is kg."),
     ("mass_kg: 40", "lights: [{kind: point, intensity: 5}]", "vehicle.lights.0.intensity", 10,
-     "5: should be a list of 3, each number from 0 to 1e+20. Such as [100.0, 100.0, 100.0]: Radiant intensity in every "
+     "5: should be a list of 3 numbers from 0 to 1e+20. Such as [100.0, 100.0, 100.0]: Radiant intensity in every "
      "direction for red, green and blue [W/sr]."),
     ("look_at: [0, 5, 0]", "look_at: ahead", "trajectory.waypoints.0.look_at", 13, "'ahead': should be a list of 3"),
     ("look_at: [0, 5, 0]", "look_at: [0, x, 0]", "trajectory.waypoints.0.look_at.1", 13, "'x': should be a number"),
     ("mass_kg: 40", "cameras: [{port: {kind: flat, distance_m: 1}, n_water: sea}]", "vehicle.cameras.0.n_water", 10,
-     "'sea': should be a number from 1 to 3 or list of 3, each number from 1 to 3 or block"),
+     "'sea': should be a number from 1 to 3 or list of 3 numbers from 1 to 3 or block"),
     ("density: 0.125", "density: [1]", "water.principled.density", 8, "should be a number from 0 to 1e+06"),
     ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: {kind: metal, roughness: rough}", "materials.steel.roughness", 6,
      "should be a number from 0 to 1. Give a number."),
     ("steel: {", "steel: {roughness: 0.1, ", "materials.steel.roughness", 6, "Blocks of kind metal or rust have it"),
     ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: red", "materials.steel", 6, "should be a block. Give a block"),
-    ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list, each block. Begin each"),
+    ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list of blocks. Begin each"),
     ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):
@@ -220,7 +220,7 @@ def test_an_override_is_blamed_and_not_the_line_of_the_file_that_it_replaced(tmp
 
 def test_a_unit_in_a_value_is_told(tmp_path):
     error = refusal(tmp_path, SMALL, ["trajectory.speed=0.5 m/s"])
-    assert error.message.endswith("trajectory.speed = '0.5 m/s': should be a number. Give a number, without a unit.")
+    assert error.message.endswith("'0.5 m/s': should be a number above 0. Give the number alone; the unit is m/s.")
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-1", "-0.0", ".nan", "1.5"])

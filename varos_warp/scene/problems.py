@@ -159,10 +159,10 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
     words = " or ".join(dict.fromkeys(filter(None, map(in_words, schemas))))
     if known[0].key != path[-1] and words == "blocks by name":
         words = "block"
-    article = "a " if words.split()[0] in ("number", "whole", "list", "list,", "block") else ""
+    article = "a " if words.split()[0] in ("number", "whole", "list", "block") else ""
     about, value = facts(known[0]), e["input"]
     unit, example = about["unit"], about["example"] or about["default"]
-    if "each block" in words:
+    if "list of blocks" in words:
         remedy = "Begin each block with a dash, also if there is but one."
     elif "block" in words:
         remedy = "Give a block of keys, indented under it."
