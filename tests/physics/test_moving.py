@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig import TURBID
+from rig import TURBID, spot
 from test_lens import rectangle
 from test_shutters import FOCAL, SIZE, scene_of, steady
 
@@ -122,6 +122,27 @@ def test_a_moving_edge_before_a_still_camera_is_a_ramp(truth):
           reason="noise, and one part in 512 of an exposure")
     # the same samples: one falls on the other side of the edge by rounding now and then
     assert np.abs(by_plate.radiance - by_camera.radiance).max() <= 2.01 / 256
+
+
+def test_light_that_a_moving_object_reflects_is_that_of_the_mean_of_instants():
+    """A plate comes towards a lamp and lights the floor: points that it was lit at are behind it an instant later."""
+    lights = [spot((0, 0.3, 0.2), (0, 0, 1), 70.0)]
+    scene = scene_of({"exposure_s": 0.4}, lights=lights, water={"coefficients": {
+        "sigma_s": [0.02, 0.02, 0.02], "sigma_a": [0.02, 0.02, 0.02], "phase": {"g": 0.8}}})
+    floor = rectangle((-3, -1, -0.5), (6, 0, 0), (0, 5, 0), 0.5, "floor")
+    board = rectangle((-0.6, 1.7, -0.3), (1.2, 0, 0), (0, 0, 0.8), 0.9, "board")
+    renderer = FrameRenderer(scene, "cpu", parts=[moving(board, (0, -1.0, 0)), floor])
+    how = {"outputs": "A", "integrator": "path", "layers": ("multiple",)}
+
+    def seen(seed, **when):
+        return renderer.render(np.eye(4), seed=seed, **when, **how).A.radiance[20:].mean()
+
+    blurred = np.array([seen(k, spp=16, time_ns=SECOND // 2, motion=steady()) for k in range(6)])
+    offsets = ((np.arange(8) + 0.5) / 8 - 0.5) * 0.4
+    instants = np.array([[seen(100 + k, spp=4, time_ns=SECOND // 2 + int(1e9 * s)) for s in offsets] for k in range(6)])
+    truth, error = instants.mean(), np.hypot(instants.mean(axis=1).std(ddof=1), blurred.std(ddof=1)) / np.sqrt(6)
+    assert error < 0.05 * truth
+    assert abs(blurred.mean() - truth) < 4.5 * error
 
 
 def test_without_motion_objects_are_not_blurred_either():

@@ -48,7 +48,10 @@ the rest does."""
 
 VIRTUAL_GROUPS = 32
 """Groups of instants with virtual point lights of their own: of how the vehicle moves within one, only the error of
-light of two and more reflections tells, and that falls with its square."""
+light of two and more reflections tells, and that falls with its square. Where surfaces move, every instant has a group:
+a point would else lie within its own surface, or before it, at all instants but its own."""
+LEAST_OF_GROUP = 8
+"""Virtual point lights that a group has at least, of each half of the samples."""
 MOMENTS_SEED = 7
 """Tells the random numbers of places on disks from others."""
 
@@ -200,11 +203,13 @@ class RadianceRenderer:
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
-        groups = min(seen.moments.cameras.shape[0], VIRTUAL_GROUPS) if seen.varies else 1
+        instants = seen.moments.cameras.shape[0] if seen.varies else 1
+        groups = instants if self.world.moving else min(instants, VIRTUAL_GROUPS)
         if not self.world.has_surfaces:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
-        lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
+        lights = wp.empty((2 * groups, max(count // (2 * groups), LEAST_OF_GROUP)), dtype=VirtualLight,
+                          device=self.device)
         kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, seen.varies)
         self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
