@@ -118,10 +118,10 @@ def test_a_folder_without_dataset_json_is_bad_input(tmp_path):
         Dataset(tmp_path)
 
 
-def test_an_unknown_camera_and_a_missing_image_are_bad_input(data, tmp_path):
+def test_an_unknown_camera_and_a_frame_that_is_not_there_are_told_with_those_that_are(data, tmp_path):
     with pytest.raises(InputError, match=r"no such camera.*L0, R0"):
         data.depth(0, "X9")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(IndexError, match="no frame 99: the dataset has 0 to 9"):
         data.depth(99)
 
 

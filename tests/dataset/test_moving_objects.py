@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.validate import moving, validate, views
+from varos_warp.dataset.validate import objects, validate, views
 from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
@@ -136,6 +136,6 @@ def test_what_passes_while_a_shutter_is_open_fails_no_check(passed_through):
     """It blurs B of what S has beside it."""
     assert validate(passed_through, quiet=True).problems == []
     data, shape = Dataset(passed_through), (27, 48)
-    assert 0.2 < moving.swept(data, 7, "M0", shape).mean() < 0.9
-    assert moving.swept(data, 4, "M0", shape).all()  # it is about the camera
-    assert not moving.swept(data, 0, "M0", shape).any()  # behind it
+    assert 0.2 < objects.swept(data, 7, "M0", shape).mean() < 0.9
+    assert objects.swept(data, 4, "M0", shape).all()  # it is about the camera
+    assert not objects.swept(data, 0, "M0", shape).any()  # behind it

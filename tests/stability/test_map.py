@@ -48,7 +48,7 @@ def test_the_page_has_the_boundary_the_worst_error_within_and_a_figure(tmp_path)
     write_page({"sweep": record, "other": other}, {"water": "Water"}, tmp_path / "stability.md")
     page = (tmp_path / "stability.md").read_text()
     assert "| path | x [m] | 1 .. 2 m | everything \\| all | refuses |" in page
-    assert "[test_x](../tests/stability/test_map.py)" in page
-    assert "Worst within: path 2.0e-03." in page
+    assert "[x](../tests/stability/test_map.py)" in page
+    assert "Largest within the boundary: path 2.0e-03." in page
     assert "gone" not in page
     assert (tmp_path / "images" / "stability_water.png").stat().st_size > 1000
