@@ -34,8 +34,8 @@ def end_of(body: RigidBody, h: float) -> np.ndarray:
     return np.array([*state.v, *state.omega])
 
 
-def truth_of(body: RigidBody) -> np.ndarray:
-    """The same by DOP853 on Kirchhoff's equations in vehicle axes."""
+def truth_of(body: RigidBody, state: State = START, seconds: float = SECONDS) -> np.ndarray:
+    """Velocity in the world and rates [6] by DOP853 on Kirchhoff's equations in vehicle axes, still water."""
     M, J = np.array(body.masses), np.array(body.inertias)
     d, k = np.array(body.linear).reshape(2, 3), np.array(body.quadratic).reshape(2, 3)
     lift = body.displaced * body.gravity * body.metacentric_height
@@ -43,13 +43,13 @@ def truth_of(body: RigidBody) -> np.ndarray:
     def rates(_, y):
         q, v, omega = y[:4], y[4:7], y[7:]
         up = Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0])
-        force = -(d[0] + k[0] * np.linalg.norm(v)) * v - np.cross(omega, M * v)
+        force = -(d[0] + k[0] * np.linalg.norm(v)) * v - np.cross(omega, M * v) + state.force
         moment = (np.cross([0.0, 0.0, lift], up) - (d[1] + k[1] * np.linalg.norm(omega)) * omega
-                  - np.cross(omega, J * omega) - np.cross(v, M * v))
+                  - np.cross(omega, J * omega) - np.cross(v, M * v) + state.torque)
         return np.concatenate([0.5 * np.array(quaternion.multiply(tuple(q), (0.0, *omega))), force / M, moment / J])
 
-    y0 = [*START.q, *quaternion.rotate_back(START.q, START.v), *START.omega]
-    y = solve_ivp(rates, (0.0, SECONDS), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    y0 = [*state.q, *quaternion.rotate_back(state.q, state.v), *state.omega]
+    y = solve_ivp(rates, (0.0, seconds), y0, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
     return np.concatenate([Rotation.from_quat(y[:4], scalar_first=True).apply(y[4:7]), y[7:]])
 
 

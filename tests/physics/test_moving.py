@@ -132,7 +132,7 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     one = moving(reflector, (1.0, 0, 0))
     how = {"outputs": "A", "spp": 16, "integrator": "path", "max_bounces": 2, "denoise": "none"}
     renderer = FrameRenderer(scene, "cpu", parts=[one, wall()])
-    blurred = [renderer.render(np.eye(4), motion=at_rest, time_ns=SECOND // 2, seed=k, **how).A.radiance.mean()
+    blurred = [renderer.render(np.eye(4), motion=steady(), time_ns=SECOND // 2, seed=k, **how).A.radiance.mean()
                for k in range(12)]
     still = FrameRenderer(scene_of(lights=[lamp]), "cpu", parts=[one, wall()])
     times = 0.5 + 0.3 * ((np.arange(12) + 0.5) / 12 - 0.5)  # of a smooth course; the step's error is below 1e-4
@@ -142,11 +142,6 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     error = np.hypot(np.std(blurred, ddof=1), np.std(instants - trend, ddof=3)) / np.sqrt(12)
     truth("light off a moving plate", source="mean over instants", expected=np.mean(instants), got=np.mean(blurred),
           stderr=error, reason="noise of 12 images of each")
-
-
-def at_rest(offset_ns):
-    """A vehicle that stays."""
-    return np.repeat(np.eye(4)[None], len(offset_ns), axis=0)
 
 
 def test_without_motion_objects_are_not_blurred_either():

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
+from benchmarks.stability.dynamics_body import ROV, truth_of
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.vehicle.body import sphere
@@ -16,8 +17,6 @@ from varos_warp.sim.vehicle.rigid_body import RigidBody, rigid_body
 pytestmark = pytest.mark.subject("dynamics")
 
 H = 0.005
-ROV = {"inertia": (0.26, 0.23, 0.37), "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
-       "linear_drag": (18.0, 14.0, 60.0, 1.1, 0.9, 1.2), "quadratic_drag": (60.0, 40.0, 90.0, 1.6, 1.3, 1.6)}
 NO_DRAG = {"linear_drag": 6 * (0.0,), "quadratic_drag": 6 * (0.0,)}
 STILL = {}
 TURBULENT = {"velocity": (0.1, -0.2, 0.05), "turbulence": {"rms": (0.1, 0.1, 0.05), "correlation_time_s": 5.0}}
@@ -79,29 +78,10 @@ def test_a_pitching_body_has_the_pendulums_period(truth, tilt_deg):
           got=crossed[2:] - crossed[:-2], tolerance=period * (w * H)**2 / 6.0, reason="crossings by straight lines")
 
 
-def reference(body, state, seconds) -> np.ndarray:
-    """Velocity and rates by another integrator, on Kirchhoff's equations in vehicle axes, still water."""
-    M, J = np.array(body.masses), np.array(body.inertias)
-    d, k = np.array(body.linear).reshape(2, 3), np.array(body.quadratic).reshape(2, 3)
-    lift = body.displaced * body.gravity * body.metacentric_height
-
-    def rates(_, y):
-        q, v, omega = y[:4], y[4:7], y[7:]
-        up = Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0])
-        force = -(d[0] + k[0] * np.linalg.norm(v)) * v - np.cross(omega, M * v) + state.force
-        moment = (np.cross([0.0, 0.0, lift], up) - (d[1] + k[1] * np.linalg.norm(omega)) * omega
-                  - np.cross(omega, J * omega) - np.cross(v, M * v) + state.torque)
-        return np.concatenate([0.5 * np.array(quaternion.multiply(tuple(q), (0.0, *omega))), force / M, moment / J])
-
-    v = quaternion.rotate_back(state.q, state.v)
-    y = solve_ivp(rates, (0.0, seconds), [*state.q, *v, *state.omega], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    return np.concatenate([Rotation.from_quat(y[:4], scalar_first=True).apply(y[4:7]), y[7:]])
-
-
 def test_all_six_degrees_of_freedom_converge_with_the_fourth_power_of_the_step(truth):
     body = rov(metacentric_height=0.05)
     state = State(v=(0.5, 0.8, -0.3), omega=(1.5, -1.0, 0.7), force=(5.0, 10.0, -3.0), torque=(0.1, 0.2, -0.1))
-    expected = reference(body, state, 1.6)
+    expected = truth_of(body, state, 1.6)
     errors = [np.linalg.norm(np.concatenate([end.v, end.omega]) - expected)
               for end in (fly(body, state, 1.6, h=h)[-1] for h in (0.005, 0.0025, 0.00125))]
     truth("order of convergence, all coupled, steps of 5, 2.5 and 1.25 ms",

@@ -339,6 +339,17 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
             return {name: channel.pixels for name, channel in file.channels().items()}
 
 
+def channels_of(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
+    """Those of the ``channels`` of an EXR that have these names, in their order.
+
+    Raises:
+        InputError: There is no such channel.
+    """
+    if missing := [name for name in names if name not in channels]:
+        raise InputError(f"has no channel {missing[0]}", file=path, remedy="`run` again to make it anew.")
+    return [channels[name] for name in names]
+
+
 def _refuse_incomplete(path: Path) -> None:
     if not is_complete(path):
         raise ValueError(f"it is not a whole {path.suffix[1:].upper()}") if path.exists() else FileNotFoundError(path)

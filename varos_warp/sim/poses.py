@@ -6,6 +6,7 @@ is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -65,17 +66,21 @@ def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
     return transform(Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix(), columns["position"])
 
 
-def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
-                    ) -> dict[str, np.ndarray]:
-    """Poses [N, 4, 4] of everything that moves at times int64 [N] [ns], by its name: along paths, and as others do.
+def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = None) -> dict[str, Callable]:
+    """Where everything that moves is, by its name: poses [N, 4, 4] for times int64 [N] [ns]; along paths, or as others.
 
     Args:
         parts: Everything solid.
-        time_ns: When.
         others: Other vehicles, as `companions.companions` has them; of their bodies parts do not know where they are.
     """
-    along = {part.name: poses_along(part.path, time_ns) for part in parts if isinstance(part, Moving) and part.path}
-    return along | {key: poses(time_ns) for key, poses in (others or {}).items()}
+    along = {part.name: partial(poses_along, part.path) for part in parts if isinstance(part, Moving) and part.path}
+    return along | dict(others or {})
+
+
+def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
+                    ) -> dict[str, np.ndarray]:
+    """The same at times int64 [N] [ns]: poses [N, 4, 4]."""
+    return {key: course(time_ns) for key, course in courses_of_moving(parts, others).items()}
 
 
 def velocity_with(poses: Callable[[np.ndarray], np.ndarray], points: np.ndarray, time_ns: np.ndarray) -> np.ndarray:

@@ -47,13 +47,6 @@ def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
     return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
 
 
-def _channels(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
-    """Channels [H, W] of an EXR by their names."""
-    if missing := [name for name in names if name not in channels]:
-        raise InputError(f"has no channel {missing[0]}", file=path, remedy=_ANEW)
-    return [channels[name] for name in names]
-
-
 class Dataset:
     """A dataset on disk, opened for reading; images are decoded one at a time, when asked for.
 
@@ -205,7 +198,8 @@ class Dataset:
         path = self.layout.rays(about["id"])
         planes = files.read_exr(path)
         name = channel if f"{channel}.weight" in planes else "green"
-        parts = _channels(path, planes, *(f"{name}.{part}" for part in (*"ox oy oz dx dy dz".split(), "weight")))
+        wanted = (f"{name}.{part}" for part in (*"ox oy oz dx dy dz".split(), "weight"))
+        parts = files.channels_of(path, planes, *wanted)
         return Rays(np.stack(parts[:3], -1), np.stack(parts[3:6], -1), parts[6])
 
     # ---------------------------------------------------------------------------------------------------- images
@@ -244,19 +238,19 @@ class Dataset:
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
-        path = self._exr(output, frame, camera)
-        return np.stack(_channels(path, files.read_exr(path), *"RGB"), -1).astype(np.float32)
+        return np.stack(self._channels(output, frame, camera, *"RGB"), -1).astype(np.float32)
 
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
-        path = self._exr("F", frame, camera)
-        u, v, x, y, z, occluded = _channels(path, files.read_exr(path), "flow.u", "flow.v", "motion.x", "motion.y",
-                                            "motion.z", "occluded")
+        u, v, x, y, z, occluded = self._channels("F", frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",
+                                                 "motion.z", "occluded")
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
 
-    def _exr(self, output: str, frame: int, camera: str | None) -> Path:
+    def _channels(self, output: str, frame: int, camera: str | None, *names: str) -> list[np.ndarray]:
+        """Channels [H, W] of an image's EXR by their names."""
         self._index(frame)
-        return self.layout.exr(self._camera(camera), output, frame)
+        path = self.layout.exr(self._camera(camera), output, frame)
+        return files.channels_of(path, files.read_exr(path), *names)
 
     def next_T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray | None:
         """Pose [4, 4] of a camera at the next frame of the sequence, to which F is the flow; None if not on record.

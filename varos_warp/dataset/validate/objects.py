@@ -9,6 +9,7 @@ all meshes together tell.
 """
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,6 +35,7 @@ INSTANTS = np.linspace(-0.5, 0.5, 5)
 """At which it is looked, of the time that a shutter is open."""
 
 
+@lru_cache(1)  # every view and pair of frames asks
 def known_motions(data: Dataset) -> dict[str, PosesAt]:
     """Where the scene has all that moves, by key.
 

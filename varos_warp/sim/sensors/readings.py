@@ -9,7 +9,7 @@ from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim.clock import frames_until, times_ns
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.poses import poses_of_moving, velocity_with
+from varos_warp.sim.poses import courses_of_moving, velocity_with
 from varos_warp.sim.sensors.dvl import Dvl, beam_directions, bottom_track
 from varos_warp.sim.sensors.noise import imu_noise
 
@@ -127,13 +127,13 @@ def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, rang
     start, when = np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), np.repeat(time_ns, len(beams))
     directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
     least, most = range_m
-    poses = poses_of_moving(parts, when, others)
-    distance, met = first_met(parts, start, directions, most, poses)
+    courses = courses_of_moving(parts, others)
+    distance, met = first_met(parts, start, directions, most, {key: at(when) for key, at in courses.items()})
     away = np.zeros(len(distance))
-    for k, key in enumerate(poses):
+    for k, course in enumerate(courses.values()):
         rays = np.flatnonzero(met == k)
         points = start[rays] + distance[rays, None] * directions[rays]
-        velocity = velocity_with(lambda at, key=key: poses_of_moving(parts, at, others)[key], points, when[rays])
+        velocity = velocity_with(course, points, when[rays])
         away[rays] = (velocity * directions[rays]).sum(axis=1)
     distance = np.where((distance >= least) & np.isfinite(distance), distance, np.nan)
     return distance.reshape(-1, len(beams)), away.reshape(-1, len(beams))
