@@ -86,7 +86,7 @@ def simulate(scene, parts=None, *, progress=None):
 
 def course_facts(simulation):
     """Of any course the same."""
-    return {"length_m": 12.0, "duration_s": 34.0}
+    return {"length_m": 12.0, "duration_s": 34.0, "heads_for": 1}
 
 
 def path_samples(simulation):

@@ -81,10 +81,12 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
 
 
 def course_facts(simulation: Simulation) -> dict[str, float]:
-    """Length [m] of the vehicle's way from the first frame to the last, and the time between them [s]."""
+    """Length [m] of the way from the first frame to the last, the time between them [s], and the stop it heads for."""
     last_ns = simulation.frames.time_ns[-1]
-    way = simulation.trajectory.position[simulation.trajectory.time_ns <= last_ns]
-    return {"length_m": float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()), "duration_s": 1e-9 * float(last_ns)}
+    within = simulation.trajectory.time_ns <= last_ns
+    way = np.diff(simulation.trajectory.position[within], axis=0)
+    return {"length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
+            "heads_for": int(simulation.waypoint[:len(within)][within][-1])}
 
 
 # --------------------------------------------------------------------------------------------------------- simulation

@@ -369,15 +369,17 @@ class _Run:
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.dataset.run.planning import kept_plan
+        from varos_warp.dataset.run.planning import kept_plan, what_is_planned
 
         start = time.monotonic()
-        self.console.tell("planning from a few poses ...")
+        if question := what_is_planned(self.scene):
+            self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
         found = kept_plan(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)],
                           self.console.quiet)
-        first, *others = found["told"]
-        self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
+        first, *others = found["told"] or [""]
+        if first:
+            self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
         for sentence in others:
             self.say(sentence)
         return found["plan"]
