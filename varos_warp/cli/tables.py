@@ -69,7 +69,7 @@ def print_info(facts: dict) -> None:
     _print_dataset(facts["dataset"])
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
-    print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
+    print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
                  [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
     _print_phase(water["phase"])
     print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],

@@ -295,6 +295,18 @@ def test_values_that_were_cut_are_counted_whichever_thread_cut_them(tmp_path, mo
     assert any(m.startswith("6 values of A above") for m in summary.messages), summary.messages
 
 
+@pytest.mark.parametrize("up", [True, False])
+def test_a_camera_that_looks_into_open_water_is_named_at_the_end(tmp_path, up):
+    data = scene_dict()
+    camera = data["vehicle"]["cameras"][1]
+    camera["rotation_euler_deg"] = [90 if up else -90, 0, 0]
+    data["render"]["outputs"] = ["C", "D"]
+    summary, _ = run(tmp_path, scene=scene_from_dict(data), frames=slice(0, 3))
+    told = [m for m in summary.messages if "no surface in sight" in m]
+    words = f"camera {camera['id']} has no surface in sight in 3 of 3 frames (0, 1, 2): C, D hold nothing there"
+    assert told == [words] * up
+
+
 def test_the_denoiser_that_was_really_used_is_recorded_and_not_mixed_with_another(tmp_path, monkeypatch):
     monkeypatch.setattr("varos_warp.dataset.run.produce.available_method", lambda method: "nlm")
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))
