@@ -245,6 +245,11 @@ def test_frames_only_leaves_the_sensors_out(tmp_path):
     assert not list(tmp_path.rglob("imu0"))
 
 
+def test_standard_errors_that_were_not_kept_are_asked_for_with_a_remedy(written):
+    with pytest.raises(InputError, match="standard errors were not kept"):
+        _ = Dataset(written)[0].A_stderr
+
+
 def test_the_raw_estimate_is_kept_with_its_error_and_layers_when_asked_for(tmp_path):
     scene = make_scene(render={"linear_exr": True, "depth_exr": True})
     run(tmp_path, scene=scene, frames=slice(0, 1))
@@ -253,7 +258,7 @@ def test_the_raw_estimate_is_kept_with_its_error_and_layers_when_asked_for(tmp_p
     image = FlatFloorRenderer(scene).render(np.eye(4), "L0", "AD", spp=8, max_scatterings=None, max_bounces=None,
                                             layers=(), frame=0)
     assert channels["G"].dtype == np.float32
-    assert channels["stderr.B"].shape == (27, 48)
+    np.testing.assert_array_equal(data[0, "L0"].A_stderr[..., 2], channels["stderr.B"])
     assert {"direct.R", "single.B", "stderr.G"} <= set(channels)
     depth = files.read_exr(data.layout.exr("L0", "D", 0))
     assert set(depth) == {"Z", "range"}
