@@ -98,8 +98,12 @@ def test_a_duration_gives_that_many_frames():
     simulation = simulate(scene)
     assert len(simulation.frames) == 30
     assert simulation.messages == []  # it is what was asked for
-    assert course_facts(simulation)["heads_for"] == 1
-    long = simulate(Scene(trajectory={"waypoints": COURSE, "duration_s": 60.0}))
+    assert course_facts(simulation, scene)["heads_for"] == 1
+    on_the_last_leg = Scene(trajectory={"waypoints": COURSE, "duration_s": 8.0})
+    assert course_facts(simulate(on_the_last_leg), on_the_last_leg)["heads_for"] == 2
+    scene = Scene(trajectory={"waypoints": COURSE, "duration_s": 60.0})
+    long = simulate(scene)
+    assert course_facts(long, scene)["heads_for"] is None
     assert len(long.frames) == 600
     assert any("holds the last waypoint" in message for message in long.messages)
     np.testing.assert_allclose(long.trajectory.position[-1], COURSE[-1]["position"], atol=1e-6)
