@@ -62,7 +62,7 @@ def test_a_plan_that_was_made_anyway_is_kept_without_its_cost(plans):
 
 
 @pytest.mark.parametrize(("render", "words"), [
-    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N)"),
+    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N unasked)"),
     ({"spp": 4}, "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"),
     ({"spp": 4, "integrator": "field"}, None), ({"spp": 4, "max_scatterings": 1}, None),
     ({"outputs": ["B", "D"]}, None)])

@@ -40,7 +40,7 @@ def what_is_planned(scene) -> str | None:
     if not {"A", "P"} & set(render.outputs):
         return None
     if render.spp is None:
-        return f"how many samples keep an error of {render.tolerance:.3g}, once for this scene (--spp N takes N)"
+        return f"how many samples keep an error of {render.tolerance:g}, once for this scene (--spp N takes N unasked)"
     if render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
                                                           lambda: unavailable(scene)) == "field":
         return "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"
