@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.conventions import BLOCK_DIM, LONG_BLOCK_DIM
+from varos_warp.kernels.conventions import BLOCK_DIM
 
 wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
 
@@ -59,7 +59,8 @@ def usable_cores() -> int:
 
 def block_dim(kernel: wp.Kernel) -> int:
     """Threads per block of a kernel on a GPU."""
-    return LONG_BLOCK_DIM if kernel.options.get("launch_bounds") else BLOCK_DIM
+    bounds = kernel.options.get("launch_bounds")
+    return bounds[0] if bounds else BLOCK_DIM
 
 
 def load_kernel(kernel: wp.Kernel, device: str) -> None:

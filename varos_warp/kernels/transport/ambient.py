@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import LONG_KERNEL, in_step
+from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
@@ -41,9 +41,7 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
         direction = d
         bounces = int(0)
         while bounces <= max_bounces:
-            in_step()
             hit = first_hit(scene, origin, direction)
-            in_step()
             if hit.face < 0:
                 return throughput
             n = shading_normal(scene, hit)
