@@ -179,9 +179,9 @@ class Scene(Block):
         return self.numbered.index(key) + 1
 
     def key_of_light(self, light: Light) -> str:
-        """Where the scene file has one of `lights`."""
-        return next(f"{place}.lights.{vehicle.lights.index(light)}" for place, vehicle in self._places.items()
-                    if light in vehicle.lights)
+        """Where the scene file has one of `lights`, this one and not what equals it."""
+        return next(f"{place}.lights.{i}" for place, vehicle in self._places.items()
+                    for i, own in enumerate(vehicle.lights) if own is light)
 
     def key_in_file(self, words: str) -> str:
         """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""
