@@ -374,8 +374,7 @@ class _Run:
         start = time.monotonic()
         self.console.tell("planning from a few poses ...")
         # of the whole sequence, whichever part of it this run renders
-        found = kept_plan(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)],
-                          self.console.quiet)
+        found = kept_plan(self.scene, self.renderer, self.simulation.frames, self.simulation.motion, self.console.quiet)
         first, *others = found["told"]
         self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
         for sentence in others:
