@@ -159,6 +159,12 @@ class Scene(Block):
         return objects | {key: vehicle.body for key, vehicle in self.companions.items() if vehicle.body}
 
     @property
+    def tracked(self) -> list[str]:
+        """Keys of all whose poses a dataset has: of `moving`, and companions that only carry lights."""
+        shining = [key for key, vehicle in self.companions.items() if vehicle.lights and not vehicle.body]
+        return [*self.moving, *shining]
+
+    @property
     def numbered(self) -> list[str]:
         """Keys in the order of their numbers in image S, from 1; the copies of `scatter` follow.
 
