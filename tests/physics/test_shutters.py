@@ -284,6 +284,17 @@ def test_a_short_flash_is_as_noisy_as_a_lamp_that_shines_all_the_time(readout):
     assert np.sqrt(np.mean((flash - steadily) ** 2)) < 0.15 * np.sqrt(np.mean(steadily**2))
 
 
+def test_flashes_do_not_sharpen_an_image_in_ambient_light():
+    """B is of the whole exposure, and so are its guides, whatever flashes in A."""
+    def B(lights):
+        renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, lights), "cpu", parts=room())
+        return renderer.render(np.eye(4), outputs="B", spp_b=4, denoise_b="oidn", motion=steady((0.3, 0, 0))).B
+
+    flashed, steadily = B(strobed(on_s=0.1)[:1]), B(LAMPS[:1])
+    np.testing.assert_array_equal(flashed.radiance, steadily.radiance)
+    np.testing.assert_array_equal(flashed.denoised, steadily.denoised)
+
+
 def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
     """Of a camera with nothing but a shutter; whether or not A is rendered with it."""
     renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())

@@ -29,7 +29,7 @@ class NextFrame(NamedTuple):
 
 
 def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, rng: np.random.Generator,
-               pinhole: bool) -> Moments:
+               pinhole: bool, lit: bool = True) -> Moments:
     """The moments of an image.
 
     Args:
@@ -39,9 +39,10 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
         motion: Around it; None: the vehicle stands still, and so does everything else.
         rng: For places on disks.
         pinhole: Whether the camera has no depth of field; such images are not of lights, of which there are none then.
+        lit: Whether the time in which no light is on does not count.
     """
-    lights, moments = world.scene.lights, Moments()
-    when = STILL if view.shutter is None else instants(view, lights)
+    moments = Moments()
+    when = STILL if view.shutter is None else instants(view, world.scene.lights if lit else ())
     offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
@@ -64,4 +65,5 @@ def times_seen(view: Camera, lights: Sequence, motion: Motion | None) -> np.ndar
     """Times from a frame's stamp that some image of it shows, int64 [N] [ns]: those of `moments_of` and of rows."""
     if view.shutter is None or motion is None:
         return np.zeros(0, np.int64)
-    return in_ns(np.concatenate([instants(view, lights).offset_s, row_offsets_s(view)]))
+    in_water, in_air = (instants(view, which).offset_s for which in (lights, ()))  # of A and of B
+    return in_ns(np.concatenate([in_water, in_air, row_offsets_s(view)]))

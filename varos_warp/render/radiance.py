@@ -219,14 +219,17 @@ class RadianceRenderer:
         return lights
 
     def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0,
-              pinhole: bool = False) -> Seen:
-        """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only."""
+              pinhole: bool = False, lit: bool = True) -> Seen:
+        """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only.
+
+        Unless ``lit``, the time in which no light is on counts too.
+        """
         camera = world.camera(view, T_w_v, pinhole=pinhole)
         moves = motion is not None and view.shutter is not None
         if not moves and (pinhole or not world.lights.vary):
             return Seen(camera, Moments(), False)
         rng = np.random.default_rng([key, MOMENTS_SEED])
-        return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole), True)
+        return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
 
     def ambient(self, shot: Shot) -> Steps[RadianceImage]:
         """Render B."""
@@ -235,17 +238,17 @@ class RadianceRenderer:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
-        seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True)
+        seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view), seen.varies)
         before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
         guided = (method or self.scene.render.denoise_b) == "oidn"
         return (yield from self._develop([film], shot, (), method, shot.guides() if guided else {}))
 
-    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None
-                     ) -> dict[str, wp.array]:
-        """Albedo and normals at the centres of the pixels; means over an exposure."""
-        seen = self._seen(world, view, T_w_v, motion, pinhole=True)
+    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
+                     lit: bool) -> dict[str, wp.array]:
+        """Albedo and normals at the centres of the pixels; means over an exposure, or what is ``lit`` of it."""
+        seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
         kernel = make_guides_kernel(world.has_instances, world.has_textures, optics_spec(view), seen.varies)

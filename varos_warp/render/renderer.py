@@ -151,7 +151,8 @@ class FrameRenderer:
         view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
         seed = self.scene.seed if seed is None else seed
         here = self._exposed(view, T_w_v, motion, time_ns)
-        guides = functools.cache(lambda seen, moved: self.radiance.trace_guides(here.world, seen, T_w_v, moved))
+        guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
+        flashes = all(light.strobe for light in self.scene.lights)  # else all of an exposure is lit
         water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
         for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
@@ -161,8 +162,8 @@ class FrameRenderer:
                 images["P"] = images["A"]
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
-                images[letter] = yield from make(
-                    Shot(seen, T_w_v, how, key, functools.partial(guides, seen, moved), here.world, moved))
+                shown = functools.partial(guides, seen, moved, flashes and letter != "B")
+                images[letter] = yield from make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
         needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):
             images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
