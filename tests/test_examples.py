@@ -9,9 +9,9 @@ from pydantic import BaseModel
 
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
+from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.templates import TEMPLATES
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.load import load_scene
-from varos_warp.scene.templates import TEMPLATES
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]

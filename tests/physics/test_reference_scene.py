@@ -22,10 +22,10 @@ from chance import assert_plausible
 from scipy import stats
 
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.normals import corner_normals
-from varos_warp.scene.load import load_scene
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 REF1 = BENCHMARKS / "scenes" / "ref1"

@@ -9,7 +9,7 @@ from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 PLAIN = {"id": "M0", "resolution": [24, 16], "rotation_euler_deg": [-30, 0, 0], "f_stop": 1.4, "focus_m": 2.0}
 BENT = {

@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 
 
 def scene_of(coefficients, lights=VAROS_LAMPS):

@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from varos_warp.errors import InputError
+from varos_warp.files import is_file, like_it
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
-from varos_warp.scene.files import is_file, like_it
 
 MOST_BYTES = 1 << 24
 """Of a file's text that is searched for names."""
