@@ -29,7 +29,7 @@ def scene_of(*cameras, outputs="A", **render):
 
 
 @pytest.mark.parametrize(("bent", "layers"), [
-    ("flat, colours apart", ("direct", "single", "multiple")), ("dome and barrel", ("direct",))])
+    ("flat, colours apart", ("direct", "single")), ("dome and barrel", ("direct",))])
 def test_the_twin_is_a_of_the_camera_without_port_and_distortion(bent, layers):
     """Every byte, with the same samples and random numbers, whatever else is rendered; and A does not change."""
     how = {"spp": 2, "integrator": "path", "denoise": "oidn", "frame": 3, "layers": layers}
