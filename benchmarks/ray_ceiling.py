@@ -63,7 +63,7 @@ def to_lamps(scene: SceneData, camera: Camera, first_row: int, rays: int, out: w
     total = float(0.0)
     for k in range(rays):
         if hit.face >= 0:
-            offset = scene.lights.records[k % scene.lights.records.shape[0]].position - hit.start
+            offset = scene.lights[k % scene.lights.shape[0]].position - hit.start
             length = wp.length(offset)
             if wp.mesh_query_ray_anyhit(scene.mesh, hit.start, offset / length, length):
                 total += 1.0

@@ -20,10 +20,8 @@ ALL = 1 << 30
 """A bound on scatterings or bounces that is none."""
 
 BLOCK_DIM = 128
-"""Threads per block of every launch on a GPU."""
+"""Threads per block of a launch on a GPU, for kernels that have no launch bounds of their own."""
 
-RESIDENT_BLOCKS = 8
-"""Blocks of a long kernel that should be resident at once on a multiprocessor of a GPU."""
 
 CPU_FLAGS = f"{wp.config.cpu_compiler_flags or ''} -fno-slp-vectorize".strip()
 """For the path kernel: vectorising its scalars costs 5 to 10 % of the time on an EPYC."""
@@ -32,9 +30,29 @@ LONG_KERNEL = {
     "module": "unique",
     "module_options": {"cpu_compiler_flags": CPU_FLAGS, "fast_math": True},
     "enable_backward": False,
-    "launch_bounds": (BLOCK_DIM, RESIDENT_BLOCKS),
+    "launch_bounds": (BLOCK_DIM, 8),
 }
 """Options of long kernels (measured on an H200). Their code, 100 to 400 kB, is larger than the instruction caches, and
 they wait for it. CUDA's ``fast_math`` (approximate division, roots and functions: 2 units in the last place; for
 logarithms near 1 and for sines an absolute error of 4e-7; infinities and NaN are kept) halves the code and the time.
-The launch bounds trade registers for threads that hide the latency of rays. On a CPU neither has an effect."""
+The launch bounds, threads per block and blocks resident at once on a multiprocessor, trade registers for threads that
+hide the latency of rays. On a CPU neither has an effect."""
+
+IN_STEP = LONG_KERNEL | {"launch_bounds": (384, 2)}
+"""Options of long kernels whose blocks stay `in_step`, and so gain from large ones (measured on an H100)."""
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("barrier.sync 0;");
+#endif
+""")
+def in_step():
+    """Wait for the other threads of a block, so that its warps run the same code and fetch it once for all.
+
+    Path kernels spent four fifths of their time on an H100 waiting for code, and in step they take half the time; the
+    short rounds of B (ambient.py) lose a fifth. Nothing is exchanged, and threads that have ended are not waited for,
+    so results do not depend on it. Threads that call it equally often in a round of their loop stay together. On a CPU
+    it does nothing.
+    """
+    ...

@@ -13,8 +13,7 @@ from typing import TypeVar
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.conventions import BLOCK_DIM
-from varos_warp.scene.launch import TILE_ROWS, launch_rows, load_kernel, usable_cores
+from varos_warp.scene.launch import TILE_ROWS, block_dim, launch_rows, load_kernel, usable_cores
 
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
@@ -104,7 +103,7 @@ class Launcher:
     def run(self, kernel, dim, inputs, outputs):
         """Run a kernel as a whole."""
         self.load(kernel)
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK_DIM)
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=block_dim(kernel))
 
     def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""

@@ -41,8 +41,8 @@ same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the 
 SPLITTING = 4
 """Camera segments to a subpath, where nothing else is known."""
 SEGMENT_COST = 0.17
-"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.09 was measured on an
-H200, 0.33 on a CPU (Munkholmen)."""
+"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.2 was measured on an
+H100, 0.33 on a CPU (Munkholmen)."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""

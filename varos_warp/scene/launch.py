@@ -57,9 +57,15 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def block_dim(kernel: wp.Kernel) -> int:
+    """Threads per block of a kernel on a GPU."""
+    bounds = kernel.options.get("launch_bounds")
+    return bounds[0] if bounds else BLOCK_DIM
+
+
 def load_kernel(kernel: wp.Kernel, device: str) -> None:
     """Compile a kernel before threads need it; the block size is part of a binary's identity, on a CPU always 1."""
-    kernel.module.load(device, block_dim=1 if device == "cpu" else BLOCK_DIM)
+    kernel.module.load(device, block_dim=1 if device == "cpu" else block_dim(kernel))
 
 
 def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,
@@ -77,7 +83,7 @@ def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, 
     """
     load_kernel(kernel, device)
     if device != "cpu":
-        wp.launch(kernel, dim=dim, inputs=[*before, 0, *after], device=device, block_dim=BLOCK_DIM)
+        wp.launch(kernel, dim=dim, inputs=[*before, 0, *after], device=device, block_dim=block_dim(kernel))
         return
 
     def tile(row):

@@ -10,7 +10,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import FAR, LONG_KERNEL
+from varos_warp.kernels.conventions import FAR, IN_STEP, in_step
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
@@ -97,7 +97,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     field_layer = spec.multiple and spec.field
     sample_ray = make_sample_ray(spec.optics)
 
-    @wp.kernel(**LONG_KERNEL)
+    @wp.kernel(**IN_STEP)
     def trace_camera_segments(
         scene: SceneData,
         camera: Camera,
@@ -115,6 +115,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
+            in_step()
             if wp.static(spec.varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 scene.lights = moments.lights[moment.lights]
@@ -128,7 +129,9 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                     continue
             else:
                 ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
+            in_step()
             hit = first_hit(scene, ray.o, ray.d)
+            in_step()
             u = draw(key, pixel, sample, 1)
             v = draw(key, pixel, sample, 2)
             L_direct = wp.vec3(0.0)
@@ -140,22 +143,31 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                     L_single = scattered_once(scene, ray.o, ray.d, hit.t, wp.static(not spec.field), u[0], u[1])
                     if wp.static(spec.field):
                         correction = L_single
+                        in_step()
                         L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
             if wp.static(field_layer and spec.camera_field):
                 L_multiple = multiple_in_scattering(field, place[0] / float(width), place[1] / float(height), hit.t)
             if wp.static(field_layer and not spec.camera_field):
                 L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
                 correction += L_multiple
-            if hit.face >= 0 and bounds.bounces > 0:
+            in_step()
+            reflects = hit.face >= 0 and bounds.bounces > 0
+            end = Vertex()
+            if reflects:
                 end = end_vertex(scene, hit, ray.d, camera.pixel_angle)
-                T = transmittance(scene.medium, hit.t)
-                if wp.static(spec.direct):
+            T = transmittance(scene.medium, hit.t)
+            in_step()
+            if wp.static(spec.direct):
+                if reflects:
                     L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2]).L)
-                if wp.static(field_layer):
+            in_step()
+            if wp.static(field_layer):
+                if reflects:
                     L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
-                if wp.static(spec.multiple and spec.mirrors):
-                    if is_metal(end):
-                        L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
+            in_step()
+            if wp.static(spec.multiple and spec.mirrors):
+                if reflects and is_metal(end):
+                    L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
             if wp.static(spec.optics.bends):
                 L_direct, L_single = wp.cw_mul(seen, L_direct), wp.cw_mul(seen, L_single)
                 L_multiple, correction = wp.cw_mul(seen, L_multiple), wp.cw_mul(seen, correction)

@@ -21,7 +21,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import FAR, LONG_KERNEL
+from varos_warp.kernels.conventions import FAR, IN_STEP, in_step
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
@@ -212,37 +212,32 @@ def make_gather(spec: PathSpec) -> wp.Function:
 
 
 @cache
-def make_follow_segment(spec: PathSpec) -> wp.Function:
-    """The function ``follow_segment`` of a path, through the pixel or from a vertex, specialised to ``spec``."""
-    first_hit, _, end_vertex, _, reflected_once, _ = make_segment(spec)
-    gather = make_gather(spec)
+def make_arrive(spec: PathSpec) -> wp.Function:
+    """The function ``arrive`` of a path, specialised to ``spec``."""
+    _, _, end_vertex, _, reflected_once, _ = make_segment(spec)
 
     @wp.func
-    def follow_segment(scene: SceneData, field: Field, path: Subpath, bounds: PathBounds, pixel_angle: float,
-                       key: wp.uint32, pixel: int, sample: int):
-        """The path at the next vertex, and the light that it found on the way there."""
+    def arrive(scene: SceneData, path: Subpath, hit: Hit, bounds: PathBounds, pixel_angle: float, u: float):
+        """The vertex at the end of a path's segment, and the direct light that it reflects into the segment."""
         on_camera = events(path) == 0
-        group = GROUPS * events(path) + wp.where(on_camera, 1, 2)
-        u = draw(key, pixel, sample, group)
-        v = draw(key, pixel, sample, group + 1)
-        w = wp.vec4(0.0)
-        if wp.static(spec.field):
-            w = draw(key, pixel, sample, group + 2)
-        hit = first_hit(scene, path.vertex.p, path.vertex.d)
         end = Vertex()
         reflected = LightConnection()
         if hit.face >= 0:
             end = end_vertex(scene, hit, path.vertex.d, wp.where(on_camera, pixel_angle, SUBPATH_ANGLE))
             if path.bounces < bounds.bounces and (wp.static(spec.field) or not on_camera):
-                reflected = reflected_once(scene, hit, end, u[2])
+                reflected = reflected_once(scene, hit, end, u)
                 end.shadowed = reflected.blocked
-        if on_camera:
-            u = draw(key, pixel, sample, group + 3)
-            return start_subpath(scene, path.vertex, hit, end, bounds, u), wp.vec3(0.0)
-        L = gather(scene, field, path, hit, end, reflected, bounds, u, w)
-        return advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, v), L
+        return end, reflected
 
-    return follow_segment
+    return arrive
+
+
+@wp.func
+def go_on(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, bounds: PathBounds, u: wp.vec4):
+    """The path at its next vertex; after the camera's segment, the subpath at its first."""
+    if events(path) == 0:
+        return start_subpath(scene, path.vertex, hit, end, bounds, u)
+    return advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, u)
 
 
 @cache
@@ -253,11 +248,11 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
     warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
     Aila and Laine 2009).
     """
-    image_place = make_segment(spec).image_place
-    leave_vertex, follow_segment = make_leave_vertex(spec), make_follow_segment(spec)
+    first_hit, _, _, _, _, image_place = make_segment(spec)
+    leave_vertex, arrive, gather = make_leave_vertex(spec), make_arrive(spec), make_gather(spec)
     sample_ray = make_sample_ray(spec.optics)
 
-    @wp.kernel(**LONG_KERNEL)
+    @wp.kernel(**IN_STEP)
     def trace_subpaths(
         scene: SceneData,
         camera: Camera,
@@ -280,8 +275,9 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         if wp.static(spec.optics.bends):
             share = wp.vec3(1.0)
         path = Subpath()
-        group = int(0)
+        lights_of = int(0)
         while i < film.parts.shape[0]:
+            in_step()
             u = draw(key, pixel, sample, GROUPS * events(path))
             if events(path) == 0:
                 if wp.static(spec.varies):
@@ -289,7 +285,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                     scene.lights = moments.lights[moment.lights]
                     camera = moments.cameras[moment.instant]
                     scene.moving = moments.moving[moment.instant]
-                    group = group_of(moment.instant, moments, virtual_lights)
+                    lights_of = group_of(moment.instant, moments, virtual_lights)
                 place = image_place(scene, camera, part.row, part.col, u)
                 if wp.static(spec.optics.bends):
                     ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
@@ -301,12 +297,30 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 weight = place[2]
             else:
                 v = draw(key, pixel, sample, GROUPS * events(path) + 1)
-                of_half = virtual_lights[2 * group + (sample & 1)]
+                of_half = virtual_lights[2 * lights_of + (sample & 1)]
                 path, found = leave_vertex(scene, of_half, path, bounds, u, v)
                 L += found
+            in_step()
+            hit = Hit()
             if path.alive == 1:
-                path, found = follow_segment(scene, field, path, bounds, camera.pixel_angle, key, pixel, sample)
-                L += found
+                hit = first_hit(scene, path.vertex.p, path.vertex.d)
+            in_step()
+            group = GROUPS * events(path) + wp.where(events(path) == 0, 1, 2)
+            u = draw(key, pixel, sample, group)
+            end = Vertex()
+            reflected = LightConnection()
+            if path.alive == 1:
+                end, reflected = arrive(scene, path, hit, bounds, camera.pixel_angle, u[2])
+            in_step()
+            if path.alive == 1 and events(path) > 0:
+                w = wp.vec4(0.0)
+                if wp.static(spec.field):
+                    w = draw(key, pixel, sample, group + 2)
+                L += gather(scene, field, path, hit, end, reflected, bounds, u, w)
+            in_step()
+            if path.alive == 1:
+                v = draw(key, pixel, sample, group + wp.where(events(path) == 0, 3, 1))
+                path = go_on(scene, path, hit, end, bounds, v)
             if path.alive == 0:
                 # the sample is complete: continue with the next one, or the next part
                 if wp.static(spec.optics.bends):
