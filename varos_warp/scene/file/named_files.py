@@ -35,7 +35,7 @@ def require_files(scene: Scene) -> None:
 
 def check_textures(scene: Scene) -> list[str]:
     """Warnings of textures of mesh files that are not there, or cannot be used."""
-    return [f"{key}: {path.name} {problem}" for key, path, with_own_look in _meshes(scene) if with_own_look
+    return [f"{key}: {path.name} {problem}" for key, path, with_own_colours in _meshes(scene) if with_own_colours
             for problem in _problems(path)]
 
 
