@@ -84,9 +84,9 @@ def simulate(scene, parts=None, *, progress=None):
         dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))
 
 
-def course_facts(simulation):
+def course_facts(simulation, scene):
     """Of any course the same."""
-    return {"length_m": 12.0, "duration_s": 34.0}
+    return {"length_m": 12.0, "duration_s": 34.0, "heads_for": None}
 
 
 def path_samples(simulation):

@@ -243,6 +243,9 @@ def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     assert more["bytes"] == pytest.approx(once["bytes"] * (1 + 4) / 2, abs=1)
     assert more["seconds"] >= once["seconds"] >= less["seconds"] > 0.0
     assert less["bytes"] < once["bytes"]
+    assert 0.0 < once["plan_seconds"] < once["seconds"]  # samples are given, the integrator is not
+    given = call("info", scene_file, "--json", "--set", "render.integrator=path").stdout
+    assert json.loads(given)["dataset"]["plan_seconds"] == 0.0
     text = call("info", scene_file).output
     assert "dataset: 10 frames through 2 cameras, 80 images, about " in text
     assert "with 8 samples per pixel of A; varos-warp plan measures it" in text

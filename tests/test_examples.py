@@ -63,6 +63,7 @@ def test_every_shipped_scene_renders(path):
     scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", f"{course}.duration_s=0.5"])
     parts = build_parts(scene)
     simulation, renderer = simulate(scene, parts), FrameRenderer(scene, "cpu", parts)
+    assert name_of(path) not in TEMPLATES or simulation.messages == []
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
         frame = renderer.render(T_w_v, camera.id, "ABCDSF", following=NextFrame(T_w_v_next), spp=2, spp_b=2,

@@ -70,6 +70,18 @@ def test_the_search_answers_what_newcomers_ask(site, page):
         assert any(hit.endswith(answer) for hit in found), (words, found)
 
 
+def test_on_a_narrow_screen_neither_a_page_nor_its_code_scrolls_sideways(site, page):
+    wide = "e => [...document.querySelectorAll(e)].filter(e => e.scrollWidth > e.clientWidth + 1).length"
+    size = page.viewport_size
+    page.set_viewport_size({"width": 390, "height": 844})
+    found = {}
+    for name in PAGES:
+        page.goto((site / name).as_uri())
+        found[name] = page.evaluate(wide, "html, article pre > code")
+    page.set_viewport_size(size)
+    assert found == dict.fromkeys(PAGES, 0)
+
+
 def test_no_rule_of_accessibility_is_broken(site, page):
     if not os.environ.get("CI"):
         pytest.importorskip("axe_playwright_python")

@@ -13,7 +13,7 @@ from varos_warp.cli import app
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.write.texts import write_readme
 from varos_warp.scene.file.load import load_scene
-from varos_warp.scene.file.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of
+from varos_warp.scene.file.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of, names_in
 
 ROOT = Path(__file__).parents[2]
 PAGES_OF_KEYS = ("terrain", "objects", "scatter", "materials", "water", "current", "vehicle", "vehicle.lights",
@@ -82,7 +82,7 @@ def sections(key: str, page: str) -> list[str]:
     parts = [section(f"`{key}`, all kinds", "", [blocks[0]], shared)] if shared else []
     for block in blocks:
         kind = kind_of(block)
-        names = [name for name in block["properties"] if name not in shared and not (kind and name in KIND_KEYS)]
+        names = [name for name in names_in(block) if name not in shared and not (kind and name in KIND_KEYS)]
         title = f"`{key}`: `{kind}`" if kind else f"Keys of `{key}`"
         parts.append(section(title, block["description"], [block], names))
     inner = dict.fromkeys(name for block in blocks for name, schema in block["properties"].items()

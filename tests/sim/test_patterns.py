@@ -232,7 +232,7 @@ def test_imu_and_depth_gauge_of_a_pattern_are_consistent(tmp_path, pattern):
 
 def test_info_states_the_course(orbit):
     assert scene_info(scene(ORBIT), [])["trajectory"] == {"kind": "waypoints", "count": 73, "pattern": "orbit"}
-    facts = course_facts(orbit)
+    facts = course_facts(orbit, scene(ORBIT))
     assert facts["length_m"] == pytest.approx(2.0 * np.pi * 3.0, rel=0.01)
     assert facts["duration_s"] == pytest.approx(orbit.frames.time_ns[-1] * 1e-9)
 

@@ -8,7 +8,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import pose_matrix
 from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ
-from varos_warp.sim.trajectory import path_samples, simulate
+from varos_warp.sim.trajectory import course_facts, path_samples, simulate
 
 COURSE = [{"position": (0, 0, 0), "look_at": (0, 5, -1)},
           {"position": (0, 2, 0), "rotation_euler_deg": (-10, 0, 20)},
@@ -97,8 +97,13 @@ def test_a_duration_gives_that_many_frames():
     scene = Scene(trajectory={"waypoints": COURSE, "duration_s": 3.0})
     simulation = simulate(scene)
     assert len(simulation.frames) == 30
-    assert any("on the way to waypoint" in message for message in simulation.messages)
-    long = simulate(Scene(trajectory={"waypoints": COURSE, "duration_s": 60.0}))
+    assert simulation.messages == []  # it is what was asked for
+    assert course_facts(simulation, scene)["heads_for"] == 1
+    on_the_last_leg = Scene(trajectory={"waypoints": COURSE, "duration_s": 8.0})
+    assert course_facts(simulate(on_the_last_leg), on_the_last_leg)["heads_for"] == 2
+    scene = Scene(trajectory={"waypoints": COURSE, "duration_s": 60.0})
+    long = simulate(scene)
+    assert course_facts(long, scene)["heads_for"] is None
     assert len(long.frames) == 600
     assert any("holds the last waypoint" in message for message in long.messages)
     np.testing.assert_allclose(long.trajectory.position[-1], COURSE[-1]["position"], atol=1e-6)

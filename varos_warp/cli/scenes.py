@@ -87,7 +87,7 @@ def _facts(scene, quiet: bool) -> dict:
         parts = build_parts(scene)
         simulation = simulated(scene, quiet, parts)
         facts, found = scene_info(scene, parts), check_scene(scene, parts, path_samples(simulation))
-    facts["trajectory"] |= course_facts(simulation)
+    facts["trajectory"] |= course_facts(simulation, scene)
     return {**facts, "dataset": dataset_facts(scene, len(simulation.frames)),
             "shutters": shutter_facts(scene, parts, simulation), "warnings": found + simulation.messages}
 

@@ -61,13 +61,15 @@ def print_info(facts: dict) -> None:
     """The facts of `scene_info` as tables, with those of `course_facts` in ``trajectory``."""
     water, trajectory = facts["water"], facts["trajectory"]
     pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
+    last, target = trajectory["count"] - 1, trajectory["heads_for"]
+    part = "" if target is None else f" (on the way to {trajectory['kind'].removesuffix('s')} {target} of {last})"
     body = f" with {facts['vehicle']['thrusters']} thrusters" if facts["vehicle"].get("thrusters") else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
-          f"{trajectory['duration_s']:.1f} s, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
+          f"{trajectory['duration_s']:.1f} s{part}, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
     _print_dataset(facts["dataset"])
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
-    print_table([f"water (g = {water['g']:g})", "red", "green", "blue"],
+    print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
                  [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
     _print_phase(water["phase"])
     print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
@@ -106,10 +108,15 @@ def _place(values: list[float]) -> str:
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
-    samples = f"{dataset['spp']} samples per pixel of A" + " (the planner chooses them)" * dataset["spp_is_planned"]
+    samples = f"{dataset['spp']} samples per pixel of A" + (
+        " (the planner chooses them: for small images, or turbid water, ten times as many and more)"
+        * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "
           f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
+    if dataset["plan_seconds"] >= 5.0:
+        less = "--spp N takes less" if dataset["spp_is_planned"] else "none with --integrator field or path"
+        print(f"of that, planning: {_duration(dataset['plan_seconds'])}, once for this scene; {less}")
 
 
 def _size(count: float) -> str:

@@ -93,12 +93,15 @@ class NamedSteps(Progress):
         super().__init__(label, len(self.names), quiet=quiet)
 
     def reach(self, name: str, share: float) -> None:
-        """Tell that a share of a step is done, 0 to 1; a log gets a line when a step begins."""
+        """Tell that a share of a step is done, 0 to 1; a log gets a line when a step begins, and now and then."""
+        now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, completed=self.names.index(name) + share, description=f"{self.label}: {name}")
-        elif not self.quiet and name != self._said and time.monotonic() - self._start >= 1.0:
-            self._said = name
-            print(f"{self.label}: {name} after {_clock(time.monotonic() - self._start)}", file=sys.stderr, flush=True)
+        elif not self.quiet and now - self._start >= 1.0 and (
+                name != self._said or now - self._last >= LINE_SECONDS):
+            self._said, self._last = name, now
+            done = f" {share:.0%}" if share > 0.0 else ""
+            print(f"{self.label}: {name}{done} after {_clock(now - self._start)}", file=sys.stderr, flush=True)
 
 
 class Console:

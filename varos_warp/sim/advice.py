@@ -10,7 +10,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Pose
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
-from varos_warp.sim.guidance import Course, Guidance, Leg, turn
+from varos_warp.sim.guidance import Course, Leg, turn
 from varos_warp.sim.poses import REST_S
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
@@ -147,12 +147,9 @@ def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: flo
                    "position)")
 
 
-def on_run(scene: Scene, guidance: Guidance, end: int | None, seconds: float, saturated: int) -> Iterator[str]:
-    """What happened: the sequence was too short or longer than the course, thrusters were at their limit."""
+def on_run(scene: Scene, end: int | None, seconds: float, saturated: int) -> Iterator[str]:
+    """What happened: the sequence lasts longer than the course, thrusters were at their limit."""
     last, asked = len(scene.trajectory.stops) - 1, scene.trajectory.duration_s
-    if end is None and last:
-        yield (f"the sequence ends after trajectory.duration_s = {asked:g} s on the way "
-               f"to waypoint {guidance.target} of {last}")
     if end is not None and last and asked and seconds > end * TICK_S:
         yield f"the course ends at {end * TICK_S:.2f} s; the vehicle holds the last waypoint until {asked:g} s"
     if saturated:

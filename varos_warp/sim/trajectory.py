@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from varos_warp.sim.sensors.readings import (
     measure_field,
     measure_imu,
 )
+
+NEAR_M = 0.01
+"""Nearer to the last stop a course counts as driven to its end [m]."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,19 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
                        simulation.waypoint[keep])
 
 
-def course_facts(simulation: Simulation) -> dict[str, float]:
-    """Length [m] of the vehicle's way from the first frame to the last, and the time between them [s]."""
-    last_ns = simulation.frames.time_ns[-1]
-    way = simulation.trajectory.position[simulation.trajectory.time_ns <= last_ns]
-    return {"length_m": float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()), "duration_s": 1e-9 * float(last_ns)}
+def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
+    """Length [m] of the way from the first frame to the last, the time between them [s], and where it leads then.
+
+    ``heads_for`` is the number of the stop that it is still on the way to where ``duration_s`` ends it; else None.
+    """
+    last_ns, stops = simulation.frames.time_ns[-1], scene.trajectory.stops
+    end = int(np.searchsorted(simulation.trajectory.time_ns, last_ns, side="right"))
+    way = np.diff(simulation.trajectory.position[:end], axis=0)
+    target = int(simulation.waypoint[end - 1])
+    left = np.linalg.norm(simulation.reference_position[end - 1] - stops[-1].position)
+    far = target < len(stops) - 1 or left > NEAR_M
+    return {"length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
+            "heads_for": target if scene.trajectory.duration_s and far else None}
 
 
 # --------------------------------------------------------------------------------------------------------- simulation

@@ -7,7 +7,7 @@ import pytest
 import standins
 from standins import FlatFloorRenderer, make_scene
 
-from varos_warp.dataset.run.planning import keep_plan, kept_plan
+from varos_warp.dataset.run.planning import keep_plan, kept_plan, what_is_planned
 
 POSES = [np.eye(4)] * 3
 
@@ -59,3 +59,14 @@ def test_a_plan_that_was_made_anyway_is_kept_without_its_cost(plans):
     keep_plan(scene, FlatFloorRenderer(scene), POSES, plan)
     assert kept(spp=4)["plan"] == {"spp": 9}
     assert plans == []
+
+
+@pytest.mark.parametrize(("render", "words"), [
+    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N)"),
+    ({"spp": 4}, "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"),
+    ({"spp": 4, "integrator": "field"}, None), ({"spp": 4, "max_scatterings": 1}, None),
+    ({"outputs": ["B", "D"]}, None)])
+def test_what_is_planned_is_said_with_the_option_that_does_without(plans, render, words):
+    assert what_is_planned(make_scene(render)) == words
+    if render.get("outputs"):
+        assert kept(**render)["told"] == []  # nothing of samples of A

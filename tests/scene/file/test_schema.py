@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
-from varos_warp.scene.file.schema import FORMS, UNITS, explain, find_key, json_schema, unit_of
+from varos_warp.scene.file.schema import FORMS, UNITS, explain, find_key, json_schema, keys_like, unit_of
 from varos_warp.scene.file.templates import TEMPLATES, template_text
 
 SCHEMA = json_schema()
@@ -58,6 +58,12 @@ def test_examples_are_values_that_the_key_accepts():
     for key, entry, _ in KEYS:
         for example in entry.get("examples", ()):
             assert fits(example, entry), (key, example)
+
+
+def test_keys_of_older_files_are_valid_but_not_offered():
+    assert fits({"trajectory": {}, "render": {"level_of_detail": None}}, SCHEMA)
+    assert "level_of_detail" not in explain("render")
+    assert keys_like("render.lev") == []
 
 
 def test_the_form_of_every_text_has_words():

@@ -240,6 +240,19 @@ class Dataset:
         """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
         return np.stack(self._channels(output, frame, camera, *"RGB"), -1).astype(np.float32)
 
+    def stderr(self, frame: int, camera: str | None = None) -> np.ndarray:
+        """Standard error float32 [H, W, 3] [W/sr/m^2] of each pixel of A before denoising.
+
+        Raises:
+            InputError: The run did not keep it; it does with ``render.linear_exr``.
+        """
+        self._index(frame)
+        path = self.layout.linear(self._camera(camera), frame, "A")
+        if not path.exists():
+            raise InputError("is not there: standard errors were not kept", file=path,
+                             remedy="`run` again with --linear-exr, which adds them.")
+        return np.stack(files.channels_of(path, files.read_exr(path), "stderr.R", "stderr.G", "stderr.B"), -1)
+
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
         u, v, x, y, z, occluded = self._channels("F", frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",

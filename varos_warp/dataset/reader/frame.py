@@ -94,6 +94,11 @@ class Frame:
         return self.data.linear("A", self.number, self.camera)
 
     @cached_property
+    def A_stderr(self) -> np.ndarray:
+        """Standard error [W/sr/m^2] of each pixel of A before denoising, float32 [H, W, 3]; of ``--linear-exr``."""
+        return self.data.stderr(self.number, self.camera)
+
+    @cached_property
     def B_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of B, float32 [H, W, 3], before exposure."""
         return self.data.linear("B", self.number, self.camera)

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varos_warp.render.field.open_water import unavailable
+from varos_warp.render.options import resolve_integrator
+from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import resolve_device
@@ -26,8 +29,11 @@ SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 """For a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
-START_S = {"cpu": 30.0, "cuda": 30.0}
-"""To compile, load and plan: seconds on one device, however many cores."""
+START_S = {"cpu": 25.0, "cuda": 25.0}
+"""To compile and load: seconds on one device, however many cores."""
+TEST_SPP, COMPARED_SPP = 100, 32
+"""Samples by which the planner often finds the samples of A: of a pixel of all test images; and of the small images by
+which two integrators are compared."""
 USUAL_SPP = 8
 """Samples of A that the planner often chooses."""
 MOST_FRAMES = 50
@@ -79,7 +85,21 @@ def dataset_facts(scene: Scene, frames: int) -> dict:
     of_a = sum(letter in render.outputs for letter in "AP") * (render.spp or USUAL_SPP) * SAMPLE_S[device]
     of_b = ("B" in render.outputs) * render.spp_b * SAMPLE_B_S[device]
     cores = usable_cores() if device == "cpu" else 1
+    planning = _samples_to_plan(scene, frames) * SAMPLE_S[device] / cores
+    seconds = START_S[device] + planning + pixels * (of_a + of_b) / cores
     return {"frames": frames, "cameras": len(scene.vehicle.cameras),
-            "images": frames * len(scene.vehicle.cameras) * len(render.outputs),
-            "bytes": round(pixels * per_pixel), "seconds": round(START_S[device] + pixels * (of_a + of_b) / cores, 1),
-            "device": device, "cores": cores, "spp": render.spp or USUAL_SPP, "spp_is_planned": render.spp is None}
+            "images": frames * len(scene.vehicle.cameras) * len(render.outputs), "bytes": round(pixels * per_pixel),
+            "seconds": round(seconds, 1), "plan_seconds": round(planning, 1), "device": device, "cores": cores,
+            "spp": render.spp or USUAL_SPP, "spp_is_planned": render.spp is None}
+
+
+def _samples_to_plan(scene: Scene, frames: int) -> int:
+    """Samples of pixels that a plan often takes, where it is not kept from before; none where the scene says all."""
+    render, cameras = scene.render, scene.vehicle.cameras
+    if not {"A", "P"} & set(render.outputs):
+        return 0
+    field = resolve_integrator(render.integrator, render.max_scatterings, lambda: unavailable(scene)) == "field"
+    compared = COMPARED_SPP * SMALL if render.integrator == "auto" and field else 0
+    tests = TEST_SPP * min(pixels_tried(cameras[0], frames), int(np.prod(cameras[0].resolution)))
+    views = 2 * len(pilot_frames(frames)) * len(cameras) * SMALL * SMALL_SPP
+    return compared + tests * (render.spp is None) + views * bool(compared or render.spp is None)

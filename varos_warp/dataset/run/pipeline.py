@@ -48,6 +48,8 @@ class Rendered:
     """What the exposure needs of A, B and P, by camera, letter and frame."""
     clamped: Counter[str] = field(default_factory=Counter)
     """Values that were cut to the largest half float, by letter."""
+    empty: set[tuple[str, str, int]] = field(default_factory=set)
+    """Images C, D and S without any surface, by camera, letter and frame."""
     timings: list[dict] = field(default_factory=list)
     """For the log: an entry for each image job."""
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
@@ -195,6 +197,8 @@ class Pipeline:
             if not future.exception():
                 stored: Stored = future.result()
                 self.made.clamped[letter] += stored.clamped
+                if stored.empty:
+                    self.made.empty.add((job.camera, letter, job.frame))
                 if stored.statistics is not None:
                     self.made.statistics[job.camera, letter, job.frame] = stored.statistics
         if errors:

@@ -10,7 +10,9 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.denoise import available_method
+from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner.decisions import STEPS
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
@@ -32,13 +34,26 @@ def plan_sequence(scene, renderer, poses, quiet: bool = False, **options):
         return plan_render(scene, renderer, poses, progress=steps.reach, **options)
 
 
+def what_is_planned(scene) -> str | None:
+    """What the planner finds out by test images, and what to do without, in words; None: nothing."""
+    render = scene.render
+    if not {"A", "P"} & set(render.outputs):
+        return None
+    if render.spp is None:
+        return f"how many samples keep an error of {render.tolerance:.3g}, once for this scene (--spp N takes N)"
+    if render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
+                                                          lambda: unavailable(scene)) == "field":
+        return "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"
+    return None
+
+
 def kept_plan(scene, renderer, poses, quiet: bool = False) -> dict[str, Any]:
     """The plan of a sequence, as `Plan.to_dict` has it, in ``plan``, and what to tell the user of it, in ``told``.
 
     Made where it was not made before, in this or another run.
     """
     def build():
-        return _payload(plan_sequence(scene, renderer, poses, quiet))
+        return _payload(scene, plan_sequence(scene, renderer, poses, quiet))
 
     arrays = cached("plan", depends_on(scene, renderer, poses), build)
     return json.loads(str(arrays["plan"]))
@@ -46,13 +61,14 @@ def kept_plan(scene, renderer, poses, quiet: bool = False) -> dict[str, Any]:
 
 def keep_plan(scene, renderer, poses, plan) -> None:
     """Keep a `Plan` that was made anyway, for runs."""
-    cached("plan", depends_on(scene, renderer, poses), lambda: _payload(plan))
+    cached("plan", depends_on(scene, renderer, poses), lambda: _payload(scene, plan))
 
 
-def _payload(plan) -> dict[str, np.ndarray]:
+def _payload(scene, plan) -> dict[str, np.ndarray]:
     """A plan as an array of text, without what it costs on one machine."""
     error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-    told = [f"{plan.spp_in_words} samples per pixel of A{error}", *filter(None, [plan.shortfall]), *plan.ports]
+    samples = [f"{plan.spp_in_words} samples per pixel of A{error}"] * bool({"A", "P"} & set(scene.render.outputs))
+    told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
     content = {key: value for key, value in plan.to_dict().items() if key != "cost"}
     return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
 

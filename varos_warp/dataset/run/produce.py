@@ -245,6 +245,7 @@ class _Run:
         for summary, made in results:
             self.made.statistics |= made.statistics
             self.made.clamped += made.clamped
+            self.made.empty |= made.empty
             self.clock.beside(summary.stages)
             self.summary.messages += [words for words in summary.messages if words not in self.summary.messages]
         devices = Counter(summary.device for summary, _ in results if summary.device)
@@ -369,15 +370,17 @@ class _Run:
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.dataset.run.planning import kept_plan
+        from varos_warp.dataset.run.planning import kept_plan, what_is_planned
 
         start = time.monotonic()
-        self.console.tell("planning from a few poses ...")
+        if question := what_is_planned(self.scene):
+            self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
         found = kept_plan(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)],
                           self.console.quiet)
-        first, *others = found["told"]
-        self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
+        first, *others = found["told"] or [""]
+        if first:
+            self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
         for sentence in others:
             self.say(sentence)
         return found["plan"]
@@ -452,11 +455,22 @@ class _Run:
 
     # --------------------------------------------------------------------------------------------------- finishing
 
+    def tell_of_empty_images(self) -> None:
+        """Name the cameras that looked into open water, with the frames where they did."""
+        for camera in self.layout.cameras:
+            frames = sorted({frame for name, _, frame in self.made.empty if name == camera})
+            letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
+            if frames:
+                which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
+                self.say(f"camera {camera} has no surface in sight in {len(frames)} of {len(self.selected)} frames "
+                         f"({which}): {', '.join(letters)} hold nothing there")
+
     def finish(self) -> None:
         """Expose A, B and P once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
+        self.tell_of_empty_images()
         self.record.reload()
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0

@@ -40,6 +40,8 @@ class Stored:
     """Values that were cut to the largest half float."""
     statistics: exposure.Statistics | None = None
     """Of A, B and P."""
+    empty: bool = False
+    """Whether C, D or S holds no surface at all."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,7 @@ class Store:
             if OUTPUTS[letter].is_color:
                 return self._write_color(job, letter, image, clock)
             with clock("encode"):
-                self._write_geometry(job, letter, image)
-            return Stored()
+                return Stored(empty=self._write_geometry(job, letter, image))
         except InputError:
             raise
         except ValueError as error:
@@ -102,8 +103,8 @@ class Store:
         with _oidn_turn if method == "oidn" else contextlib.nullcontext(), clock("denoise"):
             return denoise_image(image, method)
 
-    def _write_geometry(self, job: ImageJob, letter: str, image) -> None:
-        """C, D, S or F."""
+    def _write_geometry(self, job: ImageJob, letter: str, image) -> bool:
+        """C, D, S or F; returns whether no pixel of C, D or S holds anything."""
         frame, camera, _ = job
         if letter == "D":
             if self.render.depth_exr:
@@ -116,6 +117,7 @@ class Store:
         values = getattr(image, {"C": "normal", "D": distance, "S": "instance", "F": "flow"}[letter])
         scale = self.render.depth_range_m if letter == "D" else None
         files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(values, scale))
+        return letter != "F" and not (values < scale[1] if scale else values).any()
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:

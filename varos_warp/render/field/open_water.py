@@ -127,15 +127,18 @@ class OpenWater:
     def _lights(self) -> wp.array:
         """The field of each light; those of one distribution share their arrays."""
         shapes = self.lights.distributions
+        kinds = list(dict.fromkeys(replace(shape, gain=1.0) for shape in shapes))
         # kept, for the array below holds no reference to the arrays of its fields
-        self._fields = {shape: self._light_field(shape) for shape in dict.fromkeys(shapes)}
+        self._fields = {shape: self._light_field(shape, kinds) for shape in dict.fromkeys(shapes)}
         fields = [self._fields[shape] for shape in shapes]
         return wp.array(fields, dtype=LightField, device=self.device)
 
-    def _light_field(self, shape: Distribution) -> LightField:
-        solving = LightFieldSolver(shape, self.water, self.launcher)
-        arrays = cached("light", self._depends_on(light=asdict(replace(shape, gain=1.0))), lambda: _solved(solving),
-                        what="the field of a lamp in this water")
+    def _light_field(self, shape: Distribution, kinds: list[Distribution]) -> LightField:
+        """The field of one of so many kinds of lamps, which differ in more than their gain."""
+        solving, unit = LightFieldSolver(shape, self.water, self.launcher), replace(shape, gain=1.0)
+        which = f" ({kinds.index(unit) + 1} of {len(kinds)} kinds)" if len(kinds) > 1 else ""
+        arrays = cached("light", self._depends_on(light=asdict(unit)), lambda: _solved(solving),
+                        what=f"the field of a lamp in this water{which}")
         field = LightField()
         field.grid = solving.fine
         field.irradiance, field.source = self._array(arrays["irradiance"]), self._array(arrays["source"])

@@ -12,8 +12,8 @@ from varos_warp.scene.description import Scene
 
 TRACERS = {"reference": "reference path tracer", "path": "path tracer",
            "field": "path tracer with the field of open water"}
-STEPS = ("views", "integrator", "samples", "samples by frame", "time")
-"""Of planning, for those who wait."""
+STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
+"""Of planning, for those who wait; the fourth where the first test images had far too few samples."""
 
 
 def silently(step: str, share: float) -> None:

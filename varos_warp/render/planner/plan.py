@@ -301,8 +301,8 @@ class Planner:
     def error_law(self, target: float) -> ErrorLaw:
         """How the error falls with the samples: from images with about as many as are needed."""
         spp = first = FIRST_GUESS[self.resolved]
-        for _ in range(ROUNDS):
-            law = self.measured_law(spp)
+        for k in range(ROUNDS):
+            law = self.measured_law(spp, "more samples" if k else "samples")
             needed = law.samples(target)
             better = min(max(needed // LEVELS[-1], first), MOST_TRIED)
             if needed <= REACH * law.spp[-1] or better <= spp:
@@ -310,22 +310,25 @@ class Planner:
             spp = better
         return law
 
-    def measured_law(self, first: int) -> ErrorLaw:
-        """Errors of test images with a few times ``first`` samples, by independent estimates."""
+    def measured_law(self, first: int, step: str = "samples") -> ErrorLaw:
+        """Errors of test images with a few times ``first`` samples, by independent estimates; ``step`` is its name."""
         levels = [first * level for level in LEVELS]
         view = self.worst.T_w_v, self.test_camera
-        images = []
+        images, each = [], ESTIMATE_LEVEL * first
+        tests, most = IMAGES * sum(levels), max(FEWEST_ESTIMATES, min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
+        self.progress(step, 0.0)
         for k, spp in enumerate(levels):
-            self.progress("samples", k / len(levels))
             images.append([self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)])
-        self.progress("samples", 1.0)
-        estimates = self.estimates(ESTIMATE_LEVEL * first, images[-1])
+            self.progress(step, IMAGES * sum(levels[:k + 1]) / (tests + most * each))
+        estimates = self.estimates(each, most, images[-1],
+                                   lambda count: self.progress(step, (tests + count * each) / (tests + most * each)))
         return ErrorLaw(levels, np.array([errors.worst_error(level, estimates) for level in images]), self.steepest)
 
-    def estimates(self, spp: int, images: list[np.ndarray]) -> list[np.ndarray]:
+    def estimates(self, spp: int, most: int, images: list[np.ndarray], tell: Callable[[int], None]) -> list[np.ndarray]:
         """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
         taken, made = IMAGES * len(LEVELS), []
-        while len(made) < FEWEST_ESTIMATES or (len(made) < MOST_ESTIMATES and len(made) * spp < MOST_ESTIMATING):
+        while len(made) < most:
+            tell(len(made))
             made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
             if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
                 square, unsure = errors.squared_error(images, made)

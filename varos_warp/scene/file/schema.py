@@ -105,7 +105,7 @@ def keys_like(typed: str) -> list[str]:
             json_schema()]
     except InputError:
         return []
-    names = dict.fromkeys(name for block in blocks for name in block.get("properties", {}))
+    names = dict.fromkeys(name for block in blocks for name in names_in(block))
     return [key for key in (above + dot + name for name in names) if key.startswith(typed)]
 
 
@@ -118,6 +118,11 @@ def entries(key: str, holders: list[dict]) -> list[Entry]:
     several = len(alike) > 1
     return [Entry(key, tuple(filter(None, map(kind_of, blocks))) if several else (), blocks[0]["properties"][key],
                   key in blocks[0].get("required", ())) for blocks in alike.values()]
+
+
+def names_in(block: dict) -> list[str]:
+    """The keys of a block, but for those that are only there for older files."""
+    return [name for name, schema in block.get("properties", {}).items() if not schema.get("deprecated")]
 
 
 def kind_of(block: dict) -> str | None:
@@ -138,7 +143,7 @@ def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
 
 
 def _unknown(key: str, part: str, blocks: list[dict]) -> InputError:
-    known = list(dict.fromkeys(name for block in blocks for name in block.get("properties", {})))
+    known = list(dict.fromkeys(name for block in blocks for name in names_in(block)))
     listing = f"Known there: {', '.join(known)}." if known else "It is no block, nothing is under it."
     return InputError(f"no key '{part}'", key=key, remedy=did_you_mean(part, known) or listing)
 
@@ -164,7 +169,7 @@ def _explained(path, entry, root) -> Iterator[str]:
         kind = kind_of(block)
         yield ""
         yield f"  {f'kind {kind}' if kind else 'keys'}: {plain(block['description'].splitlines()[0])}"
-        names = [name for name in block["properties"] if name not in KIND_KEYS or kind is None]
+        names = [name for name in names_in(block) if name not in KIND_KEYS or kind is None]
         rows = [(name, _default(inner), inner) for name in names for inner in entries(name, [block])]
         wide, deep = (max((len(row[column]) for row in rows), default=0) for column in (0, 1))
         yield from (f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}"
