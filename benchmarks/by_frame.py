@@ -20,6 +20,7 @@ from varos_warp.render.planner.by_frame import mean_spp, spp_of
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.errors import error
+from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
@@ -31,12 +32,13 @@ ESTIMATES, ESTIMATE_LEVEL = 4, 8
 SEED = 9000
 
 
-def check(renderer, plan: Plan, poses, frame: int) -> dict:
+def check(frames: Frames, plan: Plan, frame: int) -> dict:
     """Error of one frame as planned, its samples, and the seconds that rendering it took."""
+    renderer = frames.renderer
     scene, (camera, *_) = renderer.scene, renderer.scene.vehicle.cameras
 
     def image(**how):
-        return renderer.render(poses[frame], camera, "A", frame=frame, **(plan.options | how)).A
+        return frames.render(frame, camera, "A", frame=frame, **(plan.options | how)).A
 
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
@@ -51,7 +53,7 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
     simulation = simulate(scene)
     poses = list(simulation.frames.poses())
     renderer, watch = FrameRenderer(scene, device), Stopwatch()
-    plan = plan_render(scene, renderer, poses)
+    plan = plan_render(scene, renderer, poses, motion=simulation.motion)
     planning = watch.seconds
     chosen = np.sort(np.random.default_rng(seed).choice(len(poses), min(frames, len(poses)), replace=False)).tolist()
     camera = scene.vehicle.cameras[0].id
@@ -61,7 +63,7 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
         "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
         "predicted": None if plan.error is None else plan.error.round(5).tolist(), "checked": []}
     for frame in chosen:
-        result["checked"].append(check(renderer, plan, poses, frame))
+        result["checked"].append(check(Frames.of(scene, renderer, poses, motion=simulation.motion), plan, frame))
         keep(result)
     return result
 

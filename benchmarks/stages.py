@@ -73,14 +73,16 @@ def foretold(scene, frames: int) -> float:
     """Seconds a frame that `plan` foretells for the same frames."""
     from varos_warp.dataset.run.planning import kept_plan
     from varos_warp.render.planner.cost import sequence_cost
+    from varos_warp.render.planner.pilot import Frames
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.sim.trajectory import simulate
 
-    poses, renderer = list(simulate(scene).frames.poses()), FrameRenderer(scene, "cpu")
-    plan = kept_plan(scene, renderer, poses, quiet=True)["plan"]
+    simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
+    plan = kept_plan(scene, renderer, simulation.frames, simulation.motion, quiet=True)["plan"]
     options = {key: plan[key] for key in ("spp", "integrator", "max_scatterings", "max_bounces")}
     planned = SimpleNamespace(options=options, to_dict=lambda: plan)
-    return sequence_cost(scene, renderer, poses[:frames], planned)["seconds_per_frame"]
+    costed = Frames(renderer, list(simulation.frames.poses()[:frames]), simulation.frames.time_ns, simulation.motion)
+    return sequence_cost(scene, costed, planned)["seconds_per_frame"]
 
 
 def measure(name: str, frames: int, *options: str) -> dict:

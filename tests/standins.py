@@ -155,7 +155,7 @@ class FlatFloorRenderer:
         return SimpleNamespace(**{k: v for k, v in made.items() if k in outputs})
 
 
-def plan_render(scene, renderer, poses, *, measure_cost=False, progress=None):
+def plan_render(scene, renderer, poses, **options):
     plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings,
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)

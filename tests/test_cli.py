@@ -144,7 +144,7 @@ def test_every_verb_has_the_options_of_the_contract_that_mean_something_to_it(ve
 def test_plan_looks_at_the_frames_asked_for(scene_file, monkeypatch):
     planned = []
 
-    def plan_render(scene, renderer, poses, *, measure_cost=False, progress=None):
+    def plan_render(scene, renderer, poses, **options):
         planned.append((len(poses), scene.render.denoise))
         return standins.plan_render(scene, renderer, poses)
 

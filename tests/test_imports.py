@@ -141,3 +141,8 @@ def test_one_version_everywhere():
 def test_the_stability_map_runs_without_the_paths_of_pytest():
     """It looks through the camera of tests/physics/rig.py."""
     subprocess.run([sys.executable, "-c", "import benchmarks.stability.transport_media"], cwd=ROOT.parent, check=True)
+
+
+def test_threads_that_colour_pictures_are_not_the_first_to_import_matplotlib():
+    """Its parts import each other: one of two that began at once failed, as in the report of a dataset of one frame."""
+    assert "matplotlib" in loaded_after("import varos_warp.dataset.report.pictures")

@@ -14,7 +14,7 @@ def scene_to_image(path: Path) -> np.ndarray:
     simulation = vw.simulate(scene)
     renderer = vw.FrameRenderer(scene, device="cpu")
     T_w_v = simulation.trajectory.T_w_v(0)
-    plan = vw.plan_render(scene, renderer, [T_w_v])
+    plan = vw.plan_render(scene, renderer, [T_w_v], motion=simulation.motion)
     frame = renderer.render(T_w_v, camera="M0", outputs="ABCD", spp=spp or plan.spp)
     assert frame.A is not None
     radiance = frame.A.radiance

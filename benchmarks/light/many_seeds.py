@@ -23,6 +23,7 @@ from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.errors import InputError
 from varos_warp.render.planner.errors import BLOCKS_WITHIN
+from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import PATHS_PAY, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import resolve_device
@@ -81,7 +82,7 @@ def choice(renderer, built: Built, options) -> dict:
         error = scores.relative_rmse(made["denoised"], reference).max()
         seconds = float(np.median(made["wall"]))
         work[integrator] = (float(error), seconds, float(error**2 * seconds))
-    gain = Planner(built.scene, renderer, [built.T_w_v]).gain_of_field()
+    gain = Planner(built.scene, Frames.of(built.scene, renderer, [built.T_w_v])).gain_of_field()
     by_hand = work["path"][2] / work["field"][2]
     best = "field" if by_hand > 1.0 else "path"
     chosen = "field" if gain >= PATHS_PAY else "path"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
@@ -103,6 +104,39 @@ def test_without_drag_it_keeps_its_energy_to_the_order_of_the_step(truth):
 
 
 # --------------------------------------------------------------------------------------------------------- turbulence
+
+
+def test_turbulence_tilts_a_body_with_a_righting_moment_as_it_does_a_linear_oscillator(truth):
+    """Water that accelerates pushes at the centre of buoyancy: J phi'' + d phi' + k phi = -+ k a/g, about x and y.
+
+    Of equal masses along all axes, so that Munk's moment is none. Then the variance of the oscillator's tilt by the
+    spectrum of the acceleration, over 5000 s.
+    """
+    equal = {"added_mass": (7.0, 7.0, 7.0, 0.19, 0.19, 0.22), "inertia": (0.26, 0.26, 0.37),
+             "linear_drag": (18.0, 18.0, 18.0, 1.1, 1.1, 1.2), "quadratic_drag": 6 * (0.0,)}
+    body, T, S = rov(equal, metacentric_height=0.05), 2.0, 0.25
+    k, J, d = body.displaced * body.gravity * body.metacentric_height, body.inertias[0], 1.1
+    oscillator = ([1.0], [J, d, k])
+    current = {"turbulence": {"rms": (0.1, 0.1, 0.0), "correlation_time_s": T, "smoothing_s": S}}
+    tilt = Rotation.from_quat(column(fly(body, State(), 10.0, current), "q"), scalar_first=True).as_rotvec()[:, :2]
+
+    water, t = Current(description.Current(**current), 3), H * np.arange(len(tilt))
+    pushed = -k / body.gravity * water.acceleration(t)[:, [1, 0]] * [1.0, -1.0]
+    expected = np.column_stack([lsim(oscillator, push, t)[1] for push in pushed.T])
+    truth("tilt [rad] in turbulence over 10 s", source="a linear oscillator", expected=expected, got=tilt,
+          tolerance=1e-3 * np.abs(expected).max(), reason="squares of a tilt of at most 2 degrees")
+
+    t = 0.05 * np.arange(100_001)
+    pushed = k / body.gravity * water.acceleration(t)[:, 0]
+    found = lsim(oscillator, pushed, t)[1].var()
+
+    def density(w):
+        return 1.0 / ((1.0 + T**2 * w**2) * (1.0 + S**2 * w**2)**2)
+
+    moved = quad(lambda w: density(w) * w**2 * (k / body.gravity)**2 / ((k - J * w**2)**2 + (d * w)**2), 0, np.inf)[0]
+    truth("variance of the tilt [rad^2] in turbulence", source="its spectrum", got=found,
+          expected=0.1**2 * moved / quad(density, 0, np.inf)[0], reason="four standard errors", tolerance=4.0 * found
+          * np.sqrt(2.0 * (S + J / d) / t[-1]))
 
 
 def draw(count, step=H, seed=0, **changes):

@@ -268,6 +268,22 @@ def test_a_strobe_and_a_rolling_shutter_make_a_band():
     assert share.max() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("readout", [0.0, 0.004])
+def test_a_short_flash_is_as_noisy_as_a_lamp_that_shines_all_the_time(readout):
+    """Of a tenth of the power; with as many samples in the dark as there is dark, RMS differences were 130 %."""
+    def A(lamp):
+        scene = scene_of({"exposure_s": 0.02, "readout_s": readout}, [lamp])
+        renderer = FrameRenderer(scene, "cpu", parts=room())
+        return renderer.render(np.eye(4), outputs="A", spp=4, integrator="path", layers=("direct",),
+                               motion=steady()).A.radiance
+
+    weak = LAMPS[0] | {"intensity": (np.array(LAMPS[0]["intensity"]) / 10).tolist()}
+    flash, steadily = A(LAMPS[0] | {"strobe": {"on_s": 0.002, "delay_s": 0.001}}), A(weak)
+    assert steadily.mean() > 0.0
+    np.testing.assert_allclose(flash.mean(), steadily.mean(), rtol=0.01)
+    assert np.sqrt(np.mean((flash - steadily) ** 2)) < 0.15 * np.sqrt(np.mean(steadily**2))
+
+
 def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
     """Of a camera with nothing but a shutter; whether or not A is rendered with it."""
     renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())

@@ -7,6 +7,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.frame import Frame, without_noise
 from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Plan
+from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
@@ -69,7 +70,7 @@ def test_what_it_costs_is_measured_of_cameras_whose_twin_is_not_their_a(outputs,
 
     made = []
     scene = scene_of(PLAIN, PLAIN | BENT["dome and barrel"] | {"id": "M1"}, outputs=outputs)
-    cost = sequence_cost(scene, Renderer(), [np.eye(4)], Plan(4, None))
+    cost = sequence_cost(scene, Frames.of(scene, Renderer(), [np.eye(4)]), Plan(4, None))
     assert set(cost["seconds_by_output"]) == set(outputs)
     assert {camera for camera, letters in made if letters == "P"} == rendered
 

@@ -41,12 +41,11 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     with located(loaded):
         require_files(loaded)
         simulation, parts = simulated(loaded, quiet, []), build_parts(loaded)  # what a DVL reads is not looked at
-        poses = list(simulation.frames.poses())
-        wanted = [poses[frame] for frame in select(chosen, len(poses))]
+        wanted = simulation.frames.rows(select(chosen, len(simulation.frames)))
         for warning in check_scene(loaded, parts, path_samples(simulation)):
             Console(quiet).tell(f"note: {warning}")
         renderer = FrameRenderer(loaded, device, parts)
-        planned = plan_sequence(loaded, renderer, wanted, quiet, measure_cost=True)
+        planned = plan_sequence(loaded, renderer, wanted, simulation.motion, quiet, measure_cost=True)
     keep_plan(loaded, renderer, wanted, planned)
     result = planned.to_dict()
     if json_:

@@ -109,7 +109,7 @@ def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
     samples = f"{dataset['spp']} samples per pixel of A" + (
-        " (the planner chooses them: for small images, or turbid water, ten times as many and more)"
+        " (the planner chooses them; in turbid water near a floor they may be many more)"
         * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "

@@ -48,6 +48,7 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
     if not pinhole:
         moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng,
                                                            world.carriers_at(offset_ns))
+        moments.lit_begin, moments.lit_end = when.lit
     moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
     return moments

@@ -33,6 +33,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
+from varos_warp.scene.optics.shutter import lit_of_rows
 
 DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
@@ -106,7 +107,7 @@ class RadianceRenderer:
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
-        self._vignettes: dict[Camera, wp.array] = {}
+        self._shares: dict[Camera, wp.array] = {}
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
@@ -133,14 +134,20 @@ class RadianceRenderer:
         """Why there is no field: once, for it reads files."""
         return unavailable(self.scene)
 
-    def _vignette(self, view: Camera) -> wp.array | None:
-        """What vignetting leaves of the light at the centre of each pixel, float64 [height, width]; None: all."""
-        if view.vignetting is None:
+    def _share(self, view: Camera) -> wp.array | None:
+        """What counts of the samples of each pixel, float64 [height, width]; None: all.
+
+        It is what vignetting leaves at its centre, times the share of a row's exposure in which some strobe is on.
+        """
+        rows = lit_of_rows(view, self.scene.lights)
+        if view.vignetting is None and rows is None:
             return None
-        if view not in self._vignettes:
-            share = camera_model(view).vignette(pixel_centres(*view.resolution))
-            self._vignettes[view] = wp.array(share, dtype=wp.float64, device=self.device)
-        return self._vignettes[view]
+        if view not in self._shares:
+            share = np.ones(view.resolution[::-1]) if rows is None else np.tile(rows[:, None], view.resolution[0])
+            if view.vignetting is not None:
+                share = share * camera_model(view).vignette(pixel_centres(*view.resolution))
+            self._shares[view] = wp.array(share, dtype=wp.float64, device=self.device)
+        return self._shares[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, world = shot.options, shot.world
@@ -151,7 +158,7 @@ class RadianceRenderer:
                                        seen.varies)
         before = [world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
-                        share=self._vignette(shot.view))
+                        share=self._share(shot.view))
         return (yield from self._develop([film], shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -169,7 +176,7 @@ class RadianceRenderer:
         shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) if shares else count for count in spp]
-        share = self._vignette(view)
+        share = self._share(view)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):

@@ -27,10 +27,10 @@ def companions(scene: Scene) -> dict[str, PosesAt]:
 
 
 def motions(scene: Scene) -> dict[str, PosesAt]:
-    """Where all that is in `Scene.moving` is, by key."""
+    """Where all of `Scene.tracked` are, by key."""
     found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
                                 if block.path}
-    return found | {key: poses for key, poses in companions(scene).items() if key in scene.moving}
+    return found | {key: poses for key, poses in companions(scene).items() if key in scene.tracked}
 
 
 def _course(scene: Scene) -> PosesAt:

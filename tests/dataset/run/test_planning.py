@@ -1,6 +1,7 @@
 """Plans are kept: the same scene is planned once, and another one anew."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from standins import FlatFloorRenderer, make_scene
 
 from varos_warp.dataset.run.planning import keep_plan, kept_plan, what_is_planned
 
-POSES = [np.eye(4)] * 3
+POSES, TIMES = [np.eye(4)] * 3, [0, 100, 200]
 
 
 @pytest.fixture
@@ -27,9 +28,13 @@ def plans(monkeypatch, tmp_path):
     return made
 
 
-def kept(poses=POSES, **render):
+def frames_of(poses=POSES, times=TIMES):
+    return SimpleNamespace(poses=lambda: np.array(poses), time_ns=np.array(times[:len(poses)]))
+
+
+def kept(poses=POSES, times=TIMES, **render):
     scene = make_scene(render)
-    return kept_plan(scene, FlatFloorRenderer(scene), poses, quiet=True)
+    return kept_plan(scene, FlatFloorRenderer(scene), frames_of(poses, times), None, quiet=True)
 
 
 def test_the_same_scene_is_planned_once(plans):
@@ -39,7 +44,8 @@ def test_the_same_scene_is_planned_once(plans):
     assert plans == [4]
 
 
-@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"spp_b": 3}, {"poses": [np.eye(4)] * 2}])
+@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"spp_b": 3}, {"poses": [np.eye(4)] * 2},
+                                     {"times": [0, 100, 300]}])
 def test_what_a_plan_follows_from_is_planned_anew(plans, changed):
     kept(spp=4)
     kept(**({"spp": 4} | changed))
@@ -56,13 +62,13 @@ def test_a_plan_that_was_made_anyway_is_kept_without_its_cost(plans):
     scene = make_scene({"spp": 4})
     plan = standins.plan_render(scene, None, POSES)
     plan.to_dict = lambda: {"spp": 9, "cost": {"seconds_per_frame": 1.0}}
-    keep_plan(scene, FlatFloorRenderer(scene), POSES, plan)
+    keep_plan(scene, FlatFloorRenderer(scene), frames_of(), plan)
     assert kept(spp=4)["plan"] == {"spp": 9}
     assert plans == []
 
 
 @pytest.mark.parametrize(("render", "words"), [
-    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N)"),
+    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N unasked)"),
     ({"spp": 4}, "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"),
     ({"spp": 4, "integrator": "field"}, None), ({"spp": 4, "max_scatterings": 1}, None),
     ({"outputs": ["B", "D"]}, None)])

@@ -13,7 +13,7 @@ from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import cost
 from varos_warp.render.planner import plan as plan_module
 from varos_warp.render.planner.errors import error
-from varos_warp.render.planner.pilot import View, pilot_camera, pixels_tried
+from varos_warp.render.planner.pilot import Frames, View, pilot_camera, pixels_tried
 from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer, RadianceImage
 from varos_warp.scene.description import Scene
@@ -72,7 +72,7 @@ def test_the_view_that_counts_is_the_noisiest_after_denoising():
             noise = rng.normal(0.0, sigma, (96 // size, 160 // size, 1)).astype(np.float32)
             radiance = np.maximum(light + np.kron(noise, np.ones((size, size, 1), np.float32)), 0.0)
             images.append(RadianceImage(radiance, np.full_like(radiance, sigma)))
-        return View(0, make_scene().vehicle.cameras[0], POSE, tuple(images))
+        return View(0, make_scene().vehicle.cameras[0], tuple(images))
 
     fine, coarse = view(1, 0.1), view(16, 0.05)
     assert fine.noise("none") == pytest.approx(0.2, rel=0.05)
@@ -87,7 +87,7 @@ def test_one_bright_sample_does_not_make_a_view_the_noisiest():
     def view(sigma, bright):
         images = [rng.normal(0.5, sigma, (36, 64, 3)).astype(np.float32) for _ in range(2)]
         images[0][rng.random((36, 64)) < bright] += 10.0
-        return View(0, make_scene().vehicle.cameras[0], POSE, tuple(RadianceImage(image, image) for image in images))
+        return View(0, make_scene().vehicle.cameras[0], tuple(RadianceImage(image, image) for image in images))
 
     noisy, quiet = view(0.05, 0.0), view(0.02, 0.0)
     quiet.images[0].radiance[20, 30] += 10.0
@@ -297,6 +297,36 @@ def test_long_sequences_are_planned_at_their_own_resolution(resolution, frames, 
     assert np.prod(found) == pytest.approx(pixels, rel=0.01)
 
 
+class Watched:
+    """Stands in for a renderer: images of noise; what it is told of the vehicle and the time is kept."""
+
+    device, device_name, compile_seconds = "cpu", "watched", 0.0
+
+    def __init__(self):
+        self.told = []
+
+    def render(self, T_w_v, camera, outputs, *, spp, seed, motion, time_ns, **how):
+        self.told.append((T_w_v[0, 3], motion(np.array([7]))[0, 0, 3], time_ns))
+        noise = np.random.default_rng([seed or 0, spp]).normal(size=(27, 48, 3)) / np.sqrt(spp)
+        image = RadianceImage((1.0 + noise).astype(np.float32), np.ones((27, 48, 3), np.float32))
+        return SimpleNamespace(A=SimpleNamespace(**vars(image) | {"denoised": image.radiance, "spp": spp}))
+
+
+def test_frames_are_tried_as_a_run_makes_them_each_at_its_own_time_and_blurred():
+    """Along x by one metre in each 3 ns, from x = 100 m on."""
+    def pose(time_ns):
+        T = POSE.copy()
+        T[0, 3] = time_ns / 3
+        return T
+
+    times, watched = [3 * k for k in range(100, 700)], Watched()
+    plan_render(make_scene(tolerance=0.2), watched, list(map(pose, times)), time_ns=times,
+                motion=lambda time_ns: lambda offset_ns: np.array([pose(time_ns + offset) for offset in offset_ns]))
+    assert len({time_ns for *_, time_ns in watched.told}) > 5
+    for x, moved, time_ns in watched.told:
+        assert (x, moved) == (time_ns / 3, (time_ns + 7) / 3)
+
+
 OVERHEAD, DENOISING, CORES = 50_000, 3, 7
 
 
@@ -377,13 +407,13 @@ def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
 def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
     """Squares of the noise after and before denoising: the latter tells where paths have rare bright samples."""
     made = {"path": paths, "field": field}
-    monkeypatch.setattr(Planner, "image", lambda self, T_w_v, camera, spp, number, integrator: SimpleNamespace(
+    monkeypatch.setattr(Planner, "image", lambda self, frame, camera, spp, number, integrator: SimpleNamespace(
         spp=spp, squares=made[integrator]))
     monkeypatch.setattr(View, "noise", lambda self, method, rare: np.sqrt(
         [0.0, self.images[0].squares[method == "none"], 0.0]))
     scene = make_scene(denoise="oidn")
-    planner = Planner(scene, None, [])
-    planner.worst = View(0, scene.vehicle.cameras[0], POSE, ())
+    planner = Planner(scene, Frames.of(scene, None, []))
+    planner.worst = View(0, scene.vehicle.cameras[0], ())
     assert planner.gain_of_field() == pytest.approx(gain * SAMPLE_COST["path"] / SAMPLE_COST["field"])
 
 
@@ -391,7 +421,8 @@ def test_an_integrator_is_refused_only_where_an_image_takes_one():
     """A of clear water has no field; a run of B, C and D needs none."""
     def planned_for(*outputs):
         scene = make_scene(None, integrator="field", outputs=outputs, spp=1)
-        return plan_sequence(scene, None, [POSE], quiet=True)
+        still = SimpleNamespace(poses=lambda: POSE[None], time_ns=np.zeros(1, np.int64))
+        return plan_sequence(scene, None, still, None, quiet=True)
 
     assert planned_for("B", "C", "D").models.keys() == {"B", "C", "D"}
     with pytest.raises(InputError, match="does not scatter"):

@@ -87,6 +87,14 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, text, why):
     assert refused.value.key == "vehicle.lights.0.file"
 
 
+def test_a_light_that_equals_another_is_named_by_its_own_key():
+    two = [{"kind": "spot"}, {"kind": "spot"}]
+    scene = scene_from_dict({"vehicles": [{"id": vehicle, "lights": two, "trajectory": {"poses": [
+        {"position": [0, 0, 0]}]}} for vehicle in "ab"]}).observed_by("b")
+    assert [scene.key_of_light(light) for light in scene.lights] == [
+        f"vehicles.{vehicle}.lights.{i}" for vehicle in (1, 0) for i in (0, 1)]
+
+
 # -------------------------------------------------------------------------------------------------------------- ports
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
+from varos_warp.dataset.export.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 
@@ -138,6 +139,7 @@ def _mounts(job: Job) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
         facts = job.data.camera(camera)
         parent = "world" if facts["mount"] == "world" else "vehicle"
         mounts.append((parent, f"cam{camera}", facts["T_w_c" if parent == "world" else "T_v_c"]))
+    mounts += [(*keys, light["T_v_light"]) for keys, light in lights_of_others(job).items()]
     for parent, child, pose in mounts:
         T = np.array(pose)
         yield parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0]

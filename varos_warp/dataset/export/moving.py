@@ -1,5 +1,6 @@
-"""Poses of what moves beside every export: of objects, and of other vehicles' bodies."""
+"""Poses of what moves beside every export: of objects, of other vehicles, and of their lights."""
 
+import json
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,10 +15,20 @@ def write(job: Job) -> None:
     if not job.data.moving:
         return
     job.text(f"{FOLDER}/README.txt", _readme(job))
+    lights = lights_of_others(job)
     for key in job.data.moving:
-        time_ns, T = job.data.poses(key)
-        job.text(f"{FOLDER}/{key}.txt", [f"# T_w_o of {key}", "# timestamp tx ty tz qx qy qz qw",
-                                         *(f"{seconds(t)} {row}" for t, row in zip(time_ns, _rows(T), strict=True))])
+        time_ns, T_w_o = job.data.poses(key)
+        placed = {name: T_w_o @ np.array(light["T_v_light"]) for (carrier, name), light in lights.items()
+                  if carrier == key}
+        for name, T in {key: T_w_o, **placed}.items():
+            rows = (f"{seconds(t)} {row}" for t, row in zip(time_ns, _rows(T), strict=True))
+            job.text(f"{FOLDER}/{name}.txt", [f"# T_w_o of {name}", "# timestamp tx ty tz qx qy qz qw", *rows])
+
+
+def lights_of_others(job: Job) -> dict[tuple[str, str], dict]:
+    """What dataset.json says of each light of other vehicles, by their keys ``vehicles.ID`` and their own."""
+    return {(entry["key"], f"{entry['key']}.lights.{i}"): light for entry in job.data.meta.get("moving") or ()
+            for i, light in enumerate(entry.get("lights") or ())}
 
 
 def _readme(job: Job) -> Iterator[str]:
@@ -28,8 +39,17 @@ def _readme(job: Job) -> Iterator[str]:
         yield f"  first T_w_c of {camera} (OpenCV axes): {_rows(job.data.views(camera)[1][:1])[0]}"
     yield ""
     for entry in job.data.meta["moving"]:
-        low, high = map(numbers, entry["box_m"])
-        yield f"{entry['key']}: number {entry['id']} in S; its box in its own axes [m]: low {low}, high {high}"
+        if entry.get("id") is not None:
+            low, high = map(numbers, entry["box_m"])
+            yield f"{entry['key']}: number {entry['id']} in S; its box in its own axes [m]: low {low}, high {high}"
+        else:
+            yield f"{entry['key']}: has lights only"
+    if lights := lights_of_others(job):
+        yield ""
+        yield "Lights of other vehicles, by frame in files of their own: z of their axes is where they point. Keys as"
+        yield "in a scene file, on their vehicle, and T_v_light; intensity in W/sr:"
+        for (_, name), light in lights.items():
+            yield f"{name}: {json.dumps(light)}"
 
 
 def _rows(T: np.ndarray) -> list[str]:

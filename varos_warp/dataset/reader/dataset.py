@@ -337,9 +337,9 @@ class Dataset:
 
     @property
     def moving(self) -> list[str]:
-        """Keys of the objects that move, such as ``objects.3``, whose poses at the frames `poses` gives.
+        """Keys of what moves, such as ``objects.3``, whose poses at the frames `poses` gives.
 
-        ``meta["moving"]`` has their numbers in S and their boxes, too.
+        ``meta["moving"]`` has their numbers in S and their boxes, too, and the lights of other vehicles.
         """
         return [entry["key"] for entry in self.meta.get("moving") or ()]
 

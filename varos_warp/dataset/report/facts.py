@@ -131,13 +131,15 @@ def _beam(light: dict) -> str:
 
 def equipment(data: Dataset) -> Raw:
     """Lights and sensors."""
-    rows = [(f"light {i}", f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
-             numbers(light.get("position") or (), "m"), _beam(light))
-            for i, light in enumerate(data.meta["lights"])]
+    lights = {f"light {i}": light for i, light in enumerate(data.meta["lights"])}
+    for entry in data.meta.get("moving") or ():
+        lights |= {f"{entry['key']}, light {i}": light for i, light in enumerate(entry.get("lights") or ())}
+    rows = [(name, f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
+             numbers(light.get("position") or (), "m"), _beam(light)) for name, light in lights.items()]
     for name, sensor in data.meta["sensors"].items():
         rows.append((name, f"{sensor['rate_hz']:g} Hz", numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),
                      "with noise" if sensor["noise"] else "noise-free"))
-    return table(rows, ("", "", "on the vehicle at", ""), "numbers")
+    return table(rows, ("", "", "on its vehicle at", ""), "numbers")
 
 
 # ------------------------------------------------------------------------------------------------- plan and rendering

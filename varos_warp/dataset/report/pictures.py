@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps  # not first in several threads at once: its parts import each other
+from matplotlib.colors import hsv_to_rgb
 
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
@@ -73,8 +75,6 @@ def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tu
 
 def _depth_colors(pixels: np.ndarray, near_far: tuple[float, float] | None, range_m) -> np.ndarray:
     """Colours of D, even steps of its logarithm between two distances; black where nothing is within the range."""
-    from matplotlib import colormaps
-
     hit, (start, end) = pixels < DEPTH_LEVELS, range_m
     depth = np.maximum(start + pixels * ((end - start) / DEPTH_LEVELS), 1e-4)
     near, far = near_far or ((depth[hit].min(), depth[hit].max() * 1.001) if hit.any() else (1.0, 2.0))
@@ -86,8 +86,6 @@ def _depth_colors(pixels: np.ndarray, near_far: tuple[float, float] | None, rang
 
 def _segment_colors(pixels: np.ndarray) -> np.ndarray:
     """A colour for each number, unlike those of its neighbours (hues a golden section apart); black where it is 0."""
-    from matplotlib.colors import hsv_to_rgb
-
     number = pixels.astype(float)
     hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), np.where(pixels > 0, 0.95, 0.0)], -1)
     return (hsv_to_rgb(hsv) * 255).astype(np.uint8)

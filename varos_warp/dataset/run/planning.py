@@ -24,14 +24,15 @@ BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m")
 """Keys of the block ``render`` that no plan follows from."""
 
 
-def plan_sequence(scene, renderer, poses, quiet: bool = False, **options):
-    """`plan_render` with a progress bar."""
+def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **options):
+    """`plan_render` with a progress bar, of ``frames`` as in `kept_plan`."""
     from varos_warp.render.planner.plan import plan_render
 
     if not {"A", "P"} & set(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
     with NamedSteps("planning", STEPS, quiet) as steps:
-        return plan_render(scene, renderer, poses, progress=steps.reach, **options)
+        return plan_render(scene, renderer, list(frames.poses()), time_ns=frames.time_ns.tolist(), motion=motion,
+                           progress=steps.reach, **options)
 
 
 def what_is_planned(scene) -> str | None:
@@ -40,28 +41,29 @@ def what_is_planned(scene) -> str | None:
     if not {"A", "P"} & set(render.outputs):
         return None
     if render.spp is None:
-        return f"how many samples keep an error of {render.tolerance:.3g}, once for this scene (--spp N takes N)"
+        return f"how many samples keep an error of {render.tolerance:g}, once for this scene (--spp N takes N unasked)"
     if render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
                                                           lambda: unavailable(scene)) == "field":
         return "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"
     return None
 
 
-def kept_plan(scene, renderer, poses, quiet: bool = False) -> dict[str, Any]:
+def kept_plan(scene, renderer, frames, motion, quiet: bool = False) -> dict[str, Any]:
     """The plan of a sequence, as `Plan.to_dict` has it, in ``plan``, and what to tell the user of it, in ``told``.
 
-    Made where it was not made before, in this or another run.
+    Made where it was not made before, in this or another run. Of ``frames``, rows of a `Trajectory`; ``motion`` as in
+    `plan_render`.
     """
     def build():
-        return _payload(scene, plan_sequence(scene, renderer, poses, quiet))
+        return _payload(scene, plan_sequence(scene, renderer, frames, motion, quiet))
 
-    arrays = cached("plan", depends_on(scene, renderer, poses), build)
+    arrays = cached("plan", depends_on(scene, renderer, frames), build)
     return json.loads(str(arrays["plan"]))
 
 
-def keep_plan(scene, renderer, poses, plan) -> None:
+def keep_plan(scene, renderer, frames, plan) -> None:
     """Keep a `Plan` that was made anyway, for runs."""
-    cached("plan", depends_on(scene, renderer, poses), lambda: _payload(scene, plan))
+    cached("plan", depends_on(scene, renderer, frames), lambda: _payload(scene, plan))
 
 
 def _payload(scene, plan) -> dict[str, np.ndarray]:
@@ -73,13 +75,13 @@ def _payload(scene, plan) -> dict[str, np.ndarray]:
     return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
 
 
-def depends_on(scene, renderer, poses) -> dict[str, Any]:
+def depends_on(scene, renderer, frames) -> dict[str, Any]:
     """Everything that a plan follows from, as JSON."""
     described = scene_to_dict(scene)
     for key in BESIDE:
         described["render"].pop(key, None)
     textures = {str(path.name): sha256(path) for path in mesh_textures(scene)}
-    return {"scene": described, "files": sources(scene) | textures, "poses": digest(np.asarray(poses, np.float64)),
+    return {"scene": described, "files": sources(scene) | textures, "frames": digest(frames.time_ns, frames.poses()),
             "device": kind_of(renderer.device), "renderer": type(renderer).__qualname__,
             "denoiser": available_method(scene.render.denoise), "version": varos_warp.__version__,
             "code": code_hash("varos_warp.render.renderer", CODE) + code_hash("varos_warp.render.planner.plan", CODE)}

@@ -376,8 +376,7 @@ class _Run:
         if question := what_is_planned(self.scene):
             self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
-        found = kept_plan(self.scene, self.renderer, [self.T_w_v(frame) for frame in range(self.count)],
-                          self.console.quiet)
+        found = kept_plan(self.scene, self.renderer, self.simulation.frames, self.simulation.motion, self.console.quiet)
         first, *others = found["told"] or [""]
         if first:
             self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")

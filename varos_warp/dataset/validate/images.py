@@ -229,7 +229,7 @@ class _FrameImages:
         noise = surfaces.slope_noise(depth, model.K, self.data.meta["depth"]["scale_m"])
         both = np.isfinite(slope).all(-1) & self.has_normal[rows]
         return (float(away.mean()), np.einsum("...i,...i", slope[both], normal[both]),
-                surfaces.slope_sums(normal, slope, noise))
+                surfaces.slope_sums(normal, slope, noise, rows.start, self.shape[0]))
 
 
 # ------------------------------------------------------------------------------------------------------------- A and B

@@ -44,11 +44,11 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         if profile.get(block):
             made["sensors"][name]["noise"] = profile[block]
     result.add_all([f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
-                    for key, here, there in files.differences(meta, made, _same, every=False)], "entries")
+                    for key, here, there in files.differences(meta, made, same, every=False)], "entries")
     for camera in data.cameras:
         path = data.layout.camera_file(camera, ".yaml")
         found = [f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
-                 for key, here, there in files.differences(_read_yaml(path), data.camera(camera), _same, every=False)]
+                 for key, here, there in files.differences(_read_yaml(path), data.camera(camera), same, every=False)]
         result.add_all(found, "entries")
 
 
@@ -69,7 +69,7 @@ def check_segments(data: Dataset, result: Validation) -> None:
     scene, rows = scene_from_dict(data.meta["scene"]), data.segments()
     # how many copies find a place only the meshes tell
     copies = sorted({row["key"] for row in rows} - set(scene.numbered), key=_place)
-    found = files.differences(rows, segment_table(scene, [*scene.numbered, *copies]), _same)
+    found = files.differences(rows, segment_table(scene, [*scene.numbered, *copies]), same)
     result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
                     f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
                     for key, here, there in found], "entries")
@@ -112,7 +112,7 @@ def _read_yaml(path: Path) -> dict:
     return content
 
 
-def _same(here, there) -> bool:
+def same(here, there) -> bool:
     """Equal to rounding."""
     if isinstance(there, float) and isinstance(here, float | int):
         return abs(here - there) <= RELATIVE * max(abs(here), abs(there), RELATIVE)

@@ -13,10 +13,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import exposure_s, is_rolling, offsets_ns
+from varos_warp.dataset.validate.metadata import same
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.write.texts import describe_lights
 from varos_warp.render.image.flow import MovingPart
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.file.load import scene_from_dict
@@ -45,13 +48,22 @@ def known_motions(data: Dataset) -> dict[str, PosesAt]:
     return motions(scene_from_dict(data.meta["scene"])) if data.moving else {}
 
 
+def solid(data: Dataset) -> list[dict]:
+    """What dataset.json says of what moves and can be seen: all but vehicles without a body."""
+    return [entry for entry in data.meta.get("moving") or () if entry.get("id") is not None]
+
+
 def check_moving(data: Dataset, result: Validation) -> None:
-    """dataset.json names the objects that the scene lets move; their poses are those of their paths at the frames."""
-    scene = scene_from_dict(data.meta["scene"])
-    numbers = [[key, scene.number_of(key)] for key in scene.moving]
-    if (named := [[entry["key"], entry["id"]] for entry in data.meta.get("moving") or ()]) != numbers:
+    """dataset.json has what the scene lets move, with its lights; the poses are those of the paths at the frames."""
+    scene, entries = scene_from_dict(data.meta["scene"]), data.meta.get("moving") or []
+    numbers = [[key, scene.number_of(key) if key in scene.moving else None] for key in scene.tracked]
+    if (named := [[entry["key"], entry.get("id")] for entry in entries]) != numbers:
         result.add(f"dataset.json: moving names {named}, but the scene lets {numbers} move")
         return
+    made = [{"lights": describe_lights(scene.companions[key])} if key in scene.companions else {}
+            for key in scene.tracked]
+    result.add_all([f"dataset.json: moving.{key} is {here!r}, but its scene makes it {there!r}"
+                    for key, here, there in files.differences(entries, made, same, every=False)], "entries")
     known = known_motions(data)
     for key in data.moving:
         (time_ns, T), path = data.poses(key), data.layout.poses(key, "transformation_matrix")
@@ -67,12 +79,12 @@ def check_moving(data: Dataset, result: Validation) -> None:
 
 def of_moving(data: Dataset, frame: int, camera: str) -> np.ndarray:
     """Pixels of objects that move, bool [H, W], by S, which the dataset must have."""
-    return np.isin(data.pixels("S", frame, camera), [entry["id"] for entry in data.meta["moving"]])
+    return np.isin(data.pixels("S", frame, camera), [entry["id"] for entry in solid(data)])
 
 
 def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.ndarray:
     """Depth [H, W] of what stands still; infinite elsewhere, as where nothing is."""
-    if not data.moving:
+    if not solid(data):
         return depth
     if "S" not in data.outputs:
         return np.full_like(depth, np.inf)
@@ -88,14 +100,14 @@ def swept(data: Dataset, frame: int, camera: str, shape: tuple[int, ...]) -> np.
     """
     about, model = data.camera(camera), data.camera_model(camera)
     covered = np.zeros(shape, bool)
-    if not data.moving or not exposure_s(about):
+    if not solid(data) or not exposure_s(about):
         return covered
     open_s = exposure_s(about) + about["shutter"]["readout_s"]
     time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + in_ns(open_s * INSTANTS)
     T_w_c = _camera_at(data, camera, time_ns)
     if T_w_c is None:
         return ~covered
-    known, boxes = known_motions(data), {entry["key"]: entry["box_m"] for entry in data.meta["moving"]}
+    known, boxes = known_motions(data), {entry["key"]: entry["box_m"] for entry in solid(data)}
     for key, box in boxes.items():
         corners = np.array(list(itertools.product(*np.transpose(box))))
         points = [corners @ T[:3, :3].T + T[:3, 3] for T in known[key](time_ns)]
@@ -121,9 +133,9 @@ def _camera_at(data: Dataset, camera: str, time_ns: np.ndarray) -> np.ndarray | 
 
 def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: np.ndarray) -> list[MovingPart]:
     """Objects that move, for the flow from a frame of what pixels [N] see; S must be in the dataset."""
-    if not data.moving:
+    if not (entries := solid(data)):
         return []
-    ids = {entry["key"]: entry["id"] for entry in data.meta["moving"]}
+    ids = {entry["key"]: entry["id"] for entry in entries}
     numbers, about = data.pixels("S", frame, camera)[row, col], data.camera(camera)
     offset = offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
     times = [frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) + offset for i in range(2)]

@@ -6,7 +6,7 @@ Sums over pixels are kept for each frame, so that a camera's frames can be added
 import numpy as np
 from scipy import ndimage
 
-from varos_warp.dataset.validate.alignment import lucas_kanade
+from varos_warp.dataset.validate.alignment import MARGIN, lucas_kanade
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 
@@ -21,6 +21,8 @@ FEWEST_SLOPES = 200
 MOST_PIXELS = 150_000
 """Pixels of a larger image whose slopes are looked at, in bands of `BAND` rows."""
 BAND = 24
+BLOCKS = 4, 6
+"""Rows and columns of blocks of an image, by whose scatter the shift of C is judged."""
 
 
 def check_sums(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
@@ -93,17 +95,19 @@ def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return normal
 
 
-def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float) -> np.ndarray:
-    """What `check_slopes` needs of one frame.
+def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, height: int) -> np.ndarray:
+    """What `check_slopes` needs of a band of rows of one frame.
 
     Args:
-        normal: C [H, W, 3]; zero where there is none.
-        slope: Normals of D [H, W, 3]; NaN where there are none.
+        normal: C [h, W, 3]; zero where there is none.
+        slope: Normals of D [h, W, 3]; NaN where there are none.
         noise: What a step of D makes of a normal.
+        top: First row of the band.
+        height: Rows of the whole image.
 
     Returns:
-        [4, 5]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels), then those of a
-        Lucas-Kanade step (xx, xy, yy, x, y).
+        [27, 5]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels), then for each of `BLOCKS`
+        those of a Lucas-Kanade step (xx, xy, yy, x, y).
     """
     both = np.isfinite(slope).all(-1) & normal.any(-1)
     c, d = normal[both], slope[both]
@@ -115,23 +119,41 @@ def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float) -> np.ndarra
     # an edge of C is not a bend, and where C is finer than a pixel it says nothing of D
     w = ((np.abs(gx).max(-1, initial=0) < 0.2) & (np.abs(gy).max(-1, initial=0) < 0.2)
          & (np.abs(e).max(-1, initial=0) < 0.3))[:, None]
-    step = [(w * gx * gx).sum(), (w * gx * gy).sum(), (w * gy * gy).sum(), (w * gx * e).sum(), (w * gy * e).sum()]
-    return np.vstack([rows, step])
+    row, col = np.nonzero(solid)
+    block = (row + 1 + top) * BLOCKS[0] // height * BLOCKS[1] + (col + 1) * BLOCKS[1] // normal.shape[1]
+    steps = [np.bincount(block, (w * a * b).sum(-1), BLOCKS[0] * BLOCKS[1])
+             for a, b in ((gx, gx), (gx, gy), (gy, gy), (gx, e), (gy, e))]
+    return np.vstack([rows, np.stack(steps, -1)])
 
 
 def check_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
     """Each axis of C goes with that of D's slopes, where slopes are more than noise; and neither image is shifted.
 
-    Sound axes are correlated by 0.9 and more, flipped ones by as much below 0.
+    Sound axes are correlated by 0.9 and more, flipped ones by as much below 0. D bends at the edges of triangles only,
+    C within them: where triangles are large, each seems to be shifted, at random.
     """
     for axis, (cc, dd, cd, noise, count) in zip("xyz", sums[:3], strict=True):
         if count >= FEWEST_SLOPES and cc > 0.02**2 * count and dd > max(8.0 * noise, 0.02**2 * count):
             result.measure(f"{camera}: C against the slopes of D, {axis}, 1 - correlation", 1.0 - cd / np.sqrt(cc * dd),
                            0.5, "")
-    xx, xy, yy = sums[3, :3]
+    total = sums[3:].sum(0)
+    xx, xy, yy = total[:3]
     # per pixel, curvature must be more than the rounding of C to 8 bits
     if min(xx, yy) > FEWEST_SLOPES * 0.004**2 and xx * yy - xy * xy > 0.01 * xx * yy:
-        result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*lucas_kanade(*sums[3])), 0.5, "px")
+        shift, error = _shift(total, sums[3:])
+        if np.isfinite(error):
+            result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*shift), 0.5 + MARGIN * error, "px")
+
+
+def _shift(total: np.ndarray, blocks: np.ndarray) -> tuple[np.ndarray, float]:
+    """A Lucas-Kanade step [2] [px] from sums of all and of each block [n, 5], and its standard error by the jackknife.
+
+    The error is not finite where all that can tell lies in one block.
+    """
+    shift = np.stack(lucas_kanade(*total))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        without = np.stack(lucas_kanade(*(total - blocks).T), -1)
+    return shift, float(np.sqrt((1.0 - 1.0 / len(blocks)) * ((without - shift) ** 2).sum()))
 
 
 def slope_noise(depth: np.ndarray, K: np.ndarray, step_m: float) -> float:

@@ -131,6 +131,12 @@ def light_pose(light) -> np.ndarray:
     return transform(light_axes(light), light.position)
 
 
+def describe_lights(vehicle) -> list[dict]:
+    """The lights of a vehicle: their keys, and where they are on it."""
+    return [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
+            for light in vehicle.lights]
+
+
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:
     """Position and direction of every light in the world at every frame, a row each."""
     lights = scene.vehicle.lights
@@ -295,8 +301,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
-        "lights": [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
-                   for light in vehicle.lights],
+        "lights": describe_lights(vehicle),
         "water": describe_water(scene),
         **({"moving": list(moving)} if moving else {}),
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,

@@ -255,12 +255,12 @@ def base_difference(sums: Sums, count: int):
 
 @wp.kernel(enable_backward=False)
 def weigh_parts(
-    share: wp.array2d(dtype=wp.float64),  # of the light that reaches each pixel
+    share: wp.array2d(dtype=wp.float64),  # of each pixel
     first: int,
     # out
     film: Film,
 ):
-    """Multiply the sums of parts by what vignetting leaves of them, before they are added to those of their pixels."""
+    """Multiply the sums of parts by what counts of them, before they are added to those of their pixels."""
     sum_row, i = wp.tid()
     part = film.parts[i]
     film.part_sums[first + sum_row, i] = share[part.row, part.col] * film.part_sums[first + sum_row, i]

@@ -34,6 +34,9 @@ class Moments:
     """Instants from the beginning of one row's exposure to that of the next: whole if over 1; 0: a global shutter."""
     open: float
     """Length of a row's exposure, in instants; 0: it is one instant."""
+    lit_begin: int
+    lit_end: int
+    """The first instant with some light on and the one after the last, where rows leave out what is dark; else 0."""
 
 
 @wp.struct
@@ -51,10 +54,22 @@ def instant_of_row(moments: Moments, row: int, u: float):
 
 
 @wp.func
+def lit_instant_of_row(moments: Moments, row: int, u: float):
+    """The same of what of a row's exposure is lit; if nothing is, any."""
+    begin = float(row) * moments.per_row
+    end = wp.min(begin + moments.open, float(moments.lit_end))
+    begin = wp.max(begin, float(moments.lit_begin))
+    return wp.clamp(int(begin + u * (end - begin)), moments.lit_begin, moments.lit_end - 1)
+
+
+@wp.func
 def moment_of(moments: Moments, row: int, key: wp.uint32, pixel: int, sample: int):
     """The moment of a sample in a row of the image; even and odd samples have sequences of their own."""
     u = sobol2(half_key(key + TIME, sample & 1), pixel, sample >> 1, 0)
     moment = Moment()
-    moment.instant = instant_of_row(moments, row, u[0])
+    if moments.lit_end > 0:
+        moment.instant = lit_instant_of_row(moments, row, u[0])
+    else:
+        moment.instant = instant_of_row(moments, row, u[0])
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
     return moment

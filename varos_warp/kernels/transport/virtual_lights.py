@@ -86,10 +86,13 @@ def group_of(instant: int, moments: Moments, points: wp.array2d(dtype=VirtualLig
 
 @wp.func
 def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
-    """The moment of a virtual point light: one of the group's instants, and a place on the disks."""
+    """The moment of a virtual point light: one of the group's instants, lit if any is, and a place on the disks."""
     instants = moments.cameras.shape[0]
     first = (group * instants + groups - 1) / groups
     after = ((group + 1) * instants + groups - 1) / groups
+    if moments.lit_end > 0:  # samples are of these alone
+        first = wp.clamp(first, moments.lit_begin, moments.lit_end - 1)
+        after = wp.clamp(after, first + 1, moments.lit_end)
     moment = Moment()
     moment.instant = first + int(u[0] * float(after - first))
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))

@@ -11,7 +11,7 @@ from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
-from varos_warp.render.planner.pilot import pilot_camera
+from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
@@ -20,27 +20,27 @@ from varos_warp.scene.launch import usable_cores
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
 COSTED_POSES = 3
-"""Poses of which the mean counts on a CPU: views take unlike times, by what they see."""
+"""Frames of which the mean counts on a CPU: views take unlike times, by what they see."""
 
 
-def sequence_cost(scene: Scene, renderer, poses, plan) -> dict[str, Any]:
+def sequence_cost(scene: Scene, frames: Frames, plan) -> dict[str, Any]:
     """Seconds that rendering by a `Plan` takes on this device.
 
-    From poses along the sequence, with the samples of an average frame. On a CPU with denoising, for the same cores do
-    it, and as if nothing else ran there; writing takes a few per cent more. On a GPU without, from the pose in the
+    From frames along the sequence, with the samples of an average frame. On a CPU with denoising, for the same cores do
+    it, and as if nothing else ran there; writing takes a few per cent more. On a GPU without, from the one in the
     middle.
     """
     asked = scene.render.outputs
     groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
     free = [camera for camera in scene.vehicle.cameras if "A" in asked and not has_twin(camera)]  # P is A
-    measure = _on_cpu if renderer.device == "cpu" else _on_gpu
-    seconds = {letters: sum(measure(scene, renderer, camera, poses, letters, plan) for camera in scene.vehicle.cameras
+    renderer, measure = frames.renderer, _on_cpu if frames.renderer.device == "cpu" else _on_gpu
+    seconds = {letters: sum(measure(scene, frames, camera, letters, plan) for camera in scene.vehicle.cameras
                             if letters != "P" or camera not in free) for letters in groups if letters}
     a_frame = sum(seconds.values())
-    return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(poses),
+    return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(frames),
             "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
             "seconds_by_output": {letters: float(f"{value:.3g}") for letters, value in seconds.items()},
-            "seconds_in_all": float(f"{a_frame * len(poses):.3g}")}
+            "seconds_in_all": float(f"{a_frame * len(frames):.3g}")}
 
 
 def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
@@ -50,10 +50,12 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
     return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
 
-def _rendered(scene: Scene, renderer, view: Camera, T_w_v, letters: str, plan, samples: dict[str, int]):
-    """Images of one view, as a run renders them, but for the samples."""
-    how = of_scene(scene) | plan.options | samples | ({"following": NextFrame(T_w_v)} if "F" in letters else {})
-    return renderer.render(T_w_v, view, letters, **how)
+def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, int]):
+    """Images of one view, as a run renders them, but for the samples, and for F as if nothing went on."""
+    how = of_scene(scene) | plan.options | samples
+    if "F" in letters:
+        how["following"] = NextFrame(frames.poses[frame], motion=frames.motion_at(frame))
+    return frames.render(frame, view, letters, **how)
 
 
 def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, int]:
@@ -61,33 +63,33 @@ def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, int]:
     return {"spp": round(mean_spp(plan.to_dict(), camera.id, count)), "spp_b": scene.render.spp_b}
 
 
-def _on_gpu(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
+def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
     """Seconds for one image: of its own size, for a GPU is not full with a small one."""
-    samples, T_w_v = _samples(scene, camera, len(poses), plan), poses[len(poses) // 2]
+    samples, middle = _samples(scene, camera, len(frames), plan), len(frames) // 2
     fewest = dict.fromkeys(samples, 1)
-    _rendered(scene, renderer, pilot_camera(camera, pilot.PIXELS // 4), T_w_v, letters, plan, fewest)  # compiles
-    return timed(renderer, lambda: _rendered(scene, renderer, camera, T_w_v, letters, plan, samples))[1]
+    _rendered(scene, frames, middle, pilot_camera(camera, pilot.PIXELS // 4), letters, plan, fewest)  # compiles
+    return timed(frames.renderer, lambda: _rendered(scene, frames, middle, camera, letters, plan, samples))[1]
 
 
-def _on_cpu(scene: Scene, renderer, camera: Camera, poses, letters: str, plan) -> float:
+def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
     """Seconds for one image, of a large one from small ones: a constant, and so much a pixel."""
-    samples = _samples(scene, camera, len(poses), plan)
+    samples = _samples(scene, camera, len(frames), plan)
     taken = {"A": samples["spp"], "P": samples["spp"], "B": samples["spp_b"]}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / taken)
     few = {key: max(1, round(factor * count)) for key, count in samples.items()}
 
-    def measured(view: Camera, T_w_v) -> tuple[float, float]:
+    def measured(view: Camera, frame: int) -> tuple[float, float]:
         """Seconds of rendering an image of as many samples as an average frame, and of denoising it."""
-        image, rendering = _core_seconds(lambda: _rendered(scene, renderer, view, T_w_v, letters, plan, few))
+        image, rendering = _core_seconds(lambda: _rendered(scene, frames, frame, view, letters, plan, few))
         return rendering / factor, _core_seconds(lambda: _denoise(scene, image, letters))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
-    places = [poses[(2 * k + 1) * len(poses) // (2 * COSTED_POSES)] for k in range(COSTED_POSES)]
+    places = [(2 * k + 1) * len(frames) // (2 * COSTED_POSES) for k in range(COSTED_POSES)]
     measured(small, places[0])  # compiles, and solves for the field
-    at_large = np.mean([measured(large, T_w_v) for T_w_v in places], axis=0)
+    at_large = np.mean([measured(large, frame) for frame in places], axis=0)
     if large.resolution == camera.resolution:
         return float(at_large.sum())
-    at_small = np.mean([measured(small, T_w_v) for T_w_v in places], axis=0)
+    at_small = np.mean([measured(small, frame) for frame in places], axis=0)
     pixels = [np.prod(view.resolution) for view in (camera, large, small)]
     a_pixel = np.maximum(at_large - at_small, 0.0) / (pixels[1] - pixels[2])
     return float((at_large + a_pixel * (pixels[0] - pixels[1])).sum())

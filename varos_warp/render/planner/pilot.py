@@ -1,17 +1,18 @@
 """Small images of a few poses, made before a sequence is rendered: a plan starts from the noisiest view."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from varos_warp.render.image.denoise import denoise_image
+from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner.errors import relative
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.sim.clock import frame_time_ns
+from varos_warp.sim.clock import times_ns
 
 POSES = 5
 SMALL, SMALL_SPP = 160 * 90, 4
@@ -32,13 +33,46 @@ DISTANCES = np.linspace(0.01, 0.99, 25)
 
 
 @dataclass(frozen=True)
+class Frames:
+    """The frames of a sequence, for which a plan is made."""
+
+    renderer: Any
+    """The scene's `FrameRenderer`."""
+    poses: Sequence[np.ndarray]
+    """T_w_v [4, 4] of each."""
+    time_ns: Sequence[int]
+    """When each is [ns]."""
+    motion: Callable[[int], Motion] | None = None
+    """Of the vehicle around a time, as `Simulation.motion`; None: it stands still in each."""
+
+    @classmethod
+    def of(cls, scene: Scene, renderer, poses: Sequence[np.ndarray], time_ns: Sequence[int] | None = None,
+           motion: Callable[[int], Motion] | None = None) -> "Frames":
+        """Without ``time_ns``, those of a scene from its start."""
+        if time_ns is None:
+            time_ns = times_ns(len(poses), scene.render.frame_rate_hz).tolist()
+        return cls(renderer, poses, time_ns, motion)
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def motion_at(self, frame: int) -> Motion | None:
+        """Of the vehicle around a frame."""
+        return self.motion(int(self.time_ns[frame])) if self.motion else None
+
+    def render(self, frame: int, camera: Camera, letters: str, /, **how: Any):
+        """Images of one of them as a run makes them, blurred and with what moves where it is then."""
+        return self.renderer.render(self.poses[frame], camera, letters, motion=self.motion_at(frame),
+                                    time_ns=int(self.time_ns[frame]), **how)
+
+
+@dataclass(frozen=True)
 class View:
     """Two images of A from one place."""
 
     frame: int
     camera: Camera
     """With the resolution of the scene."""
-    T_w_v: np.ndarray
     images: tuple[Any, Any]
     """`RadianceImage` of A, with independent random numbers."""
 
@@ -78,21 +112,19 @@ def pilot_frames(count: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, POSES).round().astype(int)).tolist()
 
 
-def pilot_views(scene: Scene, renderer, poses: Sequence[np.ndarray]) -> Iterator[View]:
-    """A few poses through every camera."""
-    for frame in pilot_frames(len(poses)):
+def pilot_views(scene: Scene, frames: Frames) -> Iterator[View]:
+    """A few frames through every camera."""
+    for frame in pilot_frames(len(frames)):
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
-            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
-                                      "time_ns": frame_time_ns(frame, scene.render.frame_rate_hz)}
-            images = tuple(renderer.render(poses[frame], small, "A", seed=seed, **how).A
-                           for seed in (None, SECOND_SEED))
-            yield View(frame, camera, poses[frame], images)
+            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame}
+            images = tuple(frames.render(frame, small, "A", seed=seed, **how).A for seed in (None, SECOND_SEED))
+            yield View(frame, camera, images)
 
 
-def distances_seen(renderer, poses: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """Quantiles of the distances along the rays [m] that a camera sees at these poses; empty if it sees nothing."""
-    seen = [renderer.render(poses[frame], pilot_camera(camera), "D").D.range for frame in pilot_frames(len(poses))]
+def distances_seen(frames: Frames, camera: Camera) -> np.ndarray:
+    """Quantiles of the distances along the rays [m] that a camera sees in a few frames; empty if it sees nothing."""
+    seen = [frames.render(frame, pilot_camera(camera), "D").D.range for frame in pilot_frames(len(frames))]
     distance = np.concatenate(seen, axis=None)
     distance = distance[np.isfinite(distance)]
     return np.quantile(distance.astype(np.float64), DISTANCES) if distance.size else distance

@@ -16,16 +16,16 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method
+from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
-from varos_warp.render.planner.pilot import View, pilot_camera
+from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.optics.pinhole import port_worth
-from varos_warp.sim.clock import frame_time_ns
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
@@ -59,7 +59,8 @@ MOST_TRIED, ROUNDS = 32, 3
 """Most samples per pixel of the first test image, and how often a guess is made."""
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_cost: bool = False,
+def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns: Sequence[int] | None = None,
+                motion: Callable[[int], Motion] | None = None, measure_cost: bool = False,
                 progress: Callable[[str, float], None] = silently) -> Plan:
     """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
@@ -67,6 +68,9 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
         scene: The scene.
         renderer: A `FrameRenderer` of it.
         poses: T_w_v [4, 4] of every frame.
+        time_ns: When each is [ns]; absent: at the scene's frame rate, from 0.
+        motion: Of the vehicle around a time, for cameras with a shutter (`Simulation.motion`); absent: nothing is
+            blurred.
         measure_cost: Also measure how long it will take on this device.
         progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
 
@@ -75,18 +79,19 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, measure_
     """
     if not scene.render.tolerance > 0.0:
         raise InputError("must be above 0", key="render.tolerance", value=scene.render.tolerance)
-    plan = Planner(scene, renderer, poses, progress).plan()
+    frames = Frames.of(scene, renderer, poses, time_ns, motion)
+    plan = Planner(scene, frames, progress).plan()
     if measure_cost:
         progress("time", 0.0)
-    cost = sequence_cost(scene, renderer, poses, plan) if measure_cost else None
+    cost = sequence_cost(scene, frames, plan) if measure_cost else None
     return replace(plan, models=models_in_words(scene, plan), cost=cost)
 
 
 class Planner:
     """Takes one decision after the other; each knows those before it."""
 
-    def __init__(self, scene: Scene, renderer, poses, progress: Callable[[str, float], None] = silently):
-        self.scene, self.renderer, self.poses, self.progress = scene, renderer, poses, progress
+    def __init__(self, scene: Scene, frames: Frames, progress: Callable[[str, float], None] = silently):
+        self.scene, self.renderer, self.frames, self.progress = scene, frames.renderer, frames, progress
         self.render, self.integrator = scene.render, scene.render.integrator
         self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
@@ -111,7 +116,7 @@ class Planner:
     def weigh_ports(self) -> None:
         """Say what each port is worth; nothing that is rendered depends on it."""
         for camera in self.scene.vehicle.cameras:
-            if camera.port is not None and len(distances := pilot.distances_seen(self.renderer, self.poses, camera)):
+            if camera.port is not None and len(distances := pilot.distances_seen(self.frames, camera)):
                 worth = port_worth(camera, distances)
                 self.decide(f"port of {camera.id}", "not needed" if worth.pinhole else "needed", worth.in_words)
 
@@ -125,9 +130,9 @@ class Planner:
     @cached_property
     def views(self) -> list[View]:
         """What the pilot sees."""
-        count, seen = len(pilot.pilot_frames(len(self.poses))) * len(self.scene.vehicle.cameras), []
+        count, seen = len(pilot.pilot_frames(len(self.frames))) * len(self.scene.vehicle.cameras), []
         self.progress("views", 0.0)
-        for view in pilot.pilot_views(self.scene, self.renderer, self.poses):
+        for view in pilot.pilot_views(self.scene, self.frames):
             seen.append(view)
             self.progress("views", len(seen) / count)
         return seen
@@ -145,7 +150,7 @@ class Planner:
     @cached_property
     def test_camera(self):
         """The worst view's camera with the pixels in which errors are measured."""
-        return pilot_camera(self.worst.camera, pilot.pixels_tried(self.worst.camera, len(self.poses)))
+        return pilot_camera(self.worst.camera, pilot.pixels_tried(self.worst.camera, len(self.frames)))
 
     @cached_property
     def no_field(self) -> str | None:
@@ -162,15 +167,14 @@ class Planner:
         """Exponent of the error in the samples, at the least."""
         return STEEPEST[self.resolved]
 
-    def image(self, T_w_v, camera, spp: int, number: int = 0, **changes):
+    def image(self, frame: int, camera, spp: int, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
-        how["time_ns"] = frame_time_ns(self.worst.frame, self.render.frame_rate_hz)
-        return self.renderer.render(T_w_v, camera, "A", seed=pilot.SEED + number, **how).A
+        return self.frames.render(frame, camera, "A", seed=pilot.SEED + number, **how).A
 
-    def denoised(self, T_w_v, camera, spp: int, number: int) -> np.ndarray:
+    def denoised(self, frame: int, camera, spp: int, number: int) -> np.ndarray:
         """Radiance [H, W, 3] of such an image after the denoiser, where there is one."""
-        return self.image(T_w_v, camera, spp, number, denoise=self.denoiser, denoised_only=True).denoised
+        return self.image(frame, camera, spp, number, denoise=self.denoiser, denoised_only=True).denoised
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
@@ -213,7 +217,7 @@ class Planner:
     def work(self, name: str) -> np.ndarray:
         """Squares of the noise after and before denoising, times the time, in the noisiest view with an integrator."""
         camera = pilot_camera(self.worst.camera)
-        images = tuple(self.image(self.worst.T_w_v, camera, COMPARED_SPP, k, integrator=name) for k in range(2))
+        images = tuple(self.image(self.worst.frame, camera, COMPARED_SPP, k, integrator=name) for k in range(2))
         pair = replace(self.worst, images=images)
         noise = np.array([pair.noise(method, rare=0.0).max() for method in (self.denoiser, "none")])
         return noise**2 * images[0].spp * SAMPLE_COST[name]
@@ -245,7 +249,7 @@ class Planner:
         """By what factor errors are to be smaller than asked."""
         if self.denoiser == "none":
             return MARGIN
-        pixels = pilot.pixels_tried(self.worst.camera, len(self.poses))
+        pixels = pilot.pixels_tried(self.worst.camera, len(self.frames))
         return max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / pixels))
 
     def seconds(self, spp: float) -> float:
@@ -272,7 +276,7 @@ class Planner:
 
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
-        worst, count = self.worst, len(self.poses)
+        worst, count = self.worst, len(self.frames)
         pixels = pilot.pixels_tried(worst.camera, count, pilot.COMPARED)
         # views are compared in images of as many pixels
         cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
@@ -284,7 +288,7 @@ class Planner:
 
         def image(view, spp, number, denoised):
             name, frame = view
-            tried = self.poses[frame], cameras[name], spp, number
+            tried = frame, cameras[name], spp, number
             return self.denoised(*tried) if denoised else self.image(*tried).radiance
 
         views = [(name, frame) for name in cameras for frame in frames]
@@ -313,7 +317,7 @@ class Planner:
     def measured_law(self, first: int, step: str = "samples") -> ErrorLaw:
         """Errors of test images with a few times ``first`` samples, by independent estimates; ``step`` is its name."""
         levels = [first * level for level in LEVELS]
-        view = self.worst.T_w_v, self.test_camera
+        view = self.worst.frame, self.test_camera
         images, each = [], ESTIMATE_LEVEL * first
         tests, most = IMAGES * sum(levels), max(FEWEST_ESTIMATES, min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
         self.progress(step, 0.0)
@@ -329,7 +333,7 @@ class Planner:
         taken, made = IMAGES * len(LEVELS), []
         while len(made) < most:
             tell(len(made))
-            made.append(self.image(self.worst.T_w_v, self.test_camera, spp, taken + len(made)).radiance)
+            made.append(self.image(self.worst.frame, self.test_camera, spp, taken + len(made)).radiance)
             if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)

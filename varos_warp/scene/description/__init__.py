@@ -159,6 +159,12 @@ class Scene(Block):
         return objects | {key: vehicle.body for key, vehicle in self.companions.items() if vehicle.body}
 
     @property
+    def tracked(self) -> list[str]:
+        """Keys of all whose poses a dataset has: of `moving`, and companions that only carry lights."""
+        shining = [key for key, vehicle in self.companions.items() if vehicle.lights and not vehicle.body]
+        return [*self.moving, *shining]
+
+    @property
     def numbered(self) -> list[str]:
         """Keys in the order of their numbers in image S, from 1; the copies of `scatter` follow.
 
@@ -179,9 +185,9 @@ class Scene(Block):
         return self.numbered.index(key) + 1
 
     def key_of_light(self, light: Light) -> str:
-        """Where the scene file has one of `lights`."""
-        return next(f"{place}.lights.{vehicle.lights.index(light)}" for place, vehicle in self._places.items()
-                    if light in vehicle.lights)
+        """Where the scene file has one of `lights`, this one and not what equals it."""
+        return next(f"{place}.lights.{i}" for place, vehicle in self._places.items()
+                    for i, own in enumerate(vehicle.lights) if own is light)
 
     def key_in_file(self, words: str) -> str:
         """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""

@@ -23,6 +23,8 @@ class Instants(NamedTuple):
     """Length of a row's exposure, in instants; 0: it is one instant."""
     share: float = 1.0
     """Of the exposure, which the instants cover: elsewhere no light is on."""
+    lit: tuple[int, int] = (0, 0)
+    """The first instant of a rolling shutter in which some light is on, and the one after the last; (0, 0): in all."""
 
 
 STILL = Instants(np.zeros(1), 0.0, 0.0, 0.0)
@@ -53,7 +55,8 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     """The instants that samples of a camera's image are of; one only without a shutter.
 
     The mean over them is that over the exposure by the midpoint rule: its error falls with the square of their length.
-    A global shutter leaves out what is dark before the first strobe and after the last.
+    A global shutter leaves out what is dark before the first strobe and after the last, and so does each row of a
+    rolling one, by ``lit``.
     """
     if camera.shutter is None:
         return STILL
@@ -73,7 +76,19 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     closed = 0.5 * exposure - row_offsets_s(camera)[0]
     count = int(np.ceil((rows - 1) * per_row + exposure / length))
     middles = (np.arange(count) + 0.5) * length - closed
-    return Instants(np.minimum(middles, closed), length, per_row, exposure / length)
+    begin, end = ((time + closed) / length for time in _lit(-closed, closed, lights))
+    lit = max(int(begin), 0), min(int(np.ceil(end)), count)
+    return Instants(np.minimum(middles, closed), length, per_row, exposure / length,
+                    lit=(0, 0) if lit == (0, count) else lit)
+
+
+def lit_of_rows(camera: Any, lights: Any) -> np.ndarray | None:
+    """Share of the exposure of each row [H] of which samples are taken; None: of all of it."""
+    when = STILL if camera.shutter is None else instants(camera, lights)
+    if when.lit == (0, 0):
+        return None
+    begin = np.arange(camera.resolution[1]) * when.per_row
+    return np.maximum(np.minimum(begin + when.open, when.lit[1]) - np.maximum(begin, when.lit[0]), 0.0) / when.open
 
 
 def _lit(begin: float, end: float, lights: Any) -> tuple[float, float]:
