@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from varos_warp.render.image.denoise import denoise_image
 from varos_warp.render.image.exposure import statistics
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_angles, look_at_matrix, transform
 from varos_warp.scene.geometry.assets import flange_measures, hex_measures
-from varos_warp.scene.load import scene_from_dict
 
 TILE = (320, 180)
 RENDERED = (640, 360)

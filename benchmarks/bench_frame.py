@@ -18,7 +18,7 @@ import warp as wp
 from benchmarks.machine import commit, cpu_name
 from benchmarks.ray_ceiling import ceilings
 from varos_warp.render.renderer import INTEGRATORS, FrameRenderer
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 

@@ -23,7 +23,7 @@ from varos_warp.render.planner.errors import error
 from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]

@@ -20,7 +20,7 @@ import warp as wp
 from benchmarks.machine import machine
 from varos_warp.render.planner.errors import error
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]

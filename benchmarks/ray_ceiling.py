@@ -17,7 +17,7 @@ from varos_warp.kernels.sampling import sample_cosine, uniforms
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 first_hit, _ = make_rays(instances=False)

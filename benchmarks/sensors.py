@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.machine import Stopwatch
 from varos_warp.scene.description import Scene
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.clock import TICK_S
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.quaternion import rotate, rotate_back

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.machine import machine
 from varos_warp.dataset.run.produce import produce
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 SAMPLES = 100
 """At most so many samples of a run."""

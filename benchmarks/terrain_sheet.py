@@ -14,11 +14,11 @@ from PIL import Image, ImageDraw
 from varos_warp.render.image.outputs import srgb_oetf
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry import procedural, terrain
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.load import load_scene
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "munkholmen" / "scene.yaml"
 SUN = np.array([-0.6, 0.3, 0.45]) / np.linalg.norm([-0.6, 0.3, 0.45])

@@ -13,7 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.trajectory import Simulation, simulate
 
 ROOT = Path(__file__).parents[1]

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from varos_warp.render.image.flow import flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.description.optics import twin
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, inverse, pose_matrix
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.sim.clock import TICK_NS

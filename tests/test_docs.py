@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from varos_warp.cli import app
-from varos_warp.scene.schema import KIND_KEYS, json_schema, names_in
+from varos_warp.scene.file.schema import KIND_KEYS, json_schema, names_in
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").rglob("*.md")]

@@ -18,9 +18,9 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.vehicle import Vehicle
-from varos_warp.scene.load import scene_from_dict
-from varos_warp.scene.schema import find_key
-from varos_warp.scene.templates import TEMPLATES
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.file.schema import find_key
+from varos_warp.scene.file.templates import TEMPLATES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

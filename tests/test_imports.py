@@ -18,14 +18,14 @@ ROOT = Path(varos_warp.__file__).parent
 ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
-    "scene": ["optics", "description", "water", "lights", "geometry", "materials"],
+    "scene": ["optics", "description", "file", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["terrain", "assets"],
     "scene.water": ["phase"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "run"],
 }
-"""Rooms inside each room: each may import itself and what stands before it. Files beside them (scene/load.py) are
+"""Rooms inside each room: each may import itself and what stands before it. Files beside them (scene/device.py) are
 held only to there being no circle."""
 
 @cache

@@ -93,7 +93,7 @@ def slow_command(out: Path) -> None:
 
     from varos_warp import cli
     from varos_warp.dataset.run import produce
-    from varos_warp.scene import load
+    from varos_warp.scene.file import load
 
     patch = pytest.MonkeyPatch()
     standins.install(patch)

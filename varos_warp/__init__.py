@@ -10,7 +10,7 @@ if TYPE_CHECKING:  # what __getattr__ fetches, for type checkers and editors
     from varos_warp.render.planner.plan import plan_render as plan_render
     from varos_warp.render.renderer import FrameRenderer as FrameRenderer
     from varos_warp.scene.description import Scene as Scene
-    from varos_warp.scene.load import load_scene as load_scene
+    from varos_warp.scene.file.load import load_scene as load_scene
     from varos_warp.scene.water import phase_function as phase_function
     from varos_warp.sim.trajectory import simulate as simulate
 
@@ -19,7 +19,7 @@ __version__ = "0.5.0"
 _HOMES = {
     "InputError": "varos_warp.errors",
     "Scene": "varos_warp.scene.description",
-    "load_scene": "varos_warp.scene.load",
+    "load_scene": "varos_warp.scene.file.load",
     "phase_function": "varos_warp.scene.water",
     "simulate": "varos_warp.sim.trajectory",
     "FrameRenderer": "varos_warp.render.renderer",

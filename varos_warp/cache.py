@@ -128,16 +128,23 @@ def code_hash(module: str, within: tuple[str, ...], package: Path = Path(varos_w
         path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         if name in code or not name.startswith(within) or not path.is_file():
             continue
-        tree = ast.parse(path.read_bytes())
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom):
-                unread += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            elif isinstance(node, ast.Import):
-                unread += [alias.name for alias in node.names]
-            elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                node.value.value = None
-        code[name] = ast.dump(tree)
+        code[name], imported = _code_of(path)
+        unread += imported
     return hashlib.sha256(json.dumps(code, sort_keys=True).encode()).hexdigest()
+
+
+@functools.cache
+def _code_of(path: Path) -> tuple[str, list[str]]:
+    """A file's code without comments and docstrings, and the modules that it may import."""
+    tree, imported = ast.parse(path.read_bytes()), []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            imported += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            imported += [alias.name for alias in node.names]
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            node.value.value = None
+    return ast.dump(tree), imported
 
 
 def digest(*arrays: np.ndarray) -> str:

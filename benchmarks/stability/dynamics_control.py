@@ -9,7 +9,7 @@ from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim import quaternion
 from varos_warp.sim.guidance import Reference
 from varos_warp.sim.trajectory import simulate

@@ -12,11 +12,11 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import intrinsics, transform
 from varos_warp.scene.geometry import terrain
 from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import generate_terrain
-from varos_warp.scene.load import scene_from_dict
 
 COORDINATES = "tests/stability/test_coordinates.py"
 MESHES = "tests/stability/test_mesh_limits.py"

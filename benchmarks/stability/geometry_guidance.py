@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ, times_ns
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.trajectory import simulate

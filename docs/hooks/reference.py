@@ -12,8 +12,8 @@ import varos_warp
 from varos_warp.cli import app
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.write.texts import write_readme
-from varos_warp.scene.load import load_scene
-from varos_warp.scene.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of, names_in
+from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of, names_in
 
 ROOT = Path(__file__).parents[2]
 PAGES_OF_KEYS = ("terrain", "objects", "scatter", "materials", "water", "current", "vehicle", "vehicle.lights",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.closed_form import along_rays, single_scattering_image
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 S, A, G = [0.00175, 0.3, 0.8], [0.12, 0.3, 0.0], 0.8
 

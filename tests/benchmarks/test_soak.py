@@ -48,7 +48,7 @@ class Leaking(soak.Watched):
         return kept[-1]
 
 soak.Watched = Leaking
-print(soak.soak(50, (64, 36), "cpu", Path(sys.argv[1]), integrator="path")["growth_per_frame"]["bytes"])
+print(soak.soak(25, (64, 36), "cpu", Path(sys.argv[1]), integrator="path")["growth_per_frame"]["bytes"])
 """
 
 

@@ -13,7 +13,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.fleet import produce_each
 from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
-from varos_warp.scene.load import load_scene, scene_from_dict, scene_to_dict
+from varos_warp.scene.file.load import load_scene, scene_from_dict, scene_to_dict
 from varos_warp.sim.trajectory import simulate
 
 ROD = {"kind": "pipe", "radius": 0.2, "length": 0.5, "wall": 1, "rotation_euler_deg": [90, 0, 0]}

@@ -24,11 +24,11 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
+from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.templates import template_text
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.load import load_scene
 from varos_warp.scene.materials.textures import read_image
-from varos_warp.scene.templates import template_text
 from varos_warp.sim.trajectory import simulate
 
 COUNT, SEED = int(os.environ.get("VAROS_WARP_FUZZ", "500")), int(os.environ.get("VAROS_WARP_FUZZ_SEED", "0"))

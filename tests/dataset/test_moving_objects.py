@@ -11,7 +11,7 @@ from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import objects, validate, views
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
 PATH = [{"time_s": 0, "position": [-0.5, 1.5, 0], "rotation_euler_deg": [0, 90, 0]},

@@ -21,7 +21,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.frame import RadianceImage
 from varos_warp.render.image.outputs import decode_color
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 GAIN = 0.125

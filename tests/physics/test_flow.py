@@ -12,8 +12,8 @@ from test_ports_in_images import CAMERAS, scene_of
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.description import Scene
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import R_V_C, transform
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 
 pytestmark = pytest.mark.subject("camera")

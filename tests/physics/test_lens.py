@@ -69,7 +69,7 @@ def test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large(tru
     scene = scene_of(**view)
     white = rectangle((0.0, distance, -9), (9, 0, 0), (0, 0, 18), 1.0, "white")
     black = rectangle((-9, distance, -9), (9, 0, 0), (0, 0, 18), 0.0, "black")
-    how = {"outputs": "A", "spp": 1024, "layers": ("direct",), "seed": 5}
+    how = {"outputs": "A", "spp": 256, "layers": ("direct",), "seed": 5}
     image = FrameRenderer(scene, "cpu", parts=[white, black]).render(np.eye(4), **how).A
     radius = 0.5 * 0.040 / 1.4 * abs(1.0 - distance / focus)
     pixel = distance / intrinsics(scene.vehicle.cameras[0])[0, 0]

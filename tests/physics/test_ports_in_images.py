@@ -109,11 +109,12 @@ def mean_of_a_plate(n_water, integrator, layers=ALL, seeds=12):
     return np.mean(images, 0), np.std(images, 0, ddof=1) / np.sqrt(seeds)
 
 
-@pytest.mark.parametrize(("integrator", "layers"), [("path", ALL), ("field", ALL), ("reference", ONCE)])
+@pytest.mark.parametrize(("integrator", "layers"), [("path", ONCE), ("field", ALL), ("reference", ONCE)])
 def test_each_channel_of_a_dispersive_camera_is_that_of_a_camera_with_its_index(truth, integrator, layers):
     """By every integrator; the indices differ more than water's.
 
-    Of `reference` without multiple scattering: it draws nothing around the lamp, so that has no variance to go by.
+    Of `reference` without multiple scattering: it draws nothing around the lamp, so that has no variance to go by. Nor
+    of `path`, whose kernel of more events is that which corrects the field.
     """
     indices = (1.30, 1.36, 1.42)
     got, error = mean_of_a_plate(indices, integrator, layers)

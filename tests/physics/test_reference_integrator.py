@@ -29,9 +29,9 @@ from scipy.spatial.transform import Rotation
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description.world import Diffuse, Metal, Nut, Rust
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.assets import make_asset
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.load import scene_from_dict
 
 pytestmark = pytest.mark.subject("multiple scattering")
 

@@ -73,7 +73,7 @@ ALL = ("direct", "single", "multiple")
 
 @pytest.mark.parametrize(("integrator", "layers"), [("path", ALL[:2]), ("path", ALL), ("field", ALL),
                                                     ("reference", ALL)])
-def test_a_blurred_image_is_the_mean_of_instants(integrator, layers):
+def test_a_blurred_image_is_the_mean_of_instants(few_nodes, integrator, layers):
     """64 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
     exposure, motion = 0.4, steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
     blurred = scene_of({"exposure_s": exposure}, water={"coefficients": TURBID})

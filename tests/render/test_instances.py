@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.description.world import Diffuse, Nut, Rust
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry.assets import make_asset
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.load import scene_from_dict
 
 SCENE = {
     "water": {"coefficients": {"sigma_s": [0.01, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.0], "phase": {"g": 0.6}}},

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, transform
-from varos_warp.scene.load import scene_from_dict
 
 T_W_V = transform(Rotation.from_rotvec([0.1, -0.2, 0.7]).as_matrix(), [3.0, -2.0, 1.0])
 CAMERAS = [

@@ -18,7 +18,7 @@ from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
-SEEDS, SPP, SHAPE = 48, 8, (32, 48)
+SEEDS, SPP, SHAPE = 48, 8, (24, 40)
 BIAS = 3e-3
 """Stated bound on the field's bias, as a share of the light."""
 SHARED_BIAS = 0.1
@@ -34,7 +34,7 @@ def boxed(extents, centre, reflectance, name):
 
 def renderer_of(parts) -> FrameRenderer:
     """The paper's water and lamps."""
-    view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 4.0], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
+    view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 3.6], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
     scene = Scene(water={"coefficients": PAPER_WATER}, vehicle={"lights": VAROS_LAMPS, "cameras": [view]},
                   trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none"})
     return FrameRenderer(scene, "cpu", parts=parts)

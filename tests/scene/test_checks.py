@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from varos_warp.scene.checks import camera_info, check_scene, looks_like_transmission, scene_info, vehicle_radius
+from varos_warp.scene.file.load import demo_scene_path, load_scene, scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict
 from varos_warp.sim.vehicle.body import sphere
 
 TABLE_1 = {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345], "absorption_color": [0.0, 0.394, 1.0],

@@ -9,8 +9,8 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import scene_info
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import STEP_DEG
+from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.frames import attitudes
-from varos_warp.scene.load import scene_from_dict, scene_to_dict
 from varos_warp.sim.guidance import TICK_S, Guidance, plan
 from varos_warp.sim.trajectory import course_facts, simulate
 
@@ -222,7 +222,7 @@ def test_a_constant_speed_that_no_leg_has_is_said_once():
 
 @pytest.mark.parametrize("pattern", [LAWN_MOWER, ORBIT, SPIRAL, THERE_AND_BACK], ids=lambda p: p["kind"])
 def test_imu_and_depth_gauge_of_a_pattern_are_consistent(tmp_path, pattern):
-    short = {"duration_s": 25.0, "pattern": pattern}
+    short = {"duration_s": 15.0, "pattern": pattern}
     produce(scene_from_dict({"surface_depth_m": 20.0, "trajectory": short}), tmp_path / "out", images=False, quiet=True)
     assert validate(tmp_path / "out", quiet=True).problems == []
 

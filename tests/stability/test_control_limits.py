@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.control import design, plant
 

@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.load import load_scene
+from varos_warp.scene.file.load import load_scene
 
 
 def scene_of(coefficients, lights=VAROS_LAMPS):
@@ -96,10 +96,10 @@ def test_all_orders_of_water_that_absorbs_nothing():
     """Isotropic water without end: tables reach 30 mean free paths, and lose 0.1 % at albedo 0.99, at most 5.6 % at 1.
 
     Light diffuses: at a distance r its fluence is 3/(4 pi r), of which a dark sphere at 30 takes 3/(4 pi 30). Beyond
-    the tables light is not dark but goes on as it falls off at their end.
+    the tables light is not dark but goes on as it falls off at their end. Albedos of 0.5 and 0.9 are held against
+    their totals in tests/physics/test_field_integrator.py.
     """
-    for albedo, loss in ((0.5, 0.0), (0.99, 1e-3)):
-        assert isotropic_total(albedo, "field")[0] / case_zweifel_total(albedo) == pytest.approx(1 - loss, abs=1e-3)
+    assert isotropic_total(0.99, "field")[0] / case_zweifel_total(0.99) == pytest.approx(1 - 1e-3, abs=1e-3)
     assert 0.0 < 1 - isotropic_total(1.0 - 1e-9, "field")[0] / case_zweifel_total(1.0 - 1e-9) < 0.056
 
 

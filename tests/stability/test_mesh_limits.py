@@ -6,12 +6,12 @@ import pytest
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry import terrain
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import generate_terrain
-from varos_warp.scene.load import scene_from_dict
 
 TILT = 0.3
 SHEET = generate_terrain(20.0, 17, 2.0, seed=3)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from varos_warp.cli import app
 from varos_warp.errors import InputError
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim import clock, driving, guidance
 from varos_warp.sim.clock import LONGEST_S, TICK_S
 from varos_warp.sim.guidance import BLOCK_TICKS, Guidance, plan

@@ -4,7 +4,7 @@ import pytest
 
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 FAR = (569_000.0, 7_034_000.0, -20.0)
 """UTM coordinates, where a float64 is good to a nanometre."""

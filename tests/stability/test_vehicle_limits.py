@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.stability import dynamics_body
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_angles
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.sim import quaternion
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.body import sphere

@@ -102,7 +102,7 @@ def noise(dataset: Folder,
           seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
     """Add noise of sensors and cameras to a copy of a dataset; the truth stays beside it."""
     from varos_warp.dataset.noise_pass import add_noise
-    from varos_warp.scene.description.noise_profile import load_profile, merge_profiles
+    from varos_warp.scene.file.noise_profiles import load_profile, merge_profiles
 
     chosen = [load_profile(name) for name in profile]
     made = add_noise(dataset, chosen[0] if len(chosen) == 1 else merge_profiles(chosen), out, seed, quiet)

@@ -30,10 +30,10 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.device import resolve_device
+    from varos_warp.scene.file.load import load_scene
+    from varos_warp.scene.file.named_files import require_files
+    from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts
-    from varos_warp.scene.load import load_scene
-    from varos_warp.scene.named_files import require_files
-    from varos_warp.scene.source import located
     from varos_warp.sim.trajectory import path_samples
 
     device = resolve_device(choices.device)
@@ -81,7 +81,7 @@ def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Sha
     """Make the dataset of a small scene that comes with the package, and a report: minutes on two cores."""
     from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
-    from varos_warp.scene.load import demo_scene_path
+    from varos_warp.scene.file.load import demo_scene_path
 
     if not make(demo_scene_path(), out, choices, json_, quiet, shard=parse_shard(shard)):
         return
@@ -93,7 +93,7 @@ def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Sha
 def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **options) -> bool:
     """Produce the dataset of each vehicle and print what was done; returns whether all that was asked for is there."""
     from varos_warp.dataset.run.fleet import produce_each
-    from varos_warp.scene.load import load_scene
+    from varos_warp.scene.file.load import load_scene
 
     loaded = load_scene(path, choices.overrides())
     made = produce_each(loaded, out, choices.vehicle, device=choices.device, frames=parse_frames(choices.frames),

@@ -24,7 +24,7 @@ from varos_warp.errors import InputError
 
 
 def _complete_template(typed: str) -> list[str]:
-    from varos_warp.scene.templates import TEMPLATES
+    from varos_warp.scene.file.templates import TEMPLATES
 
     return [name for name in TEMPLATES if name.startswith(typed)]
 
@@ -36,8 +36,8 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yam
          list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):
     """Write a commented scene file to begin with, and beside it the JSON Schema by which editors complete its keys."""
     from varos_warp.dataset import files
-    from varos_warp.scene.schema import json_schema
-    from varos_warp.scene.templates import SCHEMA_FILE, TEMPLATES, template_text
+    from varos_warp.scene.file.schema import json_schema
+    from varos_warp.scene.file.templates import SCHEMA_FILE, TEMPLATES, template_text
 
     if list_:
         print_table(["template", "scene"], [[name, words] for name, words in TEMPLATES.items()])
@@ -54,9 +54,9 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yam
 @verb
 def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Tell what a run of a scene would make and how long it takes, and warn of what looks wrong."""
-    from varos_warp.scene.load import load_scene
-    from varos_warp.scene.named_files import require_files
-    from varos_warp.scene.source import located
+    from varos_warp.scene.file.load import load_scene
+    from varos_warp.scene.file.named_files import require_files
+    from varos_warp.scene.file.source import located
 
     loaded = load_scene(scene, set_ or ())
     seen = [loaded.observed_by(vehicle.id) for vehicle in loaded.vehicles or ()] or [loaded]
@@ -79,8 +79,8 @@ def _facts(scene, quiet: bool) -> dict:
     from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene, scene_info
+    from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts
-    from varos_warp.scene.source import located
     from varos_warp.sim.trajectory import course_facts, path_samples
 
     with located(scene):
@@ -109,7 +109,7 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
 
 
 def _complete_key(typed: str) -> list[str]:
-    from varos_warp.scene.schema import keys_like
+    from varos_warp.scene.file.schema import keys_like
 
     return keys_like(typed)
 
@@ -122,7 +122,7 @@ def schema(key: Annotated[str | None, typer.Argument(
 
     Items of lists need no number, and materials no name. A part may name a kind of block: objects.pipe.radius.
     """
-    from varos_warp.scene.schema import explain, find_key, json_schema
+    from varos_warp.scene.file.schema import explain, find_key, json_schema
 
     if key is None:
         print_json(json_schema())

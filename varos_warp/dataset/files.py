@@ -23,8 +23,8 @@ from filelock import FileLock, Timeout
 
 from varos_warp.dataset import png16
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.limits import check_limit
-from varos_warp.scene.files import is_file
 from varos_warp.scene.images import open_image
 
 HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"

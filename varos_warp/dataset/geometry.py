@@ -4,7 +4,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 
 def rebuilt(data: Dataset) -> tuple[Scene, list]:

@@ -18,6 +18,7 @@ import numpy as np
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.produce import simulated
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
 from varos_warp.render.image.frame import RadianceImage
@@ -27,11 +28,10 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.files import is_file
+from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.source import located
 from varos_warp.scene.geometry.course import local_origin
-from varos_warp.scene.load import load_scene
 from varos_warp.scene.optics.shutter import open_ns
-from varos_warp.scene.source import located
 
 MOST_SPP = 64
 """Samples per pixel at which an image is good enough, where the scene names none."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.files import read_text
+from varos_warp.files import read_text
 
 
 @dataclass(frozen=True)

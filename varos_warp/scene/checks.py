@@ -7,6 +7,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.file.named_files import check_textures
 from varos_warp.scene.frames import attitude, attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
 from varos_warp.scene.geometry.joining import join
@@ -14,7 +15,6 @@ from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
-from varos_warp.scene.named_files import check_textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.shutter import row_offsets_s
 from varos_warp.scene.water import optical_properties

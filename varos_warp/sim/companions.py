@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.hull import vehicle_radius
-from varos_warp.scene.load import scene_from_dict, scene_to_dict
 from varos_warp.sim.driving import drive
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import poses_along

@@ -13,7 +13,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import write_report
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 LAMPS = [{"kind": "point", "position": [0, 0, 1]},
          {"kind": "spot", "position": [0.2, 0.5, 0], "direction": [1, 0, 0], "cone_deg": 40, "strobe": {"on_s": 0.01}}]

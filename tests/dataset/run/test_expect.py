@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from varos_warp.dataset.run.expect import shutter_facts
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.load import scene_from_dict
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from varos_warp.dataset.run.produce import produce, select
 from varos_warp.dataset.timing import BESIDE, MAIN
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 
 def run(out, render=None, *, stop_after=None, scene=None, **options):

@@ -20,7 +20,7 @@ from varos_warp.dataset.validate import Validation, completeness, validate, view
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
-from varos_warp.scene.description.noise_profile import load_profile
+from varos_warp.scene.file.noise_profiles import load_profile
 
 
 @pytest.fixture
@@ -240,7 +240,7 @@ def changed_focal_length_everywhere(root):
     """K, YAML and scene say the same wrong focal length."""
     meta = json.loads((root / "dataset.json").read_text())
     meta["scene"]["vehicle"]["cameras"][0]["focal_mm"] *= 1.15
-    from varos_warp.scene.load import scene_from_dict
+    from varos_warp.scene.file.load import scene_from_dict
     about = writers.describe_camera(layout(root), scene_from_dict(meta["scene"]).vehicle.cameras[0])
     meta["cameras"] = json.loads(json.dumps([about]))
     files.write_json(root / "dataset.json", meta)

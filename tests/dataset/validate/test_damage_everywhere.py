@@ -19,7 +19,7 @@ from varos_warp.dataset.validate import Validation, surfaces, validate
 from varos_warp.dataset.write import texts as writers
 from varos_warp.render.image import exposure
 from varos_warp.render.image.outputs import OUTPUTS, to_half
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 FRAMES = range(10)
 

@@ -17,8 +17,8 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import texts as writers
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
-from varos_warp.scene.load import scene_from_dict
 
 
 def header(path):

@@ -9,8 +9,8 @@ from chance import run
 
 from varos_warp.kernels.world import texture
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.materials.records import device_material
 from varos_warp.scene.materials.textures import Textures
 

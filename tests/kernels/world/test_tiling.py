@@ -12,7 +12,7 @@ from trimesh.visual.material import PBRMaterial
 
 from varos_warp.kernels.world import tiling
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.materials.textures import bake_ground, map_pyramid, tile_pyramid
 
 DOWN = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -16,9 +16,9 @@ from varos_warp.errors import InputError
 from varos_warp.render.image import denoise as module
 from varos_warp.render.image.denoise import PART_QUALITY, QUALITY, denoise, denoise_image, mix
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_to_matrix, transform
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.load import scene_from_dict
 
 
 def scene(spp=16, seed=0, shape=(96, 128)):

@@ -1,7 +1,7 @@
 """The table of what the segmentation image numbers."""
 
 from varos_warp.render.image.segments import segment_table
-from varos_warp.scene.load import scene_from_dict
+from varos_warp.scene.file.load import scene_from_dict
 
 
 def scene():

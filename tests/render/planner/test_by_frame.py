@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.render.planner.test_plan import POSE, make_renderer, make_scene
-from varos_warp.render.planner import by_frame
+from varos_warp.render.planner import by_frame, pilot
 from varos_warp.render.planner.by_frame import (
     Trial,
     halfway,
@@ -176,13 +176,14 @@ UP[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 """Looks up into the water, where there is nothing but scattered light."""
 
 
-def test_frames_of_a_sequence_take_what_their_views_need():
+def test_frames_of_a_sequence_take_what_their_views_need(monkeypatch):
     """Two halves: one sees the floor, one only water; each keeps the tolerance, with samples of its own.
 
     With the field, for paths alone leave rare bright samples in open water: of 60 images with 24 samples one was off by
     eight times what half of them were. Four images of each, against two of 32 samples, tell their error to about a
     tenth; what four of 32 say differs by a hundredth.
     """
+    monkeypatch.setattr(pilot, "POSES", 2)  # the first and the last: there are but two
     scene = make_scene(tolerance=0.07, integrator="field")
     renderer = make_renderer(scene)
     poses = [POSE] * 300 + [UP] * 300

@@ -206,10 +206,10 @@ def test_a_scene_without_light_takes_the_fewest_samples():
 
 def test_the_noisiest_of_the_poses_rules(planned):
     """One 1.5 m above the floor, and one half a metre, where there is less scattered light."""
-    scene, renderer = make_scene(), planned[1]
+    scene, renderer, plan = planned
     close = POSE.copy()
     close[2, 3] = -1.0
-    plan, alone = (plan_render(scene, renderer, [pose]) for pose in (POSE, close))
+    alone = plan_render(scene, renderer, [close])
     both = plan_render(scene, renderer, [POSE, close])
     assert max(alone.spp, plan.spp) > 1.5 * min(alone.spp, plan.spp)
     assert both.spp == pytest.approx(max(plan.spp, alone.spp), rel=0.3)  # what the pilot's chance leaves open
@@ -260,8 +260,7 @@ def test_without_a_nothing_is_rendered_for_the_plan():
 
 def test_the_plan_does_not_depend_on_threads_or_time(planned):
     """Images of four tiles of rows (scene/launch.py)."""
-    scene = make_scene()
-    plan = plan_render(scene, planned[1], [POSE])
+    scene, _, plan = planned
     again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
     assert again.cost["seconds_per_frame"] > 0.0
     assert plan.to_dict() == {key: value for key, value in again.to_dict().items() if key != "cost"}

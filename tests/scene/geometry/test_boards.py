@@ -7,10 +7,10 @@ import trimesh
 
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import CalibrationBoard
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry.assets import boards
 from varos_warp.scene.geometry.assets.boards import BLACK, WHITE
-from varos_warp.scene.load import scene_from_dict
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import pytest
 import trimesh
 
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import load_scene, scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.load import load_scene, scene_from_dict
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "munkholmen"
 UTM = np.array([569_012.345678, 7_035_678.901234, -50.0])

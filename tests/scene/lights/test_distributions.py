@@ -11,10 +11,10 @@ from varos_warp.kernels.world.light import Light, falloff
 from varos_warp.render.field.open_water import CONES_DEG
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.lights import LampPort
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.lights.distribution import NODES, Distribution, behind_port, distribution, of_table
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.lights.records import light_axes, light_record
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.ports import snell, transmitted
 
 IES = """IESNA:LM-63-2002

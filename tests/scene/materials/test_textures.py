@@ -6,9 +6,9 @@ from PIL import Image
 
 from varos_warp.errors import InputError
 from varos_warp.scene.device import DeviceScene
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.images import LARGEST, decode_image
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.materials.textures import (
     Textures,
     bake_ground,

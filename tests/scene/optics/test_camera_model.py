@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.load import scene_from_dict, scene_to_dict
+from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.seawater import seawater_index
 

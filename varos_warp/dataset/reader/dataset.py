@@ -16,10 +16,10 @@ from varos_warp.dataset.reader import rows, schema
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.scene.files import is_file
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.motion import Trajectory

@@ -15,8 +15,8 @@ from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner.decisions import STEPS
 from varos_warp.scene.device import kind_of
-from varos_warp.scene.load import scene_to_dict
-from varos_warp.scene.named_files import mesh_textures
+from varos_warp.scene.file.load import scene_to_dict
+from varos_warp.scene.file.named_files import mesh_textures
 
 CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene")
 """What a plan follows from, besides the scene."""

@@ -33,9 +33,9 @@ from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import resolve_device
-from varos_warp.scene.named_files import require_files
+from varos_warp.scene.file.named_files import require_files
+from varos_warp.scene.file.source import located
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.scene.source import located
 from varos_warp.sim.clock import frame_time_ns
 
 

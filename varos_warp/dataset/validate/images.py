@@ -38,8 +38,8 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     result.guard(lambda: boxes.update(objects.boxes(data)))
     for camera in data.cameras:
         colors, sums = [Exposures(data, result, camera, output) for output in exposed], {}
-        look = partial(_FrameImages, data, camera, colors, boxes)
-        for images in in_threads(f"images {camera}", look, frames, quiet=quiet):
+        read = partial(_FrameImages, data, camera, colors, boxes)
+        for images in in_threads(f"images {camera}", read, frames, quiet=quiet):
             problems += images.found.problems
             result.files_read += images.found.files_read
             angles += images.angles

@@ -22,8 +22,8 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import describe_lights
 from varos_warp.render.image.flow import MovingPart
 from varos_warp.scene.description.world import MeshObject
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import object_part
-from varos_warp.scene.load import scene_from_dict
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.shutter import in_ns
 from varos_warp.sim.clock import frame_time_ns

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
-from varos_warp.scene.files import is_file
+from varos_warp.files import is_file
 
 NAME = "checksums"
 LEFT_OUT = (NAME, "report.html", "log")

@@ -17,7 +17,7 @@ from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
-from varos_warp.scene.load import scene_to_dict
+from varos_warp.scene.file.load import scene_to_dict
 
 _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
 """Of a run's lock file: host, process and shard."""

@@ -22,9 +22,9 @@ from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
+from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
-from varos_warp.scene.load import scene_to_dict
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.water import optical_properties

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PrivateAttr, model_validator
 
 from varos_warp.errors import did_you_mean
+from varos_warp.files import absolute
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.lights import Light
@@ -19,7 +20,6 @@ from varos_warp.scene.description.render import Render
 from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
 from varos_warp.scene.description.water import Water
 from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter
-from varos_warp.scene.files import absolute
 
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
 """Profiles of lamps that come with the package, by their names."""
@@ -70,7 +70,7 @@ class Scene(Block):
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
     _source: Any = PrivateAttr(default=None)
-    """Where its keys stand in the file (scene/source.py)."""
+    """Where its keys stand in the file (scene/file/source.py)."""
     _written = written_otherwise(
         lambda scene: ("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer"))
 

@@ -1,22 +1,16 @@
-"""Noise profiles: the errors of the sensors and the cameras (docs/noise.md).
+"""What a noise profile may say: the errors of the sensors and the cameras (docs/noise.md).
 
 A profile is a YAML file with a block for each sensor that errs; a block that is absent adds nothing.
 """
 
-from importlib import resources
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from varos_warp.errors import InputError
 from varos_warp.scene.description.block import Block, NonNegative, Positive, Vec3, unwritten_if_absent
 from varos_warp.scene.description.optics import Vignetting
 from varos_warp.scene.description.vehicle import ImuNoise, NoiseDensity
-from varos_warp.scene.load import load_block
 
-FOLDER = resources.files("varos_warp") / "data" / "noise"
-"""Profiles that come with the package."""
 SENSOR_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "mag0": "magnetometer", "dvl0": "dvl"}
 """Block of a profile by the sensor's name in a dataset; of the vehicle, too."""
 
@@ -111,37 +105,3 @@ class NoiseProfile(Block):
     camera: CameraNoise | None = None
 
     _written = unwritten_if_absent("magnetometer", "dvl")
-
-
-def named_profiles() -> list[str]:
-    """Names of the profiles that come with the package."""
-    return sorted(Path(entry.name).stem for entry in FOLDER.iterdir() if entry.name.endswith(".yaml"))
-
-
-def load_profile(name: str | Path) -> NoiseProfile:
-    """A profile that comes with the package, by its name, or one of your own, by its path.
-
-    Raises:
-        InputError: There is none, or it is not what a profile may be.
-    """
-    known = named_profiles()
-    path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)
-    profile = load_block(path, NoiseProfile, "noise profile", f"Give a file, or one of: {', '.join(known)}.")
-    return profile if "name" in profile.model_fields_set else profile.model_copy(update={"name": path.stem})
-
-
-def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
-    """Join profiles of different sensors into one.
-
-    Raises:
-        InputError: Two of them hold the same sensor.
-    """
-    merged: dict = {"name": "+".join(profile.name for profile in profiles)}
-    for profile in profiles:
-        for sensor in (*SENSOR_BLOCKS.values(), "camera"):
-            block = getattr(profile, sensor)
-            if block is not None and sensor in merged:
-                raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,
-                                 remedy="Leave one out, or write the one you mean into a file.")
-            merged |= {sensor: block} if block is not None else {}
-    return NoiseProfile(**merged)

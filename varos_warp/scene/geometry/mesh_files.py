@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from trimesh.visual.material import PBRMaterial, pack
 
 from varos_warp.errors import InputError
+from varos_warp.files import require_file
 from varos_warp.limits import check_limit
-from varos_warp.scene.files import require_file
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Skin
 from varos_warp.scene.geometry.topology import FARTHEST

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.files import read_text
 from varos_warp.scene.angle_table import AngleTable
-from varos_warp.scene.files import read_text
 
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
 UNEVEN = 0.02

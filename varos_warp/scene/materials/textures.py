@@ -11,11 +11,11 @@ from scipy.special import ndtr, ndtri
 
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError
+from varos_warp.files import require_file
 from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
-from varos_warp.scene.files import require_file
 from varos_warp.scene.images import decode_image, open_image
 from varos_warp.scene.launch import launch_rows
 from varos_warp.scene.optics.camera import camera_model

@@ -14,7 +14,6 @@ from functools import cache
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
-from scipy.signal import lfilter
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
@@ -85,6 +84,8 @@ def _transition(T: float, S: float, h: float) -> tuple[np.ndarray, ...]:
 
 def _decay(factor: float, push: np.ndarray, before: np.ndarray) -> np.ndarray:
     """y_n = factor y_(n-1) + push_n [n, 3], from the row before the first."""
+    from scipy.signal import lfilter  # takes a third of a second to load, and hardly any scene has turbulence
+
     return lfilter([1.0], [1.0, -factor], push, axis=0, zi=factor * before[None])[0]
 
 

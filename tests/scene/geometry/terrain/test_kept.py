@@ -6,11 +6,11 @@ from typer.testing import CliRunner
 
 from varos_warp.cli import app
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry import terrain
 from varos_warp.scene.geometry.procedural import generate_terrain, grid_mesh
 from varos_warp.scene.geometry.terrain.smoothing import roughness_deg, smooth
 from varos_warp.scene.geometry.topology import boundary_edges
-from varos_warp.scene.load import scene_from_dict
 
 
 def shell(thickness=0.02, n=25):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from varos_warp.scene.description.world import CalibrationBoard
+from varos_warp.scene.file.load import DATA
 from varos_warp.scene.geometry.parts import Skin
-from varos_warp.scene.load import DATA
 
 BLACK, WHITE = 0.04, 0.8
 """Reflectances of print and board."""

@@ -8,8 +8,8 @@ from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import LAMPS
-from varos_warp.scene.schema import KIND_KEYS, Entry, facts, find_key, in_words, plain
-from varos_warp.scene.source import Source
+from varos_warp.scene.file.schema import KIND_KEYS, Entry, facts, find_key, in_words, plain
+from varos_warp.scene.file.source import Source
 
 ELSEWHERE = {
     "sigma_a": ("a", "absorption", "absorption_coefficient", "absorption_coefficients", "mu_a"),

@@ -10,12 +10,12 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
-from varos_warp.scene import plain_yaml
+from varos_warp.files import read_text
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
-from varos_warp.scene.files import read_text
-from varos_warp.scene.problems import input_error
-from varos_warp.scene.source import Source
+from varos_warp.scene.file import plain_yaml
+from varos_warp.scene.file.problems import input_error
+from varos_warp.scene.file.source import Source
 
 DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""

@@ -1,4 +1,4 @@
-"""Scene files and the files that they name: whether they exist, and their text."""
+"""Files that scenes and datasets name: whether they exist, and their text."""
 
 import itertools
 import os

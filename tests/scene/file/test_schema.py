@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
-from varos_warp.scene.schema import FORMS, UNITS, explain, find_key, json_schema, keys_like, unit_of
-from varos_warp.scene.templates import TEMPLATES, template_text
+from varos_warp.scene.file.schema import FORMS, UNITS, explain, find_key, json_schema, keys_like, unit_of
+from varos_warp.scene.file.templates import TEMPLATES, template_text
 
 SCHEMA = json_schema()
 BLOCKS = {"Scene": SCHEMA, **SCHEMA["$defs"]}

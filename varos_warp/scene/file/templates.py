@@ -2,7 +2,7 @@
 
 
 from varos_warp.errors import InputError, did_you_mean
-from varos_warp.scene.load import DATA
+from varos_warp.scene.file.load import DATA
 
 SCHEMA_FILE = "varos-warp.schema.json"
 """What the JSON Schema is called that `varos-warp init` writes beside a scene."""

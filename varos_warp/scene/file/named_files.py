@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from varos_warp.errors import InputError
+from varos_warp.files import is_file, like_it
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
-from varos_warp.scene.files import is_file, like_it
 
 MOST_BYTES = 1 << 24
 """Of a file's text that is searched for names."""
@@ -35,7 +35,7 @@ def require_files(scene: Scene) -> None:
 
 def check_textures(scene: Scene) -> list[str]:
     """Warnings of textures of mesh files that are not there, or cannot be used."""
-    return [f"{key}: {path.name} {problem}" for key, path, with_own_look in _meshes(scene) if with_own_look
+    return [f"{key}: {path.name} {problem}" for key, path, with_own_colours in _meshes(scene) if with_own_colours
             for problem in _problems(path)]
 
 

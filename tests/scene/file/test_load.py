@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from varos_warp.errors import InputError
-from varos_warp.scene.load import demo_scene_path, load_scene, scene_from_dict, scene_to_dict
+from varos_warp.scene.file.load import demo_scene_path, load_scene, scene_from_dict, scene_to_dict
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CONTRACT = Path(__file__).parent / "contract.yaml"
 """Every block of a scene file, in the names that scene files keep."""
 

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from varos_warp.cli import app
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.load import load_scene
 from varos_warp.scene.materials.textures import read_image
 
 BASE = "trajectory: {poses: [{position: [0, 0, 0]}]}\n"

@@ -1,0 +1,44 @@
+"""Noise profiles: those that come with the package, files of one's own, and several joined into one."""
+
+from pathlib import Path
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
+from varos_warp.scene.file.load import DATA, load_block
+
+FOLDER = DATA / "noise"
+"""Profiles that come with the package."""
+
+
+def named_profiles() -> list[str]:
+    """Names of the profiles that come with the package."""
+    return sorted(Path(entry.name).stem for entry in FOLDER.iterdir() if entry.name.endswith(".yaml"))
+
+
+def load_profile(name: str | Path) -> NoiseProfile:
+    """A profile that comes with the package, by its name, or one of your own, by its path.
+
+    Raises:
+        InputError: There is none, or it is not what a profile may be.
+    """
+    known = named_profiles()
+    path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)
+    profile = load_block(path, NoiseProfile, "noise profile", f"Give a file, or one of: {', '.join(known)}.")
+    return profile if "name" in profile.model_fields_set else profile.model_copy(update={"name": path.stem})
+
+
+def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
+    """Join profiles of different sensors into one.
+
+    Raises:
+        InputError: Two of them hold the same sensor.
+    """
+    merged: dict = {"name": "+".join(profile.name for profile in profiles)}
+    for profile in profiles:
+        for sensor in (*SENSOR_BLOCKS.values(), "camera"):
+            block = getattr(profile, sensor)
+            if block is not None and sensor in merged:
+                raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,
+                                 remedy="Leave one out, or write the one you mean into a file.")
+            merged |= {sensor: block} if block is not None else {}
+    return NoiseProfile(**merged)
