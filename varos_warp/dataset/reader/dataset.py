@@ -13,11 +13,11 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import READINGS, STATES, Layout, datasets_in, from_runs, runs
 from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader import rows, schema
+from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
-from varos_warp.render.image.exposure import Statistics
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
@@ -32,19 +32,6 @@ CONVENTIONS = ("center_half", "opencv")
 """Of intrinsics: where the centre of the top left pixel is."""
 SCHEMA_VERSION = 1
 """Of dataset.json; raised when a key changes its meaning."""
-
-
-def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
-    """Gain and statistics of every frame in a table of exposures.
-
-    Raises:
-        InputError: If it cannot be read, or lacks a column.
-    """
-    table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
-    if missing := [name for name in names if name not in table]:
-        raise InputError(f"has no column {' and no column '.join(missing)}", file=path, remedy=_ANEW)
-    rows = zip(*(table[name].tolist() for name in names), strict=True)
-    return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in rows}
 
 
 class Dataset:

@@ -10,7 +10,8 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
-from varos_warp.dataset.reader.dataset import Dataset, read_exposures
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.reader.points import pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces

@@ -9,7 +9,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import TIME, Layout
-from varos_warp.dataset.reader.dataset import read_exposures
+from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.write.images import develop
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure

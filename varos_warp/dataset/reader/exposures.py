@@ -1,0 +1,21 @@
+"""Tables of exposures: of each frame the gain, and what it follows from."""
+
+from pathlib import Path
+
+from varos_warp.dataset import files
+from varos_warp.errors import InputError
+from varos_warp.render.image.exposure import Statistics
+
+
+def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
+    """Gain and statistics of every frame in a table of exposures.
+
+    Raises:
+        InputError: If it cannot be read, or lacks a column.
+    """
+    table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
+    if missing := [name for name in names if name not in table]:
+        raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
+                         remedy="`run` again to make it anew.")
+    entries = zip(*(table[name].tolist() for name in names), strict=True)
+    return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in entries}
