@@ -6,6 +6,7 @@ import warp as wp
 from rig import TURBID, spot
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
+from scipy.stats import t as student
 from test_lens import rectangle
 
 from tests.chance import ALPHA
@@ -266,6 +267,29 @@ def test_a_strobe_and_a_rolling_shutter_make_a_band():
     np.testing.assert_allclose(lit, expected * plain.radiance[..., 1].sum(1), atol=4.5 * error.max())
     assert not lit[expected == 0.0].any()
     assert share.max() == pytest.approx(1.0)
+
+
+def test_light_of_two_reflections_flashes_with_its_rows():
+    """By the same share, where few instants of all are lit; by 8 images each, for pixels share virtual point lights."""
+    exposure, readout, on, delay, images = 0.01, 0.05, 0.004, 0.003, 8
+    middle = ((np.arange(SIZE[1]) + 0.5) / SIZE[1] - 0.5) * readout
+    seen = np.minimum(middle + exposure / 2, delay + on / 2) - np.maximum(middle - exposure / 2, delay - on / 2)
+    expected = np.clip(seen, 0.0, None) / exposure
+
+    def rows(shutter, lights):
+        renderer = FrameRenderer(scene_of(shutter, lights), "cpu", parts=room())
+        found = [renderer.render(np.eye(4), outputs="A", spp=16, integrator="path", layers=("multiple",), seed=seed)
+                 .A.radiance[..., 1].mean(1) for seed in range(images)]
+        return np.array(found)
+
+    flash = rows({"exposure_s": exposure, "readout_s": readout}, strobed(on_s=on, delay_s=delay)[:1])
+    assert not flash[:, expected == 0.0].any()
+    steadily = expected * rows(None, LAMPS[:1])
+    lit = expected > 0.0
+    for one, other in ((flash[:, lit], steadily[:, lit]), (flash.sum(1)[:, None], steadily.sum(1)[:, None])):
+        z = (one.mean(0) - other.mean(0)) / np.sqrt((one.var(0, ddof=1) + other.var(0, ddof=1)) / images)
+        assert np.abs(z).max() < student.isf(ALPHA / 2 / z.size, images - 1)
+    assert flash.sum(1).std() < 0.1 * flash.sum(1).mean()  # enough to see that a tenth of all rows is missing
 
 
 @pytest.mark.parametrize("readout", [0.0, 0.004])

@@ -106,6 +106,10 @@ def test_a_duration_gives_that_many_frames():
     assert course_facts(long, scene)["heads_for"] is None
     assert len(long.frames) == 600
     assert any("holds the last waypoint" in message for message in long.messages)
+    poses = [{"time_s": t, "position": [10 * t, 0, 0]} for t in (0.0, 1.0)]
+    for duration, target in ((0.5, 1), (2.0, None)):
+        scene = Scene(trajectory={"poses": poses, "duration_s": duration})
+        assert course_facts(simulate(scene), scene)["heads_for"] == target
     np.testing.assert_allclose(long.trajectory.position[-1], COURSE[-1]["position"], atol=1e-6)
 
 

@@ -39,7 +39,8 @@ The launch bounds, threads per block and blocks resident at once on a multiproce
 hide the latency of rays. On a CPU neither has an effect."""
 
 IN_STEP = LONG_KERNEL | {"launch_bounds": (384, 2)}
-"""Options of long kernels whose blocks stay `in_step`, and so gain from large ones (measured on an H100)."""
+"""Options of long kernels whose blocks stay `in_step`, and so gain from large ones: on an H100 512 threads take three
+quarters of the time of 128, twice as many as much again, and 384 a little less than 512."""
 
 
 @wp.func_native("""

@@ -49,9 +49,9 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
     if not pinhole:
         moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng,
                                                            world.carriers_at(offset_ns))
-        moments.lit_begin, moments.lit_end = when.lit
     moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
+    moments.lit_begin, moments.lit_end = when.lit
     return moments
 
 
@@ -66,4 +66,4 @@ def times_seen(view: Camera, lights: Sequence, motion: Motion | None) -> np.ndar
     if view.shutter is None or motion is None:
         return np.zeros(0, np.int64)
     in_water, in_air = (instants(view, which).offset_s for which in (lights, ()))  # of A and of B
-    return in_ns(np.concatenate([in_water, in_air, row_offsets_s(view)]))
+    return np.unique(in_ns(np.concatenate([in_water, in_air, row_offsets_s(view)])))

@@ -209,7 +209,10 @@ class RadianceRenderer:
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
-        groups = min(seen.moments.cameras.shape[0], VIRTUAL_GROUPS) if seen.varies else 1
+        groups = 1
+        if seen.varies:  # parts of the instants that samples are of
+            lit = seen.moments.lit_end - seen.moments.lit_begin
+            groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
         if not self.world.has_surfaces:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))

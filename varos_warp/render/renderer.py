@@ -152,7 +152,8 @@ class FrameRenderer:
         seed = self.scene.seed if seed is None else seed
         here = self._exposed(view, T_w_v, motion, time_ns)
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
-        flashes = all(light.strobe for light in self.scene.lights)  # else all of an exposure is lit
+        # else all of an exposure is lit
+        flashes = motion is not None and all(light.strobe for light in self.scene.lights)
         water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
         for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
@@ -162,7 +163,7 @@ class FrameRenderer:
                 images["P"] = images["A"]
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
-                shown = functools.partial(guides, seen, moved, flashes and letter != "B")
+                shown = functools.partial(guides, seen, moved, flashes and letter == "A")
                 images[letter] = yield from make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
         needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):

@@ -92,8 +92,11 @@ def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
     end = int(np.searchsorted(simulation.trajectory.time_ns, last_ns, side="right"))
     way = np.diff(simulation.trajectory.position[:end], axis=0)
     target = int(simulation.waypoint[end - 1])
-    left = np.linalg.norm(simulation.reference_position[end - 1] - stops[-1].position)
-    far = target < len(stops) - 1 or left > NEAR_M
+    if (arrival := getattr(stops[-1], "time_s", None)) is not None:
+        left = arrival - 1e-9 * last_ns > 0.0
+    else:
+        left = np.linalg.norm(simulation.reference_position[end - 1] - stops[-1].position) > NEAR_M
+    far = target < len(stops) - 1 or left
     return {"length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
             "heads_for": target if scene.trajectory.duration_s and far else None}
 

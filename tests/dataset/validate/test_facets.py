@@ -6,20 +6,20 @@ import pytest
 from varos_warp.dataset.validate import surfaces
 from varos_warp.dataset.validate.outcome import Validation
 
-HEIGHT, WIDTH = 54, 96
+SHAPE = 54, 96
 
 
-def normals(amplitude=0.05):
-    """C [H, W, 3] of gentle hills."""
-    row, col = np.indices((HEIGHT, WIDTH))
-    tilted = np.stack([np.sin(0.2 * col + 0.1 * row), np.cos(0.13 * row - 0.05 * col), np.zeros((HEIGHT, WIDTH))], -1)
+def normals(shape=SHAPE, amplitude=0.05):
+    """C [H, W, 3] of gentle hills, as many whatever the shape."""
+    row, col = SHAPE[0] / shape[0] * np.indices(shape)
+    tilted = np.stack([np.sin(0.2 * col + 0.1 * row), np.cos(0.13 * row - 0.05 * col), np.zeros(shape)], -1)
     return amplitude * tilted + (0.0, 0.0, 1.0)
 
 
 def of_facets(normal, size, start):
     """The same [H, W, 3] with one normal for each facet: the mean, as a flat triangle has it."""
-    row, col = ((grid + start) // size for grid in np.indices((HEIGHT, WIDTH)))
-    number = row * WIDTH + col
+    row, col = ((grid + start) // size for grid in np.indices(normal.shape[:2]))
+    number = row * normal.shape[1] + col
     count = np.bincount(number.ravel())
     sums = np.stack([np.bincount(number.ravel(), x.ravel()) for x in np.moveaxis(normal, -1, 0)])
     means = sums / np.maximum(count, 1)
@@ -28,7 +28,7 @@ def of_facets(normal, size, start):
 
 def problems(normal, slope, frames=1):
     found = Validation(None)
-    surfaces.check_slopes(found, "M0", frames * surfaces.slope_sums(normal, slope, 1e-4, 0, HEIGHT))
+    surfaces.check_slopes(found, "M0", frames * surfaces.slope_sums(normal, slope, 1e-4, 0, len(normal)))
     assert any("shift" in measure["name"] for measure in found.measures)
     return found.problems
 
@@ -44,3 +44,11 @@ def test_a_shift_of_a_pixel_is_found_on_gentle_hills_in_one_frame_and_in_equal_o
     for frames in (1, 20):
         assert "shift: " in problems(normals(), np.roll(normals(), 1, 1), frames)[0]
         assert problems(normals(), normals(), frames) == []
+
+
+def test_a_shift_is_found_on_hills_of_triangles():
+    """Of two pixels; of one, such hills show half."""
+    for shape, size in (((180, 320), 16), ((360, 640), 32)):
+        sound = normals(shape)
+        assert problems(sound, of_facets(sound, size, 0)) == []
+        assert "shift: " in problems(np.roll(sound, 2, 1), of_facets(sound, size, 0))[0]

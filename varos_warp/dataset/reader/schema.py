@@ -70,8 +70,9 @@ def _metadata() -> type[BaseModel]:
                      "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration)},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
-    light = _block({"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
-                    "thickness_deg": float, "radius_m": float, "strobe": Strobe, "T_v_light": matrix})
+    of_light = {"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
+                "thickness_deg": float, "radius_m": float, "strobe": Strobe}
+    light = _block(of_light | {"T_v_light": matrix})
     sensor = _block({"field_T": Vec3, "beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]},
                     rate_hz=Rate, T_v_s=matrix, noise=dict | None)
     sensors = dict[Literal["imu0", "depth0", "mag0", "dvl0"], sensor]  # type: ignore[valid-type]
@@ -79,7 +80,8 @@ def _metadata() -> type[BaseModel]:
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     corner = tuple[Vec3, Vec3]
     key = Annotated[str, Field(pattern=r"^(objects\.\d+|vehicles\.[0-9a-zA-Z])$")]
-    moving = _block({"id": Count, "box_m": corner, "lights": list[light]}, key=key)  # type: ignore[valid-type]
+    lights = list[_block(of_light, T_v_light=matrix)]  # type: ignore[misc, valid-type]
+    moving = _block({"lights": lights}, key=key, id=Count, box_m=corner) | _block(key=key, lights=lights)
     return _block(
         {"moving": list[moving]},  # type: ignore[valid-type]
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),

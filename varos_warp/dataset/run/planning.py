@@ -18,8 +18,10 @@ from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.file.named_files import mesh_textures
 
-CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene")
-"""What a plan follows from, besides the scene."""
+CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene", "varos_warp.sim")
+"""What a plan follows from, besides the scene,"""
+ROOTS = ("varos_warp.render.renderer", "varos_warp.render.planner.plan", "varos_warp.sim.trajectory")
+"""beginning with these."""
 BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m")
 """Keys of the block ``render`` that no plan follows from."""
 
@@ -84,4 +86,4 @@ def depends_on(scene, renderer, frames) -> dict[str, Any]:
     return {"scene": described, "files": sources(scene) | textures, "frames": digest(frames.time_ns, frames.poses()),
             "device": kind_of(renderer.device), "renderer": type(renderer).__qualname__,
             "denoiser": available_method(scene.render.denoise), "version": varos_warp.__version__,
-            "code": code_hash("varos_warp.render.renderer", CODE) + code_hash("varos_warp.render.planner.plan", CODE)}
+            "code": [code_hash(root, CODE) for root in ROOTS]}

@@ -11,7 +11,7 @@ from varos_warp.dataset.layout import POSE_FORMS, READINGS
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_readings
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate.objects import check_moving
+from varos_warp.dataset.validate.objects import check_moving, solid
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import pose_columns
 from varos_warp.errors import InputError
@@ -421,13 +421,13 @@ def _check_ranges(data: Dataset, result: Validation, truth: Dvl, T: np.ndarray, 
     try:
         scene, parts = rebuilt(data)
     except InputError:
-        return np.full(truth.range.shape, np.nan if data.meta.get("moving") else 0.0)
+        return np.full(truth.range.shape, np.nan if solid(data) else 0.0)
     expected, away = met_by_beams(truth.time_ns, T, beams, data.meta["sensors"]["dvl0"]["range_m"], parts,
                                   companions(scene))
     same = np.isclose(truth.range, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
     result.measure("dvl0: beams with another range than to the scene's meshes", np.mean(~same),
                    0.01 + 1.0 / same.size, "")
-    return np.where(same | (not data.meta.get("moving")), away, np.nan)
+    return np.where(same | (not solid(data)), away, np.nan)
 
 
 def _check_dvl_noise(data: Dataset, result: Validation, truth: Dvl, beams: np.ndarray) -> None:

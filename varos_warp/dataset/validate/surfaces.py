@@ -6,7 +6,7 @@ Sums over pixels are kept for each frame, so that a camera's frames can be added
 import numpy as np
 from scipy import ndimage
 
-from varos_warp.dataset.validate.alignment import MARGIN, lucas_kanade
+from varos_warp.dataset.validate.alignment import lucas_kanade
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 
@@ -23,6 +23,9 @@ MOST_PIXELS = 150_000
 BAND = 24
 BLOCKS = 4, 6
 """Rows and columns of blocks of an image, by whose scatter the shift of C is judged."""
+SCATTER = 1.5
+"""How many times that scatter a shift may seem to be. What D lacks cancels over a whole triangle, but blocks cut
+triangles, so their scatter is an upper bound: of sound hills in triangles of many sizes, none was over 1.1 times it."""
 
 
 def check_sums(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> None:
@@ -142,13 +145,13 @@ def check_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
     if min(xx, yy) > FEWEST_SLOPES * 0.004**2 and xx * yy - xy * xy > 0.01 * xx * yy:
         shift, error = _shift(total, sums[3:])
         if np.isfinite(error):
-            result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*shift), 0.5 + MARGIN * error, "px")
+            result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*shift), 0.5 + SCATTER * error, "px")
 
 
 def _shift(total: np.ndarray, blocks: np.ndarray) -> tuple[np.ndarray, float]:
-    """A Lucas-Kanade step [2] [px] from sums of all and of each block [n, 5], and its standard error by the jackknife.
+    """A Lucas-Kanade step [2] [px] from sums of all and of each block [n, 5], and its scatter by the jackknife.
 
-    The error is not finite where all that can tell lies in one block.
+    The scatter is not finite where all that can tell lies in one block.
     """
     shift = np.stack(lucas_kanade(*total))
     with np.errstate(divide="ignore", invalid="ignore"):

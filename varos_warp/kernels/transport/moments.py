@@ -49,17 +49,25 @@ class Moment:
 
 @wp.func
 def instant_of_row(moments: Moments, row: int, u: float):
-    """Number of the instant at a share ``u`` of a row's exposure."""
-    return wp.min(int(float(row) * moments.per_row + u * moments.open), moments.cameras.shape[0] - 1)
+    """Number of the instant at a share ``u`` of a row's exposure, or of what is lit of it; if nothing is, any."""
+    begin = float(row) * moments.per_row
+    if moments.lit_end > 0:
+        end = wp.min(begin + moments.open, float(moments.lit_end))
+        begin = wp.max(begin, float(moments.lit_begin))
+        return wp.clamp(int(begin + u * (end - begin)), moments.lit_begin, moments.lit_end - 1)
+    return wp.min(int(begin + u * moments.open), moments.cameras.shape[0] - 1)
 
 
 @wp.func
-def lit_instant_of_row(moments: Moments, row: int, u: float):
-    """The same of what of a row's exposure is lit; if nothing is, any."""
-    begin = float(row) * moments.per_row
-    end = wp.min(begin + moments.open, float(moments.lit_end))
-    begin = wp.max(begin, float(moments.lit_begin))
-    return wp.clamp(int(begin + u * (end - begin)), moments.lit_begin, moments.lit_end - 1)
+def first_instant(moments: Moments):
+    """The first instant that samples are of."""
+    return wp.where(moments.lit_end > 0, moments.lit_begin, 0)
+
+
+@wp.func
+def instants_taken(moments: Moments):
+    """Number of the instants that samples are of."""
+    return wp.where(moments.lit_end > 0, moments.lit_end, moments.cameras.shape[0]) - first_instant(moments)
 
 
 @wp.func
@@ -67,9 +75,6 @@ def moment_of(moments: Moments, row: int, key: wp.uint32, pixel: int, sample: in
     """The moment of a sample in a row of the image; even and odd samples have sequences of their own."""
     u = sobol2(half_key(key + TIME, sample & 1), pixel, sample >> 1, 0)
     moment = Moment()
-    if moments.lit_end > 0:
-        moment.instant = lit_instant_of_row(moments, row, u[0])
-    else:
-        moment.instant = instant_of_row(moments, row, u[0])
+    moment.instant = instant_of_row(moments, row, u[0])
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
     return moment

@@ -14,7 +14,7 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.sobol import sobol2, sobol4
-from varos_warp.kernels.transport.moments import Moment, Moments
+from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import (
@@ -81,20 +81,17 @@ def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
 @wp.func
 def group_of(instant: int, moments: Moments, points: wp.array2d(dtype=VirtualLight)):
     """Group of virtual point lights for the samples of an instant."""
-    return instant * (points.shape[0] / 2) / moments.cameras.shape[0]
+    return (instant - first_instant(moments)) * (points.shape[0] / 2) / instants_taken(moments)
 
 
 @wp.func
 def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
-    """The moment of a virtual point light: one of the group's instants, lit if any is, and a place on the disks."""
-    instants = moments.cameras.shape[0]
+    """The moment of a virtual point light: one of the group's instants, and a place on the disks."""
+    instants = instants_taken(moments)
     first = (group * instants + groups - 1) / groups
     after = ((group + 1) * instants + groups - 1) / groups
-    if moments.lit_end > 0:  # samples are of these alone
-        first = wp.clamp(first, moments.lit_begin, moments.lit_end - 1)
-        after = wp.clamp(after, first + 1, moments.lit_end)
     moment = Moment()
-    moment.instant = first + int(u[0] * float(after - first))
+    moment.instant = first_instant(moments) + first + int(u[0] * float(after - first))
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
     return moment
 

@@ -76,10 +76,11 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     closed = 0.5 * exposure - row_offsets_s(camera)[0]
     count = int(np.ceil((rows - 1) * per_row + exposure / length))
     middles = (np.arange(count) + 0.5) * length - closed
-    begin, end = ((time + closed) / length for time in _lit(-closed, closed, lights))
-    lit = max(int(begin), 0), min(int(np.ceil(end)), count)
-    return Instants(np.minimum(middles, closed), length, per_row, exposure / length,
-                    lit=(0, 0) if lit == (0, count) else lit)
+    lit = 0, 0
+    if (flash := _lit(-closed, closed, lights)) != (-closed, closed):
+        begin, end = ((time + closed) / length for time in flash)
+        lit = max(int(begin), 0), min(int(np.ceil(end)), count)
+    return Instants(np.minimum(middles, closed), length, per_row, exposure / length, lit=lit)
 
 
 def lit_of_rows(camera: Any, lights: Any) -> np.ndarray | None:
