@@ -461,7 +461,7 @@ class _Run:
             letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
             if frames:
                 which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-                self.say(f"camera {camera} has no surface in sight in {len(frames)} of {len(self.selected)} frames "
+                self.say(f"camera {camera} has no surface in sight in {len(frames)} frames "
                          f"({which}): {', '.join(letters)} hold nothing there")
 
     def finish(self) -> None:

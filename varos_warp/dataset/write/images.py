@@ -117,7 +117,9 @@ class Store:
         values = getattr(image, {"C": "normal", "D": distance, "S": "instance", "F": "flow"}[letter])
         scale = self.render.depth_range_m if letter == "D" else None
         files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(values, scale))
-        return letter != "F" and not (values < scale[1] if scale else values).any()
+        if letter == "F":
+            return False
+        return not (values < scale[1] if letter == "D" else values != 0).any()
 
 
 def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:
