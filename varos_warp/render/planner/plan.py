@@ -306,7 +306,7 @@ class Planner:
         """How the error falls with the samples: from images with about as many as are needed."""
         spp = first = FIRST_GUESS[self.resolved]
         for k in range(ROUNDS):
-            law = self.measured_law(spp, "more samples" if k else "samples")
+            law = self.measured_law(spp, target, "more samples" if k else "samples")
             needed = law.samples(target)
             better = min(max(needed // LEVELS[-1], first), MOST_TRIED)
             if needed <= REACH * law.spp[-1] or better <= spp:
@@ -314,32 +314,46 @@ class Planner:
             spp = better
         return law
 
-    def measured_law(self, first: int, step: str = "samples") -> ErrorLaw:
-        """Errors of test images with a few times ``first`` samples, by independent estimates; ``step`` is its name."""
-        levels = [first * level for level in LEVELS]
-        view = self.worst.frame, self.test_camera
-        images, each = [], ESTIMATE_LEVEL * first
-        tests, most = IMAGES * sum(levels), max(FEWEST_ESTIMATES, min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
-        self.progress(step, 0.0)
-        for k, spp in enumerate(levels):
-            images.append([self.denoised(*view, spp, IMAGES * k + i) for i in range(IMAGES)])
-            self.progress(step, IMAGES * sum(levels[:k + 1]) / (tests + most * each))
-        estimates = self.estimates(each, most, images[-1],
-                                   lambda count: self.progress(step, (tests + count * each) / (tests + most * each)))
-        return ErrorLaw(levels, np.array([errors.worst_error(level, estimates) for level in images]), self.steepest)
+    def measured_law(self, first: int, target: float, step: str = "samples") -> ErrorLaw:
+        """Errors of test images with a few times ``first`` samples, by independent estimates; ``step`` is its name.
 
-    def estimates(self, spp: int, most: int, images: list[np.ndarray], tell: Callable[[int], None]) -> list[np.ndarray]:
-        """Independent images of ``spp`` samples, as many as it takes to tell the errors of the given ones."""
-        taken, made = IMAGES * len(LEVELS), []
-        while len(made) < most:
-            tell(len(made))
-            made.append(self.image(self.worst.frame, self.test_camera, spp, taken + len(made)).radiance)
+        Where the fewest samples that are ever taken keep the ``target``, two numbers of them tell enough.
+        """
+        images, made, each = [], [], ESTIMATE_LEVEL * first
+        tests = IMAGES * sum(LEVELS) * first
+        most = max(FEWEST_ESTIMATES, min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
+
+        def tell():
+            done = IMAGES * sum(LEVELS[:len(images)]) * first + len(made) * each
+            self.progress(step, done / (tests + most * each))
+
+        tell()
+        for k, level in enumerate(LEVELS):
+            images.append([self.denoised(self.worst.frame, self.test_camera, level * first, IMAGES * k + i)
+                           for i in range(IMAGES)])
+            tell()
+            if k == 0:
+                continue
+            self.add_estimates(made, each, most, images[-1], tell)
+            found = np.array([errors.worst_error(tried, made) for tried in images])
+            if first <= FEWEST_SPP and found[0].max() <= target:
+                break
+        return ErrorLaw([level * first for level in LEVELS[:len(images)]], found, self.steepest)
+
+    def add_estimates(self, made: list[np.ndarray], spp: int, most: int, images: list[np.ndarray],
+                      tell: Callable[[], None]) -> None:
+        """Add independent images of ``spp`` samples until they tell the errors of the given ones, or are ``most``."""
+        taken = IMAGES * len(LEVELS)
+        while True:
             if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
                 square, unsure = errors.squared_error(images, made)
                 worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
                 if unsure[worst] <= errors.PRECISE * square[worst]:
-                    break
-        return made
+                    return
+            if len(made) >= most:
+                return
+            made.append(self.image(self.worst.frame, self.test_camera, spp, taken + len(made)).radiance)
+            tell()
 
     def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
         """The choice in words."""
