@@ -22,7 +22,6 @@ ALL = 1 << 30
 BLOCK_DIM = 128
 """Threads per block of a launch on a GPU, for kernels that have no launch bounds of their own."""
 
-
 CPU_FLAGS = f"{wp.config.cpu_compiler_flags or ''} -fno-slp-vectorize".strip()
 """For the path kernel: vectorising its scalars costs 5 to 10 % of the time on an EPYC."""
 

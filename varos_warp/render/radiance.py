@@ -107,7 +107,7 @@ class RadianceRenderer:
     def __init__(self, scene: Scene, world: DeviceScene, films: Films):
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
-        self._shares: dict[Camera, wp.array] = {}
+        self._shares: dict[Camera, wp.array | None] = {}
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
@@ -139,14 +139,13 @@ class RadianceRenderer:
 
         It is what vignetting leaves at its centre, times the share of a row's exposure in which some strobe is on.
         """
-        rows = lit_of_rows(view, self.scene.lights)
-        if view.vignetting is None and rows is None:
-            return None
         if view not in self._shares:
-            share = np.ones(view.resolution[::-1]) if rows is None else np.tile(rows[:, None], view.resolution[0])
+            rows, left = lit_of_rows(view, self.scene.lights), None
             if view.vignetting is not None:
-                share = share * camera_model(view).vignette(pixel_centres(*view.resolution))
-            self._shares[view] = wp.array(share, dtype=wp.float64, device=self.device)
+                left = camera_model(view).vignette(pixel_centres(*view.resolution))
+            if rows is not None:
+                left = rows[:, None] * (np.ones(view.resolution[::-1]) if left is None else left)
+            self._shares[view] = None if left is None else wp.array(left, dtype=wp.float64, device=self.device)
         return self._shares[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:

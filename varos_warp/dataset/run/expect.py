@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from varos_warp.render.field.open_water import unavailable
-from varos_warp.render.options import resolve_integrator
+from varos_warp.render.planner.decisions import open_questions
 from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -95,11 +94,7 @@ def dataset_facts(scene: Scene, frames: int) -> dict:
 
 def _samples_to_plan(scene: Scene, frames: int) -> int:
     """Samples of pixels that a plan often takes, where it is not kept from before; none where the scene says all."""
-    render, cameras = scene.render, scene.vehicle.cameras
-    if not {"A", "P"} & set(render.outputs):
-        return 0
-    field = resolve_integrator(render.integrator, render.max_scatterings, lambda: unavailable(scene)) == "field"
-    compared = COMPARED_SPP * SMALL if render.integrator == "auto" and field else 0
-    tests = TEST_SPP * min(pixels_tried(cameras[0], frames), int(np.prod(cameras[0].resolution)))
+    asked, cameras = open_questions(scene), scene.vehicle.cameras
     views = 2 * len(pilot_frames(frames)) * len(cameras) * SMALL * SMALL_SPP
-    return compared + tests * (render.spp is None) + views * bool(compared or render.spp is None)
+    tests = TEST_SPP * min(pixels_tried(cameras[0], frames), int(np.prod(cameras[0].resolution)))
+    return views * bool(asked) + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * ("samples" in asked)

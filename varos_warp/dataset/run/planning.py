@@ -10,10 +10,8 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
-from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.options import resolve_integrator
-from varos_warp.render.planner.decisions import STEPS
+from varos_warp.render.planner.decisions import STEPS, open_questions
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.file.named_files import mesh_textures
@@ -39,13 +37,10 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
 
 def what_is_planned(scene) -> str | None:
     """What the planner finds out by test images, and what to do without, in words; None: nothing."""
-    render = scene.render
-    if not {"A", "P"} & set(render.outputs):
-        return None
-    if render.spp is None:
-        return f"how many samples keep an error of {render.tolerance:g}, once for this scene (--spp N takes N unasked)"
-    if render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
-                                                          lambda: unavailable(scene)) == "field":
+    asked, tolerance = open_questions(scene), scene.render.tolerance
+    if "samples" in asked:
+        return f"how many samples keep an error of {tolerance:g}, once for this scene (--spp N takes N unasked)"
+    if "integrator" in asked:
         return "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"
     return None
 

@@ -16,6 +16,16 @@ STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "
 """Of planning, for those who wait; the fourth where the first test images had far too few samples."""
 
 
+def open_questions(scene: Scene) -> tuple[str, ...]:
+    """What test images have to tell of a scene: which ``integrator`` is faster, how many ``samples`` it takes."""
+    render = scene.render
+    if not {"A", "P"} & set(render.outputs):
+        return ()
+    compared = render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
+                                                                  lambda: unavailable(scene)) == "field"
+    return ("integrator",) * compared + ("samples",) * (render.spp is None)
+
+
 def silently(step: str, share: float) -> None:
     """Tells nobody how far planning is."""
 

@@ -332,13 +332,12 @@ class Planner:
             images.append([self.denoised(self.worst.frame, self.test_camera, level * first, IMAGES * k + i)
                            for i in range(IMAGES)])
             tell()
-            if k == 0:
-                continue
-            self.add_estimates(made, each, most, images[-1], tell)
-            found = np.array([errors.worst_error(tried, made) for tried in images])
-            if first <= FEWEST_SPP and found[0].max() <= target:
-                break
-        return ErrorLaw([level * first for level in LEVELS[:len(images)]], found, self.steepest)
+            if k == len(LEVELS) - 1 or (k == 1 and first <= FEWEST_SPP):
+                self.add_estimates(made, each, most, images[-1], tell)
+                found = [errors.worst_error(tried, made) for tried in images]
+                if found[0].max() <= target:
+                    break
+        return ErrorLaw([level * first for level in LEVELS[:len(images)]], np.array(found), self.steepest)
 
     def add_estimates(self, made: list[np.ndarray], spp: int, most: int, images: list[np.ndarray],
                       tell: Callable[[], None]) -> None:
