@@ -221,3 +221,20 @@ def test_beams_meet_an_object_where_it_is_at_their_times():
              for i, pose in enumerate(T)]
     np.testing.assert_allclose(got, alone, atol=1e-6)
     assert (got < 1.99).all()
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("integrator", ["path", "field"])
+def test_a_gpu_sees_what_moves_as_a_cpu_does(integrator):
+    """With all that a path kernel can have: the same random numbers, so that most pixels differ by rounding alone."""
+    one = moving(replace(plate(), material=Rust(kind="rust", amount=0.5, roughness=0.4)), (0.6, 0.1, 0.2), (0, 40, 0))
+    scene, motion = scene_of({"exposure_s": 0.2}, water={"coefficients": TURBID}), steady((0.3, 0.1, 0), (0, 0, 0.2))
+    how = {"outputs": "ABDS", "spp": 16, "spp_b": 8, "integrator": integrator, "motion": motion,
+           "time_ns": SECOND // 2}
+    cpu, gpu = (FrameRenderer(scene, device, parts=[one, wall()]).render(np.eye(4), **how)
+                for device in ("cpu", "cuda:0"))
+    assert np.median(np.abs(gpu.A.radiance - cpu.A.radiance) / cpu.A.stderr) < 0.3
+    assert np.median(np.abs(gpu.B.radiance - cpu.B.radiance)) < 1e-4
+    same = gpu.S.instance == cpu.S.instance
+    assert same.mean() > 0.995
+    np.testing.assert_allclose(gpu.D.range[same], cpu.D.range[same], atol=1e-5)

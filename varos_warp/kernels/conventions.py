@@ -37,9 +37,19 @@ logarithms near 1 and for sines an absolute error of 4e-7; infinities and NaN ar
 The launch bounds, threads per block and blocks resident at once on a multiprocessor, trade registers for threads that
 hide the latency of rays. On a CPU neither has an effect."""
 
-IN_STEP = LONG_KERNEL | {"launch_bounds": (384, 2)}
-"""Options of long kernels whose blocks stay `in_step`, and so gain from large ones: on an H100 512 threads take three
-quarters of the time of 128, twice as many as much again, and 384 a little less than 512."""
+RESIDENT_THREADS = 768
+"""Of an `in_step_kernel` on a multiprocessor of a GPU at once."""
+
+
+def in_step_kernel(instances: bool) -> dict:
+    """Options of long kernels whose blocks stay `in_step`, and so gain from large ones.
+
+    On an H100, blocks of 512 threads take three quarters of the time of 128, 1024 as much again, and 384 a little less
+    than 512. A ray among instances keeps its way through their BVH in 128 bytes of shared memory, of which a block has
+    48 kB: with them blocks are smaller.
+    """
+    threads = 256 if instances else 384
+    return LONG_KERNEL | {"launch_bounds": (threads, RESIDENT_THREADS // threads)}
 
 
 @wp.func_native("""

@@ -10,7 +10,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import FAR, IN_STEP, in_step
+from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
@@ -97,7 +97,7 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
     field_layer = spec.multiple and spec.field
     sample_ray = make_sample_ray(spec.optics)
 
-    @wp.kernel(**IN_STEP)
+    @wp.kernel(**in_step_kernel(spec.instances))
     def trace_camera_segments(
         scene: SceneData,
         camera: Camera,

@@ -21,7 +21,7 @@ from functools import cache
 
 import warp as wp
 
-from varos_warp.kernels.conventions import FAR, IN_STEP, in_step
+from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
@@ -252,7 +252,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
     leave_vertex, arrive, gather = make_leave_vertex(spec), make_arrive(spec), make_gather(spec)
     sample_ray = make_sample_ray(spec.optics)
 
-    @wp.kernel(**IN_STEP)
+    @wp.kernel(**in_step_kernel(spec.instances))
     def trace_subpaths(
         scene: SceneData,
         camera: Camera,

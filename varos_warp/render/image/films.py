@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.conventions import IN_STEP
+from varos_warp.kernels.conventions import RESIDENT_THREADS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import (
     SUMS,
@@ -48,7 +48,7 @@ class Films:
         self._unused: dict[tuple, list[wp.array]] = defaultdict(list)
         """Sums by their shape: those of A serve B, too."""
         processors = wp.get_device(self.device).sm_count
-        self._resident = processors * int(np.prod(IN_STEP["launch_bounds"])) if processors else MOST_LISTED
+        self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
 
     def black(self, resolution, adapts: bool = False, sums: int = SUMS) -> Film:
