@@ -459,10 +459,10 @@ def _runs_past(near, points, stops, reach):
 
 def _inside(part, points):
     """Which points [N, 3], or [3], are under the terrain or inside a closed object, bool [N]."""
-    points = np.atleast_2d(points)
-    if part.name != "terrain" and not trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight:
-        return np.zeros(len(points), bool)
-    return is_inside(part.vertices, part.faces, points)
+    found = is_inside(part.vertices, part.faces, points)
+    if part.name == "terrain" or not found.any():
+        return found
+    return found & trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight
 
 
 def _within(part):

@@ -18,7 +18,7 @@ def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[
     """
     xy = np.atleast_2d(np.asarray(xy, float))
     triangles = np.asarray(vertices, float)[faces]
-    low, high = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
+    low, high = _boxes(triangles[..., :2])
     around = np.flatnonzero(_boxes_meet(low, high, xy, 0.0)) if len(xy) else np.zeros(0, int)
     centre, radius = 0.5 * (low + high)[around], 0.5 * np.linalg.norm((high - low)[around], axis=1)
     size = np.frexp(radius)[1]
@@ -48,8 +48,13 @@ def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[
 def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Whether points [N, 3] lie inside a closed mesh or under an open terrain, bool [N]: parity of what is overhead."""
     points = np.atleast_2d(points)
-    overhead = heights_at(vertices, faces, points[:, :2])
-    return np.array([np.count_nonzero(z > p[2]) % 2 == 1 for z, p in zip(overhead, points, strict=True)], bool)
+    inside = np.zeros(len(points), bool)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    maybe = np.flatnonzero((points[:, :2] >= low[:2]).all(axis=1) & (points <= high).all(axis=1))
+    if len(maybe):
+        overhead = heights_at(vertices, faces, points[maybe, :2])
+        inside[maybe] = [np.count_nonzero(z > p) % 2 for z, p in zip(overhead, points[maybe, 2], strict=True)]
+    return inside
 
 
 def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
@@ -58,14 +63,21 @@ def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach
     Only the part of the mesh around the points is looked at.
     """
     points = np.atleast_2d(np.asarray(points, float))
-    triangles = np.asarray(vertices, float)[faces]
-    around = _boxes_meet(triangles.min(axis=1), triangles.max(axis=1), points, reach)
+    around = np.zeros(0, bool)
+    if _boxes_meet(vertices.min(axis=0)[None], vertices.max(axis=0)[None], points, reach)[0]:
+        around = _boxes_meet(*_boxes(np.asarray(vertices, float)[faces]), points, reach)
     if not around.any():
         return np.full(len(points), np.inf)
     surface = Surface(*compact(vertices, faces[around]))
     rounding = 1e-6 * max(reach, np.abs(points - surface.origin).max())
     distance, _ = surface.nearest(points, reach + rounding)
     return np.where(distance < reach, distance, np.inf)
+
+
+def _boxes(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates [N, k] of triangles [N, 3, k]; ``min`` and ``max`` take five times as long."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _boxes_meet(low: np.ndarray, high: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
