@@ -85,9 +85,9 @@ def _number(x: float, resolved: bool = True) -> str:
 
 def _machine(result: dict) -> str:
     facts = result["machine"]
-    compiled = sum(scene.get("compile_seconds", 0.0) for scene in result["scenes"].values())
-    return (f"{chart.subtitle(result)}; {facts['system']}, {facts['date']}. Compilation, counted apart: "
-            f"{compiled:.0f} s in all.\n")
+    compiled = [scene["compile_seconds"] for scene in result["scenes"].values() if "compile_seconds" in scene]
+    apart = f" Compilation, counted apart: {sum(compiled):.0f} s in all." if compiled else ""
+    return f"{chart.subtitle(result)}; {facts['system']}, {facts['date']}.{apart}\n"
 
 
 def _methods(rows: list[dict], device: str) -> str:
