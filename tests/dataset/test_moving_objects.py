@@ -1,5 +1,6 @@
 """Datasets with objects that move: what is written, read back and checked."""
 
+import os
 import shutil
 
 import numpy as np
@@ -11,6 +12,7 @@ from varos_warp.dataset.export import FORMATS, export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import objects, validate, views
+from varos_warp.dataset.view import view
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
@@ -47,6 +49,22 @@ def test_poses_and_box_are_on_record(made):
     assert entry["id"] == next(row["id"] for row in data.segments() if row["key"] == "objects.0")
     np.testing.assert_allclose(entry["box_m"], [[-0.5, -0.5, -0.75], [0.5, 0.5, 0.75]], atol=1e-3)
     assert "OBJECTS THAT MOVE" in (made / "README.txt").read_text()
+
+
+def test_the_viewer_shows_where_it_goes_and_its_box(made, tmp_path):
+    if not os.environ.get("CI"):
+        pytest.importorskip("rerun.dataframe")
+    from rerun.dataframe import load_recording
+
+    recording = load_recording(view(made, tmp_path / "moving.rrd", quiet=True))
+
+    def found(entity, name, select="select"):
+        table = getattr(recording.view(index="time", contents=entity), select)().read_all().to_pylist()
+        return [value for row in table for key, value in row.items() if key.endswith(name) and value is not None]
+
+    places = found("/world/moving/objects.0", "translation")
+    np.testing.assert_allclose([place for place, in places], Dataset(made).poses("objects.0")[1][:, :3, 3], atol=1e-6)
+    np.testing.assert_allclose(found("/world/moving/objects.0/box", "half_sizes", "select_static")[0], [[0.5, 0.5, 0.75]], atol=1e-3)
 
 
 def test_points_of_the_object_lie_in_its_box_at_every_frame(made):

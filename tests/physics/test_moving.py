@@ -228,7 +228,7 @@ def test_beams_meet_an_object_where_it_is_at_their_times():
 def test_a_gpu_sees_what_moves_as_a_cpu_does():
     """With all that a path kernel can have: the same random numbers, so that most pixels differ by rounding alone.
 
-    And by the field within the standard errors of 4 x 4 parts of the image; a CPU would compile its kernels for minutes.
+    And by the field, whose kernels a CPU would compile for minutes, within the standard errors of 4 x 4 parts.
     """
     one = moving(replace(plate(), material=Rust(kind="rust", amount=0.5, roughness=0.4)), (0.6, 0.1, 0.2), (0, 40, 0))
     scene, motion = scene_of({"exposure_s": 0.2}, water={"coefficients": TURBID}), steady((0.3, 0.1, 0), (0, 0, 0.2))

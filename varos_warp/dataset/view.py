@@ -134,6 +134,7 @@ class _Recorder:
         words = " ".join(f"{x:g}" for x in self.origin)
         self.fix("origin", self.rr.TextDocument(f"Add this to positions [m]: {words}"))
         self.vehicle()
+        self.moving()
         self.sensors()
         for camera in self.data.cameras:
             self.camera(camera, numbers)
@@ -168,6 +169,17 @@ class _Recorder:
         else:
             T = self.data.views()[1]
         self.fix("world/trajectory", self.rr.LineStrips3D([T[:, :3, 3] - self.origin], colors=[240, 180, 60]))
+
+    def moving(self) -> None:
+        """What moves: axes along its course, and its box."""
+        for entry in self.data.meta.get("moving") or ():
+            entity, (time_ns, T) = f"world/moving/{entry['key']}", self.data.poses(entry["key"])
+            self.stream.send_columns(entity, self.times(time_ns), self.poses(T))
+            self.fix(f"{entity}/axes", self.rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())))
+            if "box_m" in entry:
+                low, high = np.array(entry["box_m"])
+                self.fix(f"{entity}/box", self.rr.Boxes3D(centers=[(low + high) / 2], half_sizes=[(high - low) / 2],
+                                                          labels=[entry["key"]]))
 
     def camera(self, camera: str, numbers: list[int]) -> None:
         """Where a camera is at its frames, its frustum, and the exposure of its images."""
