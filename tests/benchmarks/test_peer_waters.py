@@ -164,6 +164,6 @@ def test_cycles_sees_the_same_direct_light_and_single_scattering_in_sea_water(sc
     """To 0.3 % of the image, pixel against pixel; `python -m benchmarks.peers agree` takes longer and tells more."""
     needs("cycles")
     case = agree.Case(scene, "ff3.6")
-    truth, _ = case.render("path", "one event", 512, 1)
+    truth, _ = case.render("path", "one event", 192, 1)
     image, _ = case.render("cycles", "one event", 48, 1)
     assert_no_residual(image, truth.astype(float), 3e-3)
