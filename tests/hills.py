@@ -19,6 +19,10 @@ def height(x, y):
     return -3.0 + 0.25 * np.sin(3.0 * x + 1.0) * np.cos(2.5 * y) + 0.1 * np.sin(7.0 * y + x)
 
 
+HIGHEST = -2.6
+"""No hill reaches so high."""
+
+
 def depth_of_hills(origin, rays):
     """Where rays [H, W, 3] meet the ground, in lengths of their vectors [H, W]; infinite for those that do not."""
     x, y, z = rays.reshape(-1, 3).T
@@ -29,8 +33,9 @@ def depth_of_hills(origin, rays):
 
     low, on = np.full(len(z), np.inf), np.arange(len(z))
     for step in np.arange(2.05, 12.0, 0.05):
-        under = above(step, on) < 0.0
-        low[on[under]], on = step - 0.05, on[~under]
+        near = np.flatnonzero(start[2, on] + step * z[on] < HIGHEST)
+        under = near[above(step, on[near]) < 0.0]
+        low[on[under]], on = step - 0.05, np.delete(on, under)
     hit = np.isfinite(low)
     high = low + 0.05
     for _ in range(26):  # to a nanometre

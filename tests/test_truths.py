@@ -12,7 +12,8 @@ def run(pytester):
 
     def run(tests, *arguments):
         pytester.makepyfile(test_it="import pytest\npytestmark = pytest.mark.subject('dynamics')\n" + tests)
-        result = pytester.runpytest_inprocess("-p", "truths", "--validation=pages", *arguments)
+        plugins = "-p", "no:hypothesispytest", "-p", "truths"  # Hypothesis would be loaded anew every time
+        result = pytester.runpytest_inprocess(*plugins, "--validation=pages", *arguments)
         path = pytester.path / "pages" / "validation.md"
         return result, path.read_text(encoding="utf-8") if path.exists() else None
     return run

@@ -11,8 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from benchmarks.peers.lobes import FOURNIER_FORAND, HENYEY_GREENSTEIN, RAYLEIGH
-from benchmarks.peers.plain import PlainLight, PlainMesh, PlainScene
+from benchmarks.peers.view import FOURNIER_FORAND, HENYEY_GREENSTEIN, RAYLEIGH, PlainLight, PlainMesh, PlainScene
 from varos_warp.errors import InputError
 
 ALL_BOUNCES = 64

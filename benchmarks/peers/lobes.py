@@ -11,8 +11,9 @@ from the family of Mobley, Sundman and Boss (2002), which Cycles does not know: 
 another function.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from benchmarks.peers.view import FOURNIER_FORAND, HENYEY_GREENSTEIN, RAYLEIGH, Lobe
 from varos_warp.errors import InputError
 from varos_warp.scene.water.phase.fournier_forand import FournierForand
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
@@ -20,26 +21,10 @@ from varos_warp.scene.water.phase.mixture import Mixture
 from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
-HENYEY_GREENSTEIN, FOURNIER_FORAND, RAYLEIGH = "henyey_greenstein", "fournier_forand", "rayleigh"
 RAYLEIGH_MOMENT = 0.1
 """Second Legendre moment of 3 (1 + cos^2) / (16 pi); that of a constant is 0."""
 LEAST_EXCESS, MOST_BACKSCATTER = 1e-3, 0.499
 """Where Cycles clamps n - 1 and B without a word."""
-
-
-@dataclass(frozen=True)
-class Lobe:
-    """One phase function of a sum."""
-
-    weight: float
-    """Share of the scattering; the weights of a sum add up to 1."""
-    kind: str
-    g: float = 0.0
-    """Of ``henyey_greenstein``."""
-    n: float = 0.0
-    """Index of ``fournier_forand``, relative to the water."""
-    backscatter: float = 0.0
-    """B = b_b/b of ``fournier_forand``."""
 
 
 def lobes_of(phase: PhaseFunction) -> tuple[Lobe, ...]:

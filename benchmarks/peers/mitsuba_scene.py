@@ -10,10 +10,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
-from benchmarks.peers.lobes import FOURNIER_FORAND, RAYLEIGH
-from benchmarks.peers.plain import PlainLight, PlainMesh, PlainScene
+from benchmarks.peers.view import FOURNIER_FORAND, RAYLEIGH, PlainLight, PlainMesh, PlainScene
 from varos_warp.errors import InputError
 
 MASK_ERROR = 1e-4
@@ -131,6 +129,8 @@ def _lobe(lobe):
 
 
 def _write_mesh(mesh: PlainMesh, path: Path):
+    import trimesh  # more than half a second, which a scene without meshes needs not
+
     flat = mesh.normals is None
     mesh = mesh if flat else mesh.corners()
     normals = None if flat else mesh.normals.reshape(-1, 3)

@@ -4,11 +4,10 @@ Only this module knows what the peers cannot render and how a bound on paths tra
 names.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from benchmarks.peers.lobes import Lobe, lobes_of
+from benchmarks.peers.lobes import lobes_of
+from benchmarks.peers.view import PlainLight, PlainMesh, PlainScene
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -17,69 +16,6 @@ from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry.normals import corner_normals
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.water import optical_properties
-
-
-@dataclass(frozen=True)
-class PlainMesh:
-    """Triangles of one reflectance per channel."""
-
-    name: str
-    vertices: np.ndarray
-    """float64 [V, 3] [m]."""
-    faces: np.ndarray
-    """int32 [F, 3], counter-clockwise seen from outside."""
-    reflectance: tuple[float, float, float]
-    normals: np.ndarray | None = None
-    """Float64 [F, 3, 3] of the corners; None: flat."""
-
-    def corners(self) -> "PlainMesh":
-        """The same with three vertices of its own for each face, for formats with one normal per vertex."""
-        faces = np.arange(self.faces.size, dtype=np.int32).reshape(-1, 3)
-        return PlainMesh(self.name, self.vertices[self.faces].reshape(-1, 3), faces, self.reflectance, self.normals)
-
-
-@dataclass(frozen=True)
-class PlainLight:
-    """A point light with a cone; ``half_angle`` [rad] is pi for one that shines everywhere."""
-
-    position: np.ndarray
-    axis: np.ndarray
-    half_angle: float
-    blend: float
-    """Share of the cone's 1 - cos(half_angle) over which it fades (smoothstep in the cosine); 0 is a hard edge."""
-    intensity: np.ndarray
-    """Radiant intensity on the axis [W/sr], [3]."""
-
-
-@dataclass(frozen=True)
-class PlainScene:
-    """What one camera sees from one pose. Lengths in metres, world axes, relative to ``origin``."""
-
-    origin: np.ndarray
-    """Float64 [3]: whole metres near the camera, subtracted from everything."""
-    meshes: list[PlainMesh]
-    lights: list[PlainLight]
-    sigma_s: np.ndarray
-    sigma_a: np.ndarray
-    lobes: tuple[Lobe, ...]
-    """The phase function of the water, as a sum."""
-    T_w_c: np.ndarray
-    """Pose of the camera, OpenCV axes (x right, y down, z forward)."""
-    resolution: tuple[int, int]
-    """Width, height."""
-    focal: tuple[float, float]
-    """fx, fy [pixels]; the principal point is the middle of the image."""
-    aperture: float
-    """Radius of the lens [m]; 0 is a pinhole."""
-    focus: float
-    """Distance of the plane in focus [m]."""
-    max_events: int | None
-    """Most scatterings and reflections together on a path; None: no bound."""
-
-    @property
-    def sigma_t(self) -> np.ndarray:
-        """Extinction [1/m]."""
-        return self.sigma_s + self.sigma_a
 
 
 def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w_v: np.ndarray, *,

@@ -9,7 +9,8 @@ from physics.rig import Z, one_ray_scene, spot
 from benchmarks import peers
 from benchmarks.closed_form import along_rays
 from benchmarks.peers import agree
-from benchmarks.peers.lobes import FOURNIER_FORAND, RAYLEIGH, lobes_of
+from benchmarks.peers.lobes import lobes_of
+from benchmarks.peers.view import FOURNIER_FORAND, RAYLEIGH
 from varos_warp.errors import InputError
 from varos_warp.scene.water import phase_function
 from varos_warp.scene.water.phase.fournier_forand import FournierForand
@@ -163,6 +164,6 @@ def test_cycles_sees_the_same_direct_light_and_single_scattering_in_sea_water(sc
     """To 0.3 % of the image, pixel against pixel; `python -m benchmarks.peers agree` takes longer and tells more."""
     needs("cycles")
     case = agree.Case(scene, "ff3.6")
-    truth, _ = case.render("path", "one event", 512, 1)
-    image, _ = case.render("cycles", "one event", 96, 1)
+    truth, _ = case.render("path", "one event", 192, 1)
+    image, _ = case.render("cycles", "one event", 48, 1)
     assert_no_residual(image, truth.astype(float), 3e-3)

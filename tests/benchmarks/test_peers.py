@@ -176,7 +176,7 @@ def test_all_orders_on_the_reference_scene_are_the_reference(peer):
     """The mean over an image does not depend on its pixels: a quarter of the resolution, against the same blocks."""
     bench = SCENES["ref1"]
     camera = bench.camera.model_copy(update={"resolution": (80, 45)})
-    spp = {"mitsuba": 128, "cycles": 8}[peer]
+    spp = {"mitsuba": 64, "cycles": 8}[peer]
     bound = {"max_events": 17} if peer == "cycles" else {"variant": "scalar_rgb"}  # 1e-4 of blue, in half the time
     image = peers.render(peer, bench.scene, bench.parts, camera, bench.T_w_v, spp=spp, **bound).radiance.astype(float)
     truth = references(bench, "cpu")["full"].mean.reshape(45, 4, 80, 4, 3).mean(axis=(1, 3))
@@ -218,7 +218,7 @@ def mitsuba_behind_pane(water, part, folder):
 
     mitsuba.set_variant("scalar_rgb")
     plain = view(behind_pane(water), [part])
-    made = write_mitsuba(plain, folder, spp=2048)
+    made = write_mitsuba(plain, folder, spp=1024)
     made["integrator"]["max_depth"] = 4
     behind = {"interior": made["sensor"].pop("medium")} if plain.sigma_t.any() else {}
     made["inner"] = pane(plain.T_w_c, PORT["distance_m"], 1.0, PORT["n_glass"])
@@ -276,7 +276,7 @@ def test_copies_and_smooth_normals_are_exported(peer):
     def ours(smooth):
         copies = Instances("scatter.0", part.vertices, part.faces, part.material, places,
                            smooth_angle=part.smooth_angle, smooth_shading=smooth)
-        how = {"spp": 1024, "integrator": "path", "layers": ("direct",)}
+        how = {"spp": 256, "integrator": "path", "layers": ("direct",)}
         return copies, FrameRenderer(scene, "cpu", [copies]).render(np.eye(4), outputs="A", **how).A.radiance[..., 1]
 
     (copies, smooth), (_, flat) = ours(True), ours(False)

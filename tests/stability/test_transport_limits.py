@@ -75,6 +75,7 @@ def assert_finite(image):
 MAPS = [(1e6, 1e6, 0.0), (500_000.0, 6_700_000.0, -120.0), (-1e6, 0.0, 1e6)]
 
 
+@cache
 def world_at(offset, with_ground):
     """A seabed with boxes, textured; or open water."""
     parts = []
