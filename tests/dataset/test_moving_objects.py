@@ -64,7 +64,8 @@ def test_the_viewer_shows_where_it_goes_and_its_box(made, tmp_path):
 
     places = found("/world/moving/objects.0", "translation")
     np.testing.assert_allclose([place for place, in places], Dataset(made).poses("objects.0")[1][:, :3, 3], atol=1e-6)
-    np.testing.assert_allclose(found("/world/moving/objects.0/box", "half_sizes", "select_static")[0], [[0.5, 0.5, 0.75]], atol=1e-3)
+    half, = found("/world/moving/objects.0/box", "half_sizes", "select_static")
+    np.testing.assert_allclose(half, [[0.5, 0.5, 0.75]], atol=1e-3)
 
 
 def test_points_of_the_object_lie_in_its_box_at_every_frame(made):

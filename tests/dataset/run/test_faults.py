@@ -20,6 +20,7 @@ from benchmarks.soak import small_scene
 from varos_warp.dataset import files
 from varos_warp.dataset.run import pipeline
 from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import images as store
 from varos_warp.errors import InputError
 
@@ -285,6 +286,23 @@ def test_what_tells_what_segments_mean_never_stands_in_a_folder_without_a_datase
 
 
 # ------------------------------------------------------------------------------ whose folder it is, and what is damaged
+
+
+def test_a_run_goes_on_where_one_was_killed_before_its_first_file_had_a_name(written, tmp_path, monkeypatch):
+    """Its sum is noted before: nothing else is there yet."""
+    with monkeypatch.context() as patch:
+        def note(record, name, value, vouch=checksums.Record.vouch):
+            vouch(record, name, value)
+            raise KeyboardInterrupt
+
+        patch.setattr(checksums.Record, "vouch", note)
+        standins.install(patch)
+        with pytest.raises(KeyboardInterrupt):
+            produce(make_scene(), tmp_path / "out", quiet=True)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["log"]
+    standins.install(monkeypatch)
+    produce(make_scene(), tmp_path / "out", quiet=True)
+    assert tree(tmp_path / "out") == tree(written)
 
 
 def test_a_folder_that_is_not_ours_is_refused_before_anything_in_it_is_touched(written, tmp_path):

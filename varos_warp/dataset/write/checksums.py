@@ -29,6 +29,11 @@ def listed_files(root: Path) -> list[Path]:
     return [path for path in files.visible(root) if path.relative_to(root).parts[0] not in LEFT_OUT]
 
 
+def only_notes(path: Path) -> bool:
+    """Whether this is a log with nothing but notes: those of a run that was killed before its first file had a name."""
+    return path.name == "log" and path.is_dir() and all(note.match(NOTES) for note in path.iterdir())
+
+
 class Record:
     """What runs wrote into a dataset: by file, the sums of all bytes that any of them gave it."""
 

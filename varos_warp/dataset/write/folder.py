@@ -15,6 +15,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_to_dict
@@ -180,7 +181,7 @@ def open_folder(scene, layout: Layout) -> dict | None:
     if not root.exists():
         return None
     with files.writing(root):
-        entries = [entry for entry in root.iterdir() if not entry.name.startswith(".")]
+        entries = [entry for entry in root.iterdir() if not (entry.name.startswith(".") or checksums.only_notes(entry))]
     if entries and not layout.metadata.exists():
         raise InputError("the folder is not empty and holds no dataset", file=root,
                          remedy="Give a new folder with -o, or empty this one.")
