@@ -113,6 +113,31 @@ def test_a_duration_gives_that_many_frames():
     np.testing.assert_allclose(long.trajectory.position[-1], COURSE[-1]["position"], atol=1e-6)
 
 
+STRAIGHT = {"waypoints": [{"position": (0, 0, 1)}, {"position": (0.5, 3.65, 1.2)}], "speed": 0.6, "duration_s": 3.0}
+
+
+@pytest.mark.parametrize(("changes", "told"), [
+    ({}, True), ({"max_acceleration": 0.6}, True), ({"constant_speed": True}, False), ({"duration_s": 8.0}, False),
+    ({"duration_s": None}, False), ({"duration_s": 0.9}, False),  # nine frames are a look
+    ({"max_angular_speed_deg": 0.2, "waypoints": [{"position": (0, 0, 0)}, {
+        "position": (0, 0.4, 0), "rotation_euler_deg": (0, 0, 90)}]}, False)])  # what turns is slow otherwise
+def test_a_sequence_that_ends_while_the_vehicle_still_gathers_speed_is_told_of(changes, told):
+    found = [text for text in simulate(Scene(trajectory=STRAIGHT | changes)).messages if "duration_s" in text]
+    assert len(found) == told
+    if told:
+        assert found[0].startswith("trajectory.duration_s: ends the sequence after ")
+        assert "of the 0.6 m/s asked for" in found[0]
+        assert "constant_speed: true and raise trajectory.max_acceleration" in found[0]
+
+
+def test_turns_are_no_reason_where_there_are_none():
+    fast = {"speed": 6.0, "constant_speed": True, "duration_s": None}
+    (text,) = simulate(Scene(trajectory=STRAIGHT | fast)).messages
+    assert "but stops are too near to each other for more than" in text
+    assert "turns" not in text
+    assert "angular" not in text
+
+
 # -------------------------------------------------------------------------------------------------------- the contents
 
 

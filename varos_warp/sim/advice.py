@@ -1,6 +1,7 @@
 """What a person should know about a course before and after it was driven: messages in plain words, never errors."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from math import isclose, pi
 
 import numpy as np
@@ -26,6 +27,9 @@ LITTLE_LESS = 0.98
 
 LITTLE_TURN_DEG = 0.1
 """Angle that is not worth a word either."""
+
+FEW_FRAMES, SLOW = 10, 0.2
+"""Fewer frames are a look at a scene; sequences with less than this share of course and speed hardly move."""
 
 MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
 """Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
@@ -69,9 +73,18 @@ def _on_speed(course: Course) -> Iterator[str]:
     """Where a constant speed was asked for that no leg has: it is lost in turns and on the way from stop to stop."""
     leg = max(course.legs, key=lambda leg: leg.peak_speed / leg.speed)
     if leg.blends is not None and leg.peak_speed < LITTLE_LESS * leg.speed:
-        yield (f"trajectory.speed: asked for {leg.speed:.3g} m/s, but turns are too narrow or stops too near to each "
-               f"other for more than {leg.peak_speed:.3g} m/s (raise trajectory.max_acceleration and "
-               "max_angular_speed_deg, or lower the speed)")
+        bends = _bends(course)
+        yield (f"trajectory.speed: asked for {leg.speed:.3g} m/s, but {'turns are too narrow or ' * bends}stops are "
+               f"too near to each other for more than {leg.peak_speed:.3g} m/s (raise trajectory.max_acceleration"
+               f"{' and max_angular_speed_deg' * bends}, or lower the speed)")
+
+
+def _bends(course: Course) -> bool:
+    """Whether the vehicle turns, or its way does, anywhere."""
+    along = [leg.step / size for leg in course.legs if (size := np.linalg.norm(leg.step))]
+    angles = [*(np.linalg.norm(leg.turn) for leg in course.legs),
+              *(np.linalg.norm(a - b) for a, b in pairwise(along))]
+    return bool(np.degrees(max(angles)) > LITTLE_TURN_DEG)
 
 
 def _on_free_axes(scene: Scene, course: Course, body: RigidBody) -> Iterator[str]:
@@ -145,6 +158,31 @@ def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: flo
             yield (f"trajectory.poses.{i}: {scale * size[worst]:.3g} {unit} at {worst * TICK_S:.4g} s, near this pose; "
                    f"no underwater vehicle does more than {scale * most:.3g} {unit} (check time_s and the unit of "
                    "position)")
+
+
+def on_pace(scene: Scene, course: Course, position: np.ndarray, frames: int) -> Iterator[str]:
+    """Where ``duration_s`` ends a sequence while the vehicle still gathers speed, so that it hardly moves.
+
+    Args:
+        scene: The scene.
+        course: Its course.
+        position: Of the vehicle from the first frame to the last [n, 3] [m].
+        frames: How many there are.
+    """
+    if not scene.trajectory.duration_s or frames < FEW_FRAMES:
+        return
+    way = float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
+    mean, rate = way / ((len(position) - 1) * TICK_S), np.radians(scene.trajectory.max_angular_speed_deg)
+    lengths, turns = (np.array([np.linalg.norm(each) for each in steps])
+                      for steps in zip(*((leg.step, leg.turn) for leg in course.legs), strict=True))
+    begun = np.cumsum(lengths) - lengths <= way
+    seconds = lengths[begun] / np.array([leg.speed for leg in course.legs])[begun]  # at the speed asked for
+    share, asked = way / max(lengths.sum(), TICK_S), lengths[begun].sum() / max(seconds.sum(), TICK_S)
+    if share < SLOW and mean < SLOW * asked and (turns[begun] <= rate * seconds).all():
+        keep = "" if scene.trajectory.keeps_speed else "give trajectory.constant_speed: true and "
+        yield (f"trajectory.duration_s: ends the sequence after {100.0 * share:.2g} % of the course, at a mean of "
+               f"{mean:.2g} of the {asked:.3g} m/s asked for: the vehicle begins at rest (for a short sequence at "
+               f"speed {keep}raise trajectory.max_acceleration, or give poses; else a longer duration_s)")
 
 
 def on_run(scene: Scene, end: int | None, seconds: float, saturated: int) -> Iterator[str]:

@@ -131,6 +131,7 @@ def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Driven:
     reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint").astype(int)
     columns["position"] += origin
     messages = [*advice.on_course(scene, course, body, regulator.gains, current), *guidance.messages,
+                *advice.on_pace(scene, course, columns["position"][:1 + round((frames - 1) / rate / TICK_S)], frames),
                 *advice.on_run(scene, end, frames / rate, regulator.saturated_ticks)]
     return _driven(scene, frames, columns, messages, reference, waypoint)
 

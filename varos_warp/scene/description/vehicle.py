@@ -319,7 +319,8 @@ class Trajectory(Block):
     dwell_s: NonNegative = 0.25
     """Rest at a strict waypoint [s]."""
     duration_s: Positive | None = Field(default=None, examples=[12.0])
-    """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose."""
+    """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose. The
+    vehicle begins at rest and is slow at first: ``constant_speed`` and more ``max_acceleration`` help."""
 
     _written = unwritten_if_absent("pattern", "constant_speed")
 
