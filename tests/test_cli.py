@@ -281,7 +281,7 @@ def test_what_is_made_once_is_told_but_not_when_quiet(scene_file, monkeypatch, q
         raise InputError("enough")
 
     tmp = scene_file.parent / "kept"
-    monkeypatch.setattr("varos_warp.scene.checks.scene_info", scene_info)
+    monkeypatch.setattr("varos_warp.scene.info.scene_info", scene_info)
     result = call("info", scene_file, *["-q"] * quiet)
     assert ("making the field of a lamp, once" in result.stderr) is not quiet
     assert result.stderr.splitlines()[-1] == "varos-warp: enough"

@@ -3,11 +3,12 @@ import json
 import numpy as np
 import pytest
 
-from varos_warp.scene.checks import camera_info, check_scene, looks_like_transmission, scene_info, vehicle_radius
+from varos_warp.scene.checks import check_scene, looks_like_transmission, vehicle_radius
 from varos_warp.scene.file.load import demo_scene_path, load_scene, scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
+from varos_warp.scene.info import camera_info, scene_info
 from varos_warp.sim.vehicle.body import sphere
 
 TABLE_1 = {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345], "absorption_color": [0.0, 0.394, 1.0],
@@ -242,6 +243,29 @@ def test_millimetres_taken_for_metres_are_noticed(tmp_path):
     assert "scale: 1000" in warnings(tmp_path=tmp_path, objects=[{"file": "km.ply", "position": [0, 2, 1]}])[0]
 
 
+@pytest.mark.parametrize(("blocks", "key", "degrees"), [
+    ({"vehicle": {"cameras": [{"rotation_euler_deg": [-0.785, 0, 0]}]}}, "vehicle.cameras.0.rotation_euler_deg",
+     "[-45, 0, 0]"),
+    ({"vehicle": {"lights": [LAMP | {"cone_deg": 1.57}]}}, "vehicle.lights.0.cone_deg", "90"),
+    ({"trajectory": {"waypoints": [{"position": [0, 0, 1], "rotation_euler_deg": [0, 0, turn]}
+                                   for turn in (0, -1.5708, 3.14)]}},
+     "trajectory.waypoints.1.rotation_euler_deg and 1 more", "[0, 0, -90]"),
+    ({"trajectory": {"pattern": {"kind": "lawn_mower", "centre": [0, 0, 2], "length_m": 4, "width_m": 2, "spacing_m": 1,
+                                 "pitch_deg": -1.047}}}, "trajectory.pattern.pitch_deg", "-60"),
+])
+def test_radians_given_in_degrees_are_noticed(blocks, key, degrees):
+    (text,) = (text for text in warnings(terrain=FLAT, **blocks) if "radians" in text)
+    assert text.startswith(f"{key}: ")
+    assert text.endswith(f"_deg are in degrees, where that would be {degrees}")
+
+
+def test_angles_of_other_sizes_are_degrees_and_a_narrow_cone_is_noticed():
+    vehicle = {"cameras": [{"rotation_euler_deg": [-1.57, 0, 2]}], "lights": [LAMP | {"cone_deg": 6}]}
+    assert warnings(terrain=FLAT, vehicle=vehicle) == []
+    (text,) = warnings(terrain=FLAT, vehicle={"lights": [LAMP | {"cone_deg": 2}]})
+    assert text.startswith("vehicle.lights.0.cone_deg: 2 degrees")
+
+
 # ------------------------------------------------------------------------------------------------------------- info
 
 
@@ -332,10 +356,24 @@ def test_a_strobe_that_lights_some_rows_of_a_rolling_shutter_is_noticed():
 BALL = {"kind": "boulder", "diameter": 0.6}
 
 
+ALONE = {"id": "a", "lights": [LAMP], "trajectory": {"waypoints": [{"position": [0, 0, 2]}]}}
+
+
 def fleet(other, **blocks):
-    s = scene_from_dict({"water": TABLE_1, "surface_depth_m": 80.0, **blocks, "vehicles": [
-        {"id": "a", "lights": [LAMP], "trajectory": {"waypoints": [{"position": [0, 0, 2]}]}}, {"id": "b", **other}]})
+    s = scene_from_dict({"water": TABLE_1, "surface_depth_m": 80.0, **blocks,
+                         "vehicles": [ALONE, {"id": "b", **other}]})
     return check_scene(s, build_parts(s))
+
+
+@pytest.mark.parametrize("others", [[], ["b", "c"]])
+def test_info_tells_of_a_body_where_it_is_on_its_vehicle_and_who_sees_it(others):
+    body = {"kind": "pipe", "radius": 0.2, "length": 0.6, "wall": 1, "position": [0, 0.1, 0],
+            "rotation_euler_deg": [90, 0, 0]}
+    s = scene_from_dict({"vehicles": [ALONE | {"body": body}, *(ALONE | {"id": name} for name in others)]})
+    body = json.loads(json.dumps(scene_info(s, build_parts(s))["body"]))
+    assert body["seen_by"] == others
+    np.testing.assert_allclose(np.ptp(body["bounds_m"], axis=0), [0.4, 0.6, 0.4], atol=0.02)
+    assert "body" not in scene_info(scene(), [])
 
 
 def test_a_body_that_begins_in_the_ground_or_in_another_and_lamps_in_their_own_body_are_noticed():

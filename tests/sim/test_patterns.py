@@ -6,11 +6,11 @@ import pytest
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
-from varos_warp.scene.checks import scene_info
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import STEP_DEG
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.frames import attitudes
+from varos_warp.scene.info import scene_info
 from varos_warp.sim.guidance import TICK_S, Guidance, plan
 from varos_warp.sim.trajectory import course_facts, simulate
 

@@ -78,9 +78,10 @@ def _facts(scene, quiet: bool) -> dict:
     """What `info` tells of a scene as its vehicle sees it."""
     from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
     from varos_warp.dataset.run.produce import simulated
-    from varos_warp.scene.checks import check_scene, scene_info
+    from varos_warp.scene.checks import check_scene
     from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts
+    from varos_warp.scene.info import scene_info
     from varos_warp.sim.trajectory import course_facts, path_samples
 
     with located(scene):

@@ -87,6 +87,11 @@ def print_info(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+    if body := facts.get("body"):
+        low, high = body["bounds_m"]
+        seen = ", ".join(body["seen_by"]) or "none, for there is no other"
+        print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
+              f"that see it: {seen}")
 
 
 def _print_mounts(facts: dict) -> None:

@@ -123,6 +123,8 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("steel: {reflectance: [0.4, 0.4, 0.4]}", "steel: red", "materials.steel", 6, "should be a block. Give a block"),
     ("mass_kg: 40", "lights: {kind: spot}", "vehicle.lights", 10, "should be a list of blocks. Begin each"),
     ("mass_kg: 40", "lights: [{cone: 60}]", "vehicle.lights.0.cone", 10, "Did you mean 'cone_deg'?"),
+    ("mass_kg: 40", "body: {kind: boulder}", "vehicle.body", 10, "body is a key of vehicles. Known here: id, mass_kg"),
+    ("spp: 8", "current: {}", "render.current", 14, "current is a key at the top of the file. Known here: "),
     ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import LAMPS
-from varos_warp.scene.file.schema import KIND_KEYS, Entry, facts, find_key, in_words, plain
+from varos_warp.scene.file.schema import KIND_KEYS, Entry, facts, find_key, homes, in_words, plain
 from varos_warp.scene.file.source import Source
 
 ELSEWHERE = {
@@ -219,6 +219,10 @@ def _instead(path: tuple, source: Source) -> str:
     for ours, theirs in ELSEWHERE.items():
         if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
             return f"Here it is {ours}: {_first_sentence(entries[0])}"
+    places = homes(word, source.model)
+    if len(places) in (1, 2) and not did_you_mean(word, known):
+        where = " and ".join(f"of {place}" if place else "at the top of the file" for place in places)
+        return f"{word} is a key {where}. {_known_here(known)}"
     return _suggest(word, known)
 
 
@@ -229,8 +233,11 @@ def _other_kind(tag: str, known: list[str]) -> str:
 
 
 def _suggest(word: str, known: list[str]) -> str:
-    listing = f"Known here: {', '.join(known)}." if known else "Nothing can be set here."
-    return did_you_mean(word, known) or listing
+    return did_you_mean(word, known) or _known_here(known)
+
+
+def _known_here(known: list[str]) -> str:
+    return f"Known here: {', '.join(known)}." if known else "Nothing can be set here."
 
 
 def _models_at(path: tuple, source: Source) -> list[type[BaseModel]]:

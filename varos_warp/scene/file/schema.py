@@ -109,6 +109,25 @@ def keys_like(typed: str) -> list[str]:
     return [key for key in (above + dot + name for name in names) if key.startswith(typed)]
 
 
+@cache
+def homes(name: str, model: type[BaseModel] = Scene) -> tuple[str, ...]:
+    """Keys of the blocks that have a key of this name, ``vehicles`` for ``body``; empty text for the file itself.
+
+    A block that may stand in several places counts where it is first met.
+    """
+    root = json_schema(model)
+    found, blocks, met = [], [("", root)], set()
+    for path, block in blocks:  # which grows on the way
+        if name in names_in(block):
+            found.append(path)
+        for key in names_in(block):
+            for inner in blocks_in(block["properties"][key], root):
+                if inner["title"] not in met:
+                    met.add(inner["title"])
+                    blocks.append((f"{path}.{key}".lstrip("."), inner))
+    return tuple(dict.fromkeys(found))
+
+
 def entries(key: str, holders: list[dict]) -> list[Entry]:
     """One entry for each way in which blocks that have a key describe it."""
     alike: dict[str, list] = {}

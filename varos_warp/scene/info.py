@@ -1,0 +1,100 @@
+"""A scene in numbers, as `varos-warp info` tells them."""
+
+import numpy as np
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.frames import attitude, intrinsics
+from varos_warp.scene.geometry.build import object_part
+from varos_warp.scene.geometry.course import find_course
+from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.hull import vehicle_radius
+from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.water import optical_properties
+
+LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
+
+
+def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
+    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``body`` ..."""
+    find_course(scene, parts)
+    pattern, body = scene.trajectory.pattern, scene.vehicle.rigid_body
+    kind = "waypoints" if scene.trajectory.poses is None else "poses"
+    return {
+        "name": scene.name,
+        "water": water_info(scene),
+        "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
+        "stereo": _pairs(scene.vehicle.cameras),
+        "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
+        "meshes": _mesh_info(parts),
+        **_body_info(scene),
+        "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
+                    **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
+        "trajectory": {"kind": kind, "count": len(scene.trajectory.stops),
+                       **({"pattern": pattern.kind} if pattern else {})},
+    }
+
+
+def _mesh_info(parts):
+    """Name, counts and bounds of every mesh, copies of a scatter together."""
+    info = []
+    for part in parts:
+        boxes = part.boxes()
+        corners = np.concatenate([box.vertices for box in boxes])
+        info.append({"name": part.name + (f" ({len(boxes)} copies)" if isinstance(part, Instances) else ""),
+                     "vertices": len(boxes) * len(part.vertices), "triangles": len(boxes) * len(part.faces),
+                     "bounds_m": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]})
+    return info
+
+
+def _body_info(scene):
+    """The body of this vehicle, in its own axes, and the ids of those that see it: no mesh of its own world."""
+    body = getattr(scene.vehicle, "body", None)
+    if body is None:
+        return {}
+    key = f"vehicles.{(scene.vehicles or []).index(scene.vehicle)}.body"
+    (info,) = _mesh_info([object_part(scene, body, key)])
+    return {"body": info | {"seen_by": [other.id for other in scene.companions.values()]}}
+
+
+def water_info(scene: Scene) -> dict:
+    """Absorption a, scattering b, extinction c [1/m], albedo b / c, mean free path 1 / c and 10 % range [m] by channel.
+
+    ``phase`` is what there is to know of the phase function. At the 10 % range, ln(10) / c, a tenth of the light is
+    left. Infinite lengths are None.
+    """
+    water = optical_properties(scene)
+    c = water.sigma_t
+
+    def lengths(x):
+        return [float(x / value) if value > 0.0 else None for value in c]
+
+    return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
+            "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
+            "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
+
+
+def camera_info(camera) -> dict:
+    """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees].
+
+    The view is that in the water, behind the port. ``position`` [m] and ``looks_along`` are in the axes of the mount;
+    ``defaults`` are keys that the scene file leaves to the paper's camera.
+    """
+    K, model = intrinsics(camera), camera_model(camera)
+    fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
+    if not model.is_pinhole:
+        fov = np.degrees(model.field_of_view(*camera.resolution)).tolist()
+    return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
+            "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
+            "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
+            "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1], "mount": camera.mount,
+            "position": list(camera.position), "looks_along": (attitude(camera)[:, 1].round(6) + 0.0).tolist(),
+            "defaults": [key for key in LENS_KEYS if key not in camera.model_fields_set]}
+
+
+def _pairs(cameras) -> list[dict]:
+    """Left and right cameras of one number, and their distance [m]."""
+    known = {camera.id.upper(): camera for camera in cameras}
+    pairs = [(left, known[f"R{name[1]}"]) for name, left in known.items() if name[0] == "L" and f"R{name[1]}" in known]
+    return [{"cameras": [left.id, right.id],
+             "baseline_m": float(np.linalg.norm(np.subtract(left.position, right.position)))}
+            for left, right in pairs if left.mount == right.mount]
