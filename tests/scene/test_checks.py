@@ -263,7 +263,7 @@ def test_angles_of_other_sizes_are_degrees_and_a_narrow_cone_is_noticed():
     vehicle = {"cameras": [{"rotation_euler_deg": [-1.57, 0, 2]}], "lights": [LAMP | {"cone_deg": 6}]}
     assert warnings(terrain=FLAT, vehicle=vehicle) == []
     (text,) = warnings(terrain=FLAT, vehicle={"lights": [LAMP | {"cone_deg": 2}]})
-    assert text.startswith("vehicle.lights.0.cone_deg: 2 degrees")
+    assert text.startswith("vehicle.lights.0.cone_deg: 2 degrees is a very narrow cone")
 
 
 # ------------------------------------------------------------------------------------------------------------- info

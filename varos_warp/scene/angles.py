@@ -1,0 +1,69 @@
+"""Angles of a scene file that look wrong: radians where degrees are asked for, and cones that hardly any lamp has."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from varos_warp.scene.description import Scene
+
+COMMON = np.pi * np.array([1 / 6, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 5 / 6, 1.0, 3 / 2])
+"""What angles in radians mostly are; as degrees they would be odd numbers."""
+ROUNDING = 2e-3
+"""How near to one of these an angle is one of them: 3.14 is."""
+NARROWEST_DEG = 5.0
+"""Cones that are narrower are rather in other units."""
+
+
+def check_angles(scene: Scene) -> list[str]:
+    """Warnings, one for each kind of key: those of all waypoints are told of together."""
+    like: dict[str, list[tuple[str, Any]]] = {}
+    for key, value in _of_scene(scene):
+        if _is_in_radians(value):
+            like.setdefault(re.sub(r"\d+", "", key), []).append((key, value))
+    warnings = []
+    for (key, value), *more in like.values():
+        others = f" and {len(more)} more" if more else ""
+        warnings.append(f"{key}{others}: {_text(value)} looks like radians; keys that end in _deg are in degrees, "
+                        f"where that would be {_text(np.degrees(value).round())}")
+    for i, light in enumerate(scene.vehicle.lights):
+        if light.kind == "spot" and light.cone_deg < NARROWEST_DEG and not _is_in_radians(light.cone_deg):
+            warnings.append(f"vehicle.lights.{i}.cone_deg: {light.cone_deg:g} degrees is a very narrow cone; it is the "
+                            "full angle, in degrees")
+    return warnings
+
+
+def _is_in_radians(value: Any) -> bool:
+    """Whether all angles that are not zero are common in radians; no angle is."""
+    angles = np.abs(np.atleast_1d(value))
+    angles = angles[angles > 0.0]
+    return bool(angles.size and (np.abs(angles[:, None] - COMMON).min(axis=1) < ROUNDING).all())
+
+
+def _text(value: Any) -> str:
+    words = ", ".join(f"{x:g}" for x in np.atleast_1d(value))
+    return f"[{words}]" if np.ndim(value) else words
+
+
+def _of_scene(scene: Scene) -> Iterator[tuple[str, Any]]:
+    """Key and value of every angle in degrees that the file gives, of the vehicles for the one that sees."""
+    names = {*scene.model_fields_set, "vehicle"} - {"vehicles"}
+    for name in sorted(names - {"trajectory"} if scene.vehicles else names):
+        yield from _angles(getattr(scene, name), name)
+
+
+def _angles(block: Any, key: str) -> Iterator[tuple[str, Any]]:
+    inner: Any = ()
+    if isinstance(block, BaseModel):
+        inner = ((name, getattr(block, name)) for name in type(block).model_fields if name in block.model_fields_set)
+    elif isinstance(block, dict):
+        inner = block.items()
+    elif isinstance(block, list | tuple):
+        inner = enumerate(block)
+    for name, value in inner:
+        if str(name).endswith("_deg") and isinstance(value, float | tuple):
+            yield f"{key}.{name}", value
+        else:
+            yield from _angles(value, f"{key}.{name}")
