@@ -29,6 +29,16 @@ def test_links_lead_somewhere(page):
             assert part in map(anchor, headings), target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_line_of_a_sentence_is_taken_for_an_item_of_a_list(page):
+    """One that begins with a number and a full stop; items of a list are numbered from 1."""
+    last, text = 0, page.read_text(encoding="utf-8")
+    for line in re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL).splitlines():
+        if number := re.match(r"\s*(\d+)[.)]\s", line):
+            assert int(number[1]) in (1, last + 1), line
+            last = int(number[1])
+
+
 def test_contributing_names_files_and_functions_that_exist():
     """Of a row of its table each name in code is a path of the repository or the package, or stands in one it names."""
     rows = [row for row in (ROOT / "CONTRIBUTING.md").read_text().splitlines() if row.startswith("| ")][1:]

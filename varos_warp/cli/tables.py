@@ -112,10 +112,9 @@ def _place(values: list[float]) -> str:
 
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
-    where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} cores"
+    where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} free core{'s' * (dataset['cores'] > 1)}"
     samples = f"{dataset['spp']} samples per pixel of A" + (
-        " (the planner chooses them; in turbid water near a floor they may be many more)"
-        * dataset["spp_is_planned"])
+        " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "
           f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
