@@ -16,7 +16,10 @@ QUESTIONS = {
     "run on a cluster": "howto/cluster.html", "read depth": "dataset.html", "convert to ROS": "exports.html",
     "change lights": "howto/questions.html", "what is stderr": "howto/questions.html",
     "rolling shutter": "shutters.html", "several vehicles": "vehicles.html", "camera intrinsics": "dataset.html",
-    "optical flow": "flow.html"}
+    "optical flow": "flow.html", "heightmap": "tutorials/terrain.html", "GeoTIFF DEM": "tutorials/terrain.html",
+    "what does A B C D mean": "howto/questions.html", "vehicle does not move far enough": "howto/questions.html",
+    "open EXR python": "howto/questions.html", "jerlov": "tutorials/turbid_water.html",
+    "quaternion order": "howto/questions.html"}
 """What may be typed into the search, and the page that must be among the first three it finds."""
 PAGES = ("start.html", "gallery.html", "howto/questions.html", "scene/vehicle.cameras.html", "cli.html")
 """One of each kind of page."""
