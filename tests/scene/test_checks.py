@@ -86,6 +86,7 @@ def test_a_course_beside_the_terrain_is_noticed_with_where_both_are():
     assert text.startswith("vehicle.cameras.0 (M0): sees no surface within 25 m (render.depth_range_m)")
     assert "at all 2 waypoints" in text
     assert "at waypoint 0 it is at (60, 0.5, 1), terrain and objects from (-10, -10, 0) to (10, 10, 0)" in text
+    assert text.endswith("; move the course to them, or them to the course")
 
 
 def test_some_looks_into_open_water_are_meant_and_most_are_not():
@@ -93,7 +94,11 @@ def test_some_looks_into_open_water_are_meant_and_most_are_not():
     assert warnings(terrain=FLAT, waypoints=[(0, 0, 1), BESIDE[0]]) == []
     (text,) = warnings(terrain=FLAT, waypoints=[(0, 0, 1), *BESIDE])
     assert "at waypoints 1, 2" in text
-    assert "sees no surface" in warnings(terrain=FLAT, vehicle={"cameras": [away]})[0]
+    (text,) = warnings(terrain=FLAT, vehicle={"cameras": [away]})
+    assert "sees no surface" in text
+    assert text.endswith("; turn the camera towards them (its rotation_euler_deg, or look_at of the trajectory)")
+    (text,) = warnings(terrain=FLAT, vehicle={"cameras": [away | {"mount": "world", "position": [0, 0, 1]}]})
+    assert text.endswith("; turn the camera towards them (its rotation_euler_deg)")
     assert warnings(waypoints=BESIDE) == []  # open water is asked for
 
 

@@ -319,8 +319,18 @@ def _check_sight(scene, parts, poses):
         warnings.append(f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
                         f"{where}: D holds nothing there, A little but water; "
                         f"{'' if fixed else f'at {_stop(scene)} {np.argmax(lost)} '}it is at {_place(first[:3, 3])}, "
-                        f"terrain and objects from {_place(low)} to {_place(high)}")
+                        f"terrain and objects from {_place(low)} to {_place(high)}; "
+                        f"{_towards(boxes, first, reach, fixed)}")
     return warnings
+
+
+def _towards(boxes, T_w_c, reach, fixed):
+    """What brings things in boxes [N, 2, 3] into the sight of a camera: to go there, or to turn it."""
+    beside = np.maximum(boxes[:, 0] - T_w_c[:3, 3], T_w_c[:3, 3] - boxes[:, 1]).clip(0.0)
+    if np.linalg.norm(beside, axis=1).min() > reach:
+        return "move the camera to them" if fixed else "move the course to them, or them to the course"
+    more = "" if fixed else ", or look_at of the trajectory"
+    return f"turn the camera towards them (its rotation_euler_deg{more})"
 
 
 def _sees(parts, boxes, camera, T_w_c, reach):
