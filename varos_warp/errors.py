@@ -41,6 +41,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     return f"Did you mean '{near[0]}'?" if near else None
 
 
+def counted(count: int, name: str) -> str:
+    """A number with what it counts: 1 frame, 2 frames."""
+    return f"{count} {name}{'s' * (count != 1)}"
+
+
 class RunFailed(RuntimeError):
     """Some images could not be made; all others are, and the same command tries again."""
 

@@ -19,6 +19,7 @@ from varos_warp.cli.options import (
     parse_shard,
 )
 from varos_warp.cli.tables import print_json, print_plan
+from varos_warp.errors import counted
 
 
 @verb
@@ -108,7 +109,7 @@ def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **op
 
 
 def _print_summary(summary, with_images: bool) -> None:
-    images = f"{summary.rendered} images rendered, {summary.kept} kept" if with_images else "no images"
+    images = f"{counted(summary.rendered, 'image')} rendered, {summary.kept} kept" if with_images else "no images"
     where = f" on {summary.device}" if summary.device else ""
     state = "" if summary.complete else "; not complete yet"
-    print(f"{summary.out}: {summary.frames} frames, {images}, {summary.seconds:.1f} s{where}{state}")
+    print(f"{summary.out}: {counted(summary.frames, 'frame')}, {images}, {summary.seconds:.1f} s{where}{state}")

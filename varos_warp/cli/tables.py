@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+from varos_warp.errors import counted
+
 
 def print_json(content) -> None:
     """Print plain types as JSON."""
@@ -112,11 +114,12 @@ def _place(values: list[float]) -> str:
 
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
-    where = "a GPU" if dataset["device"] == "cuda" else f"{dataset['cores']} free core{'s' * (dataset['cores'] > 1)}"
+    where = "a GPU" if dataset["device"] == "cuda" else counted(dataset["cores"], "free core")
     samples = f"{dataset['spp']} samples per pixel of A" + (
         " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
-    print(f"dataset: {dataset['frames']} frames{through}, {dataset['images']} images, about {_size(dataset['bytes'])}, "
+    made = f"{counted(dataset['frames'], 'frame')}{through}, {counted(dataset['images'], 'image')}"
+    print(f"dataset: {made}, about {_size(dataset['bytes'])}, "
           f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
     if dataset["plan_seconds"] >= 5.0:
         less = "--spp N takes less" if dataset["spp_is_planned"] else "none with --integrator field or path"

@@ -307,7 +307,7 @@ def test_what_runs_said_samples_and_findings_are_told(copy):
     outcome.keep()
     found = warnings(Dataset(copy), ["the scene looks odd"])
     assert found[0] == "the scene looks odd"
-    assert "5 samples in 1 frames" in found[1]
+    assert "5 samples in 1 frame were" in found[1]
     assert found[2] == f"validate: {problem}"
     page = write_report(Dataset(copy), copy / "report.html").read_text()
     assert "is &lt;not&gt; there" in page

@@ -125,6 +125,8 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("mass_kg: 40", "lights: [{cone: 60}]", "vehicle.lights.0.cone", 10, "Did you mean 'cone_deg'?"),
     ("mass_kg: 40", "body: {kind: boulder}", "vehicle.body", 10, "body is a key of vehicles. Known here: id, mass_kg"),
     ("spp: 8", "current: {}", "render.current", 14, "current is a key at the top of the file. Known here: "),
+    ("objects:", "terrain: {heightmap: a.tif}\nobjects:", "terrain.heightmap", 2,
+     "Heights on a grid become a mesh, to be given as file, as docs/tutorials/terrain.md shows."),
     ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):
@@ -145,6 +147,11 @@ def test_three_forms_of_water_at_once_are_refused(tmp_path):
 def test_the_first_problem_is_told_and_the_others_are_counted(tmp_path):
     error = refusal(tmp_path, SMALL.replace("0.125", "-1").replace("mass_kg: 40", "mass_kg: 0"))
     assert "(1 more problem: vehicle.mass_kg)" in error.message
+
+
+def test_heights_on_a_grid_are_not_asked_for_the_file_that_the_remedy_speaks_of(tmp_path):
+    words = refusal(tmp_path, SMALL.replace("objects:", "terrain: {dem: a.tif}\nobjects:")).message
+    assert words.endswith("terrain.md shows.")
 
 
 def test_keys_that_are_missing_are_told_as_missing(tmp_path):

@@ -14,7 +14,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.render.image.outputs import OUTPUTS
 
 MOST_WARNINGS = 40
@@ -224,8 +224,8 @@ def warnings(data: Dataset, scene: list[str]) -> list[str]:
     for log in logs(data):
         lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}
         if lost:
-            found.append(f"{sum(lost.values())} samples in {len(lost)} frames were infinite or not a number and count "
-                         f"as black; the first in frame {min(lost)}")
+            found.append(f"{counted(sum(lost.values()), 'sample')} in {counted(len(lost), 'frame')} were infinite or "
+                         f"not a number and count as black; the first in frame {min(lost)}")
     if result := validation(data):
         found += [f"validate: {problem}" for problem in result["problems"]]
     found = list(dict.fromkeys(found))

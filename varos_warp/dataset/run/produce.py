@@ -27,7 +27,7 @@ from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
-from varos_warp.errors import InputError, RunFailed
+from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
@@ -461,7 +461,7 @@ class _Run:
             letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
             if frames:
                 which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-                self.say(f"camera {camera} has no surface in sight in {len(frames)} frames "
+                self.say(f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
                          f"({which}): {', '.join(letters)} hold nothing there")
 
     def finish(self) -> None:

@@ -29,6 +29,10 @@ ELSEWHERE = {
     "frame_rate_hz": ("fps", "frame_rate", "rate_hz"),
 }
 """Names that other tools have for our keys."""
+HEIGHTS = ("heightmap", "heightfield", "height_map", "height_field", "heights", "depths", "dem", "dtm", "bathymetry",
+           "grid", "geotiff", "raster")
+"""Names of heights on a grid, which we have none for."""
+AS_MESH = "Heights on a grid become a mesh, to be given as file, as docs/tutorials/terrain.md shows."
 INTRINSICS = ("k", "fx", "fy", "cx", "cy", "intrinsics", "camera_matrix", "fov", "fov_deg", "hfov", "horizontal_fov")
 """What other tools say of a camera in one key, and we in three."""
 THREE_KEYS = ("Intrinsics are resolution, sensor_mm and focal_mm: fx = focal_mm / sensor_mm[0] x width; the principal "
@@ -50,7 +54,8 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     if not path and named:  # a check of the whole scene that names a key itself
         path = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
         problem = problem[named.end():]
-    remedy += _others(path, first, problems[1:])
+    # the mesh that is missing is what the remedy speaks of
+    remedy += _others(path, first, [p for p in problems[1:] if remedy != AS_MESH or p[1]["type"] != "missing"])
     value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
@@ -216,6 +221,8 @@ def _instead(path: tuple, source: Source) -> str:
     known = _keys_of(models, source.value(path[:-1]))
     if word.lower() in INTRINSICS and "focal_mm" in known:
         return THREE_KEYS
+    if word.lower() in HEIGHTS and path[0] == "terrain":
+        return AS_MESH
     for ours, theirs in ELSEWHERE.items():
         if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
             return f"Here it is {ours}: {_first_sentence(entries[0])}"
