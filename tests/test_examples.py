@@ -8,6 +8,7 @@ import pytest
 from pydantic import BaseModel
 
 from varos_warp.render.renderer import FrameRenderer, NextFrame
+from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import TEMPLATES
@@ -60,10 +61,12 @@ def test_every_shipped_scene_renders(path):
     shipped = load_scene(path)
     own, course = ("vehicles.0", "vehicles.0.trajectory") if shipped.vehicles else ("vehicle", "trajectory")
     small = [f"{own}.cameras.{i}.resolution=[16, 9]" for i in range(len(shipped.vehicle.cameras))]
-    scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", f"{course}.duration_s=0.5"])
+    length = [f"{course}.duration_s=0.5"] * (name_of(path) not in TEMPLATES or not shipped.trajectory.duration_s)
+    scene = load_scene(path, [*SMALL[name_of(path)], *small, "render.integrator=path", *length])
     parts = build_parts(scene)
     simulation, renderer = simulate(scene, parts), FrameRenderer(scene, "cpu", parts)
     assert name_of(path) not in TEMPLATES or simulation.messages == []
+    assert check_angles(scene) == []
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
         frame = renderer.render(T_w_v, camera.id, "ABCDSF", following=NextFrame(T_w_v_next), spp=2, spp_b=2,
