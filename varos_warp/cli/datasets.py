@@ -36,7 +36,7 @@ def _print_outcome(result) -> None:
         print(f"problem: {problem}")
     sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
     count = len(result.problems)
-    print(f"{result.root}: {result.files_read} images read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
+    print(f"{result.root}: {result.files_read} image files read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
 
 
 @verb

@@ -64,7 +64,7 @@ def print_info(facts: dict) -> None:
     water, trajectory = facts["water"], facts["trajectory"]
     pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
     last, target = trajectory["count"] - 1, trajectory["heads_for"]
-    part = "" if target is None else f" (on the way to {trajectory['kind'].removesuffix('s')} {target} of {last})"
+    part = "" if target is None else f" (on the way to {trajectory['kind'].removesuffix('s')} {target} of 0 to {last})"
     body = f" with {facts['vehicle']['thrusters']} thrusters" if facts["vehicle"].get("thrusters") else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
           f"{trajectory['duration_s']:.1f} s{part}, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
