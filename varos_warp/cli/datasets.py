@@ -8,6 +8,7 @@ import typer
 from varos_warp.cli.app import verb
 from varos_warp.cli.options import Folder, Frames, Json, NewFolder, Quiet, parse_frames
 from varos_warp.cli.tables import print_json, print_table
+from varos_warp.errors import counted
 
 
 @verb
@@ -35,8 +36,8 @@ def _print_outcome(result) -> None:
     for problem in result.problems:
         print(f"problem: {problem}")
     sums = f"{result.files_hashed} checksums" if result.files_hashed else "no checksums"
-    count = len(result.problems)
-    print(f"{result.root}: {result.files_read} image files read, {sums}, {count or 'no'} problem{'' if count == 1 else 's'}")
+    problems = counted(len(result.problems), "problem") if result.problems else "no problems"
+    print(f"{result.root}: {counted(result.files_read, 'image file')} read, {sums}, {problems}")
 
 
 @verb

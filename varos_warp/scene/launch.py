@@ -7,6 +7,7 @@ import contextlib
 import ctypes
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -86,11 +87,46 @@ def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, 
         wp.launch(kernel, dim=dim, inputs=[*before, 0, *after], device=device, block_dim=block_dim(kernel))
         return
 
-    def tile(row):
-        wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), inputs=[*before, row, *after], device=device)
+    gate = _Gate()
 
-    with ThreadPoolExecutor(threads or usable_cores()) as pool:
+    def tile(row):
+        with gate.passed() as is_open:
+            if is_open:
+                wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), inputs=[*before, row, *after], device=device)
+
+    with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
         list(pool.map(tile, range(0, dim[0], rows)))
+
+
+class _Gate:
+    """A ``with`` statement that ends when all threads that have passed are back; none passes any more then.
+
+    A pool knows no thread in whose start it was interrupted: that would go on with memory that is given back.
+    """
+
+    def __init__(self):
+        self._change, self._inside, self._is_open = threading.Condition(), 0, True
+
+    @contextlib.contextmanager
+    def passed(self) -> Iterator[bool]:
+        """For what a thread does inside, if the gate is open."""
+        with self._change:
+            is_open = self._is_open
+            self._inside += is_open
+        try:
+            yield is_open
+        finally:
+            with self._change:
+                self._inside -= is_open
+                self._change.notify_all()
+
+    def __enter__(self) -> "_Gate":
+        return self
+
+    def __exit__(self, *_) -> None:
+        with self._change:
+            self._is_open = False
+            self._change.wait_for(lambda: self._inside == 0)
 
 
 def launch(kernel: wp.Kernel, count: int, inputs: list, outputs: list, device: str) -> None:
