@@ -160,12 +160,17 @@ class _Recorder:
         return self.rr.Transform3D.columns(translation=T[:, :3, 3] - self.origin,
                                            quaternion=Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True))
 
+    def axes(self, entity: str, name: str) -> np.ndarray:
+        """Axes that move along the course of something in the dataset; returns its poses [N, 4, 4]."""
+        time_ns, T = self.data.poses(name)
+        self.stream.send_columns(entity, self.times(time_ns), self.poses(T))
+        self.fix(f"{entity}/axes", self.rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())))
+        return T
+
     def vehicle(self) -> None:
         """The course as a line, and axes that move along it; without a vehicle, the course of the first camera."""
         if "vehicle" in self.data.recorded:
-            time_ns, T = self.data.poses("vehicle")
-            self.stream.send_columns("world/vehicle", self.times(time_ns), self.poses(T))
-            self.fix("world/vehicle/axes", self.rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())))
+            T = self.axes("world/vehicle", "vehicle")
         else:
             T = self.data.views()[1]
         self.fix("world/trajectory", self.rr.LineStrips3D([T[:, :3, 3] - self.origin], colors=[240, 180, 60]))
@@ -173,9 +178,8 @@ class _Recorder:
     def moving(self) -> None:
         """What moves: axes along its course, and its box."""
         for entry in self.data.meta.get("moving") or ():
-            entity, (time_ns, T) = f"world/moving/{entry['key']}", self.data.poses(entry["key"])
-            self.stream.send_columns(entity, self.times(time_ns), self.poses(T))
-            self.fix(f"{entity}/axes", self.rr.Arrows3D(vectors=0.3 * np.eye(3), colors=list(AXES.values())))
+            entity = f"world/moving/{entry['key']}"
+            self.axes(entity, entry["key"])
             if "box_m" in entry:
                 low, high = np.array(entry["box_m"])
                 self.fix(f"{entity}/box", self.rr.Boxes3D(centers=[(low + high) / 2], half_sizes=[(high - low) / 2],

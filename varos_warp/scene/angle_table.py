@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.files import read_text
 
 
@@ -38,7 +38,7 @@ class AngleTable:
         rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
                  for name, i in zip(columns, at, strict=True)] for line, row in lines[1:]]
         if len(rows) < 2:
-            raise InputError(f"has {len(rows)} row{'s' * (len(rows) != 1)} of numbers", file=path, key=key,
+            raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=path, key=key,
                              remedy=f"A {self.what} has two at least.")
         numbers = [line for line, _ in lines[1:]]
         angle_deg, values = np.array(rows).T

@@ -196,9 +196,9 @@ class DeviceScene:
             [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True)]
         records, boxes = [], []
         for group, mesh in zip(groups, self.instanced_meshes, strict=False):
-            for i, (T, box) in enumerate(zip(group.T_w_o, group.boxes(), strict=True)):
+            for i, (T, scale, box) in enumerate(zip(group.T_w_o, group.scale, group.boxes(), strict=True)):
                 record = self._record(mesh, first_face, numbers[f"{group.name}.{i}"])
-                record.scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
+                record.scale = float(scale)
                 record.R = wp.mat33(*(T[:3, :3] / record.scale).ravel())
                 record.p = wp.vec3(*(T[:3, 3] - self.origin))
                 records.append(record)
@@ -262,7 +262,7 @@ class DeviceScene:
             if isinstance(part, Part) or not self.joins_copies:
                 turned.append(flat)
             else:
-                R_w_o = part.T_w_o[:, :3, :3] / np.cbrt(np.linalg.det(part.T_w_o[:, :3, :3]))[:, None, None]
+                R_w_o = part.T_w_o[:, :3, :3] / part.scale[:, None, None]
                 turned += [flat @ R.T for R in R_w_o.astype(np.float32)]
         return self._array(np.concatenate(turned), wp.vec3)
 

@@ -226,7 +226,7 @@ class _Run:
                              remedy="Restore it, or make the dataset anew in another folder.")
         if damaged:
             names = ", ".join(damaged[:5]) + ", ..." * (len(damaged) > 5)
-            self.say(f"{len(damaged)} damaged or missing file{'s' * (len(damaged) > 1)}, to be made again: {names}")
+            self.say(f"{counted(len(damaged), 'damaged or missing file')}, to be made again: {names}")
         return damaged
 
     def hand_out(self, workers: int, arguments: tuple) -> None:

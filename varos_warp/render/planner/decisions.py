@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.errors import counted
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
@@ -115,7 +116,7 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     """What makes each output, in words."""
     render = scene.render
     bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
-    limits = "".join(f", at most {bound} {noun}{'' if bound == 1 else 's'} {where}" for bound, noun, where in bounds
+    limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     tracer = TRACERS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
     words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",

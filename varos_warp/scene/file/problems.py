@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from varos_warp.errors import InputError, did_you_mean
+from varos_warp.errors import InputError, counted, did_you_mean
 from varos_warp.scene.description import LAMPS
 from varos_warp.scene.file.schema import KIND_KEYS, Entry, facts, find_key, homes, in_words, plain
 from varos_warp.scene.file.source import Source
@@ -77,7 +77,7 @@ def _others(path: tuple, first: dict, problems: list) -> str:
     missing, wrong = names[True], names[False]
     parts = []
     if wrong:
-        parts.append(f"{len(wrong)} more problem{'s' * (len(wrong) > 1)}: {_some(wrong)}")
+        parts.append(f"{counted(len(wrong), 'more problem')}: {_some(wrong)}")
     if missing:
         parts.append(f"missing{', too' * (first['type'] == 'missing')}: {_some(missing)}")
     return f" ({'; '.join(parts)})" if parts else ""

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.topology import chunks, compact, first_equal, groups
+from varos_warp.scene.geometry.topology import chunks, compact, extents, first_equal, groups
 
 MEDIAN_SAMPLE = 100_000
 """Faces, evenly taken from the list, from which the median edge is estimated."""
@@ -26,8 +26,7 @@ def crop(vertices, faces, region, key="preprocess"):
     xmin, ymin, xmax, ymax = region
     inside = np.zeros(len(faces), bool)
     for part in chunks(len(faces)):
-        corners = vertices[faces[part], :2]
-        low, high = corners.min(axis=1), corners.max(axis=1)
+        low, high = extents(vertices[faces[part], :2])
         inside[part] = (high >= (xmin, ymin)).all(axis=1) & (low <= (xmax, ymax)).all(axis=1)
     if not inside.any():
         bounds = np.concatenate([vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)]).round(3).tolist()

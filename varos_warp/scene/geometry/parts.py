@@ -70,6 +70,11 @@ class Instances(Shape):
     def __len__(self):
         return len(self.T_w_o)
 
+    @property
+    def scale(self) -> np.ndarray:
+        """How many times the prototype's size each copy is [N]."""
+        return np.cbrt(np.linalg.det(self.T_w_o[:, :3, :3]))
+
     def parts(self) -> list[Part]:
         """Every copy as a part, ``scatter.0.17``, with its position as the seed of its material."""
         return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,

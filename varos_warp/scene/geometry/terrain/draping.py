@@ -5,7 +5,7 @@ from scipy.interpolate import NearestNDInterpolator
 from scipy.ndimage import binary_dilation, binary_fill_holes
 
 from varos_warp.scene.geometry.procedural import grid_mesh
-from varos_warp.scene.geometry.topology import chunks
+from varos_warp.scene.geometry.topology import chunks, extents
 
 ROUNDING = 1e-7
 """In grid steps and barycentric coordinates: what float64 loses at UTM coordinates on a grid of centimetres."""
@@ -39,8 +39,9 @@ def rasterise(vertices, faces, x, y, chunk: int = 2_000_000):
     for part in chunks(len(faces)):
         triangles = vertices[faces[part]]
         flat = (triangles[..., :2] - origin) / step
-        first = np.clip(np.ceil(flat.min(axis=1) - ROUNDING), 0, None).astype(np.int64)
-        last = np.minimum(np.floor(flat.max(axis=1) + ROUNDING), (len(x) - 1, len(y) - 1)).astype(np.int64)
+        low, high = extents(flat)
+        first = np.clip(np.ceil(low - ROUNDING), 0, None).astype(np.int64)
+        last = np.minimum(np.floor(high + ROUNDING), (len(x) - 1, len(y) - 1)).astype(np.int64)
         span = np.maximum(last - first + 1, 0)
         count = span.prod(axis=1)
         bounds = np.searchsorted(np.cumsum(count), np.arange(0, max(count.sum(), 1) + chunk, chunk))
