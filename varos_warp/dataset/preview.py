@@ -38,7 +38,7 @@ MOST_SPP = 64
 STEP_SECONDS = 2.0
 """Samples are taken in steps of no more than about this: so long may a change have to wait."""
 B_SPP = 4
-"""Samples per pixel of B: with guides they leave less noise than 20 without (render/image/denoise.py)."""
+"""Samples per pixel of B."""
 POLL_SECONDS = 0.1
 """How often the files are looked at."""
 KEPT_ORIGIN_M = 100.0

@@ -158,7 +158,7 @@ class RadianceRenderer:
         before = [world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
                         share=self._share(shot.view))
-        return (yield from self._develop([film], shot, options.layers, options.denoise))
+        return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
         view, options, world = shot.view, shot.options, shot.world
@@ -192,7 +192,8 @@ class RadianceRenderer:
         # plain reflectances need no guides (render/image/denoise.py)
         guided = world.has_textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
-        return (yield from self._develop(films, shot, options.layers, options.denoise, guides, kinds))
+        images = self._developed(films)
+        return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
 
     def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool, varies: bool) -> list[SampleKind]:
         world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
@@ -243,9 +244,12 @@ class RadianceRenderer:
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view), seen.varies)
         before = [world.data, seen.camera, seen.moments]
-        self.films.take(film, kernel, before, [ALL, wp.uint32(shot.key)], shot.options.spp_b)
-        guided = (method or self.scene.render.denoise_b) == "oidn"
-        return (yield from self._develop([film], shot, (), method, shot.guides() if guided else {}))
+        self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
+        images = self._developed([film])
+        guides = {}
+        if (method or self.scene.render.denoise_b) == "oidn":
+            guides = shot.guides() | {"albedo": images["direct"]}  # of all samples: as smooth at edges as the image
+        return (yield from self._fetched([film], images, shot, (), method, guides))
 
     def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
                      lit: bool) -> dict[str, wp.array]:
@@ -257,23 +261,28 @@ class RadianceRenderer:
         self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 
-    def _develop(self, films: list[Film], shot: Shot, wanted_layers, method: str | None, guides=None,
-                 kinds: Sequence[SampleKind] = ()) -> Steps[RadianceImage]:
-        """The `RadianceImage` that is the sum of films; of paths, if there are kinds of samples."""
-        shape = shot.view.resolution[::-1]
+    def _developed(self, films: list[Film]) -> dict[str, wp.array]:
+        """The layers, parts and errors of the image that is the sum of films."""
+        shape = films[0].sums.shape[1:]
         names = (*LAYERS, "correction", "base_variance", "radiance", "stderr")
         images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in names}
         variance, blocks = (wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device) for _ in "vb")
         for film in films:
             self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
             self.launcher.run(develop, shape, [film, variance], list(images.values()))
+        return images | {"block_error": blocks}
+
+    def _fetched(self, films: list[Film], images: dict[str, wp.array], shot: Shot, wanted_layers, method: str | None,
+                 guides=None, kinds: Sequence[SampleKind] = ()) -> Steps[RadianceImage]:
+        """The `RadianceImage` of what was `_developed`; of paths, if there are kinds of samples."""
+        shape = images["radiance"].shape
         # what a denoiser works on, still on the device
         apart = ("correction", "base_variance") if kinds else ()
         work = {name: images[name] for name in ("radiance", *apart)} | (guides or {})
         if shot.options.denoised_only and self._denoises(method):
             wanted = {"denoised": self._device_denoiser.denoise(**work)}
         else:
-            wanted = work | {"block_error": blocks} | {name: images[name] for name in ("stderr", *wanted_layers)}
+            wanted = work | {name: images[name] for name in ("block_error", "stderr", *wanted_layers)}
         kept = [array for film in films for array in (film.lost, film.count)]
         fetched = yield from self.launcher.fetch(*kept, *wanted.values())
         on_host = dict(zip(wanted, fetched[len(kept):], strict=True))

@@ -419,11 +419,13 @@ def floor_and_box(material):
             for name, mesh in (("floor", floor), ("box", box))]
 
 
+PLAIN = {"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}
+
+
 @pytest.fixture(scope="module")
 def renderers():
     """Of a plain and of a textured scene."""
-    plain = {"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}
-    scenes = [rough_scene(kind) for kind in (plain, {"kind": "rust", "base": [0.6, 0.4, 0.1], "amount": 0.4})]
+    scenes = [rough_scene(kind) for kind in (PLAIN, {"kind": "rust", "base": [0.6, 0.4, 0.1], "amount": 0.4})]
     return [FrameRenderer(scene, "cpu", floor_and_box(scene.materials["a"])) for scene in scenes]
 
 
@@ -458,6 +460,17 @@ def test_images_with_textures_come_with_guides_and_plain_ones_do_without(rendere
     assert not textured.A.albedo[~hit].any()
 
 
+def test_the_albedo_that_guides_b_has_edges_as_smooth_as_the_image():
+    """On a box alone every place sees the open sky, so that B is the albedo of its samples."""
+    pytest.importorskip("pyoidn")
+    scene_ = rough_scene(PLAIN)
+    box = floor_and_box(scene_.materials["a"])[1:]
+    image = FrameRenderer(scene_, "cpu", box).render(POSE, outputs="B", spp_b=4, denoise_b="oidn").B
+    assert np.array_equal(image.radiance, image.albedo)
+    red = image.albedo[..., 0]
+    assert ((red > 0.41) & (red < 0.99)).any()
+
+
 @pytest.mark.parametrize("integrator", ["field", "path"])
 def test_the_correction_of_paths_is_part_of_the_scattered_layers(renderers, integrator):
     assert renderers[0].render(POSE, outputs="A", spp=2, integrator=integrator).A.correction.any()
@@ -481,7 +494,7 @@ def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
     Of the largest value.
     """
     pytest.importorskip("pyoidn")
-    for kind in ({"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}, {"kind": "rust", "amount": 0.4}):
+    for kind in (PLAIN, {"kind": "rust", "amount": 0.4}):
         scene_ = rough_scene(kind)
         renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
         frame = renderer.render(POSE, outputs="AB", spp=4, integrator="field", denoise="oidn", denoise_b="oidn")

@@ -362,7 +362,7 @@ def test_the_cost_is_that_of_whole_images_with_denoising_without_compiling(monke
     monkeypatch.setattr(cost.time, "process_time", lambda: CORES * clockwork.now)
     monkeypatch.setattr(cost, "usable_cores", lambda: CORES)
     monkeypatch.setattr(cost, "denoise_image", clockwork.denoise)
-    scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, max_scatterings=1, outputs=outputs)
+    scene = make_scene(camera={"resolution": [1280, 720]}, spp=16, spp_b=20, max_scatterings=1, outputs=outputs)
     found = plan_render(scene, clockwork, [POSE] * 50, measure_cost=True).to_dict()["cost"]
     constants = OVERHEAD * (1.0 + 1.25 + 1.0 if len(outputs) > 1 else 1.0)  # of 20 samples 16 are rendered
     expected = 1e-6 * (1280 * 720 * microseconds + constants)

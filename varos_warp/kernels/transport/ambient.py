@@ -7,15 +7,23 @@ import warp as wp
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.moments import Moments, moment_of
-from varos_warp.kernels.world.bsdf import sample_surface, sample_weight
+from varos_warp.kernels.transport.segment import draw
+from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Ambient:
+    """Radiance along a ray, and what it would be if all that the ray meets first lay open to the ambient light."""
+
+    L: wp.vec3
+    open: wp.vec3
 
 
 @cache
@@ -26,49 +34,47 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
 
     @wp.func
     def ambient_radiance(
-        scene: SceneData,
-        o: wp.vec3,
-        d: wp.vec3,
-        pixel_angle: float,
-        max_bounces: int,
-        key: wp.uint32,
-        pixel: int,
-        sample: int,
+        scene: SceneData, o: wp.vec3, d: wp.vec3, pixel_angle: float, key: wp.uint32, pixel: int, sample: int
     ):
         """Radiance along a ray: surfaces absorb light until the path escapes to the ambient light."""
+        found = Ambient()
+        found.open = wp.vec3(1.0)
         throughput = wp.vec3(1.0)
         origin = o
         direction = d
         bounces = int(0)
-        while bounces <= max_bounces:
+        while True:
             hit = first_hit(scene, origin, direction)
             if hit.face < 0:
-                return throughput
+                found.L = throughput
+                return found
             n = shading_normal(scene, hit)
             angle = wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE)
             footprint = footprint_width(angle, hit.t, direction, hit.n)
             surface = hit_surface(scene, hit, n, footprint)
+            if bounces == 0:
+                found.open = surface_albedo(surface)
             bounces += 1
-            u = uniforms(key, pixel, sample, bounces)
+            u = draw(key, pixel, sample, bounces)
             v = -direction
             direction = sample_surface(surface, n, v, u[0], u[1], u[3])
             throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, v, direction))
             origin = hit.start
             survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
             if u[2] >= survival:
-                return wp.vec3(0.0)
+                return found
             # around a smoothed normal some directions point into the surface; mirror them out, so that no light is lost
             below = wp.min(wp.dot(direction, hit.n), 0.0)
             direction = direction - 2.0 * below * hit.n
             throughput /= survival
-        return wp.vec3(0.0)
+        return found
 
     return ambient_radiance
 
 
 @cache
 def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
-    """Image B, for scenes with or without instances and textures, through a lens, a port and a moments."""
+    """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
     ambient_radiance = make_ambient_radiance(instances, textures)
     bent_ray = make_bent_ray(optics)
 
@@ -78,18 +84,21 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
         camera: Camera,
         moments: Moments,
         first: int,
-        max_bounces: int,
         key: wp.uint32,
         # out
         film: Film,
     ):
-        """Radiance of each pixel through a pinhole, stored as the film's ``direct`` layer; no port takes any of it."""
+        """Radiance of each pixel through a pinhole; no port takes any of it.
+
+        What open surfaces would show is the layer ``direct``, which guides a denoiser with all edges and textures as
+        smooth as in the image; the rest is ``multiple``.
+        """
         i = first + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
-            u = uniforms(key, pixel, sample, 0)
+            u = draw(key, pixel, sample, 0)
             if wp.static(varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 camera = moments.cameras[moment.instant]
@@ -101,8 +110,9 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
                     continue
             else:
                 ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0))
-            L = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, max_bounces, key, pixel, sample)
-            sums = add_sample(sums, sample, L, wp.vec3(0.0), wp.vec3(0.0), wp.vec3(0.0))
+            found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, key, pixel, sample)
+            rest = found.L - found.open
+            sums = add_sample(sums, sample, found.open, wp.vec3(0.0), rest, wp.vec3(0.0))
         store(film, i, sums)
 
     return trace_ambient

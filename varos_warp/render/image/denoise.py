@@ -6,8 +6,8 @@ The base is then mixed with itself before denoising, by its variance: so it keep
 some pixels around stays as it is. Values of the correction may be negative, and clipping them would brighten the
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
-Geometry guides (albedo, normals) serve where there are textures. B has no water, and they keep its textures: 2 samples
-with them leave less than 20 without.
+Geometry guides (albedo, normals) serve where there are textures. B has no water, and they keep its textures and edges;
+its albedo is the mean over its samples, which has edges as smooth as the image.
 """
 
 import atexit
