@@ -7,6 +7,7 @@ they give up control until the numbers are there, and another frame's can go on 
 import time
 from collections import defaultdict
 from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
@@ -58,13 +59,14 @@ class Launcher:
         if device != "cpu" and wp.is_mempool_enabled(device):
             wp.set_mempool_release_threshold(device, KEPT_BYTES)
 
-    def load(self, kernel):
-        """Compile a kernel before threads need it, and count the time apart."""
-        if kernel not in self._loaded:
+    def load(self, *kernels: wp.Kernel) -> None:
+        """Compile kernels, at the same time, before threads need them, and count the time apart."""
+        if missing := [kernel for kernel in kernels if kernel not in self._loaded]:
             start = time.perf_counter()
-            load_kernel(kernel, self.device)
+            with ThreadPoolExecutor(len(missing)) as pool:
+                list(pool.map(lambda kernel: load_kernel(kernel, self.device), missing))
             self.compile_seconds += time.perf_counter() - start
-            self._loaded.add(kernel)
+            self._loaded.update(missing)
 
     def fetch(self, *arrays: wp.array) -> Steps[list[np.ndarray]]:
         """Arrays on the host, once the device has filled them."""

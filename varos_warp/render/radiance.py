@@ -169,6 +169,7 @@ class RadianceRenderer:
         seen = self._seen(world, view, shot.T_w_v, shot.motion, key=shot.key)
         before = [scene, seen.camera, seen.moments]
         kinds = self._kinds_of_samples(shot, bounds, with_field, seen.varies)
+        self.launcher.load(*(kind.kernel for kind in kinds))
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
