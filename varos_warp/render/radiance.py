@@ -118,16 +118,40 @@ class RadianceRenderer:
             shot = shot._replace(options=replace(shot.options, spp=spp))
         options = shot.options
         integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
-        medium = bool(self.world.water.sigma_s.any())
-        if not (self.world.has_surfaces or medium) or not self.scene.lights:
+        if self._is_dark:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
-        bounds, most = PathBounds(), (options.max_scatterings if medium else 0, options.max_bounces)
+        bounds, most = PathBounds(), (options.max_scatterings if self._is_medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
         if integrator == "reference":
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))
+
+    def kernels(self, letter: str, view: Camera, options: RenderOptions) -> list[wp.Kernel]:
+        """The long kernels of an image of a vehicle under way, by all integrators that a plan may compare."""
+        world, moves = self.world, view.shutter is not None
+        spec, optics = (world.has_instances, world.has_textures), optics_spec(view)
+        if letter == "B":
+            return [make_ambient_kernel(*spec, optics, moves), make_guides_kernel(*spec, optics, moves)]
+        name = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
+        if self._is_dark or name == "reference":
+            return []
+        compared = ["path"] if (options.integrator, name) == ("auto", "field") and world.has_surfaces else []
+        varies = moves or world.lights.vary
+        kinds = [kind for integrator in (name, *compared)
+                 for kind in self._kinds_of_samples(view, options, integrator == "field", varies)]
+        return [*(kind.kernel for kind in kinds), make_virtual_lights_kernel(*spec, varies)]
+
+    @property
+    def _is_medium(self) -> bool:
+        """Whether the water scatters."""
+        return bool(self.world.water.sigma_s.any())
+
+    @property
+    def _is_dark(self) -> bool:
+        """Whether A is black: nothing could send light to a camera, or there is none."""
+        return not (self.world.has_surfaces or self._is_medium) or not self.scene.lights
 
     @functools.cached_property
     def _no_field(self) -> str | None:
@@ -168,8 +192,7 @@ class RadianceRenderer:
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
         seen = self._seen(world, view, shot.T_w_v, shot.motion, key=shot.key)
         before = [scene, seen.camera, seen.moments]
-        kinds = self._kinds_of_samples(shot, bounds, with_field, seen.varies)
-        self.launcher.load(*(kind.kernel for kind in kinds))
+        kinds = self._kinds_of_samples(view, options, with_field, seen.varies)
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
@@ -196,11 +219,12 @@ class RadianceRenderer:
         images = self._developed(films)
         return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
 
-    def _kinds_of_samples(self, shot: Shot, bounds: PathBounds, with_field: bool, varies: bool) -> list[SampleKind]:
-        world, layers = self.world, (layer in shot.options.layers for layer in LAYERS)
-        spec = PathSpec(bounds.scatterings > 0, *layers, world.has_instances, world.has_textures,
-                        world.has_surfaces, with_field, with_field and along_camera(self.scene, shot.view),
-                        optics_spec(shot.view), varies)
+    def _kinds_of_samples(self, view: Camera, options: RenderOptions, with_field: bool, varies: bool
+                          ) -> list[SampleKind]:
+        world, layers = self.world, (layer in options.layers for layer in LAYERS)
+        scatters = self._is_medium and options.max_scatterings != 0
+        spec = PathSpec(scatters, *layers, world.has_instances, world.has_textures, world.has_surfaces, with_field,
+                        with_field and along_camera(self.scene, view), optics_spec(view), varies)
         kinds = []
         if camera := spec.camera():
             kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))

@@ -3,6 +3,7 @@
 import copy
 import functools
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,6 +115,22 @@ class FrameRenderer:
     def compile_seconds(self) -> float:
         """Time spent so far on compiling kernels."""
         return self.launcher.compile_seconds
+
+    def compiling(self, outputs: Iterable[str], integrator: str | None = None) -> AbstractContextManager[None]:
+        """A ``with`` statement during which threads compile what images of the scene's cameras will need.
+
+        Args:
+            outputs: Which images, of A, B, C, D, S, P, F.
+            integrator: Of A and P; absent: the scene's.
+        """
+        how, kernels = options_of(self.scene, {"integrator": integrator}), []
+        for view in self.scene.vehicle.cameras:
+            for letter, seen in (("A", view), ("P", self._twin(view)), ("B", view)):
+                if letter in outputs:
+                    kernels += self.radiance.kernels(letter, seen, how)
+            if {*outputs} & {*"CDSF"}:
+                kernels.append(make_first_hits_kernel(self.world.has_instances, optics_spec(view), is_rolling(view)))
+        return self.launcher.compiling(kernels)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
                following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,

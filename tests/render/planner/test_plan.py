@@ -1,6 +1,7 @@
 """The planner: an integrator and a number of samples that keep the tolerance, from the scene alone."""
 
 import re
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -422,7 +423,8 @@ def test_an_integrator_is_refused_only_where_an_image_takes_one():
     def planned_for(*outputs):
         scene = make_scene(None, integrator="field", outputs=outputs, spp=1)
         still = SimpleNamespace(poses=lambda: POSE[None], time_ns=np.zeros(1, np.int64))
-        return plan_sequence(scene, None, still, None, quiet=True)
+        renderer = SimpleNamespace(compiling=lambda outputs: nullcontext())
+        return plan_sequence(scene, renderer, still, None, quiet=True)
 
     assert planned_for("B", "C", "D").models.keys() == {"B", "C", "D"}
     with pytest.raises(InputError, match="does not scatter"):

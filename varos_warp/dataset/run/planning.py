@@ -30,7 +30,7 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
 
     if not {"A", "P"} & set(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
-    with NamedSteps("planning", STEPS, quiet) as steps:
+    with renderer.compiling(scene.render.outputs), NamedSteps("planning", STEPS, quiet) as steps:
         return plan_render(scene, renderer, list(frames.poses()), time_ns=frames.time_ns.tolist(), motion=motion,
                            progress=steps.reach, **options)
 

@@ -425,7 +425,7 @@ class _Run:
         """
         if not self.work:
             return
-        with self.rendering() as progress:
+        with self.rendering() as progress, self.renderer.compiling(self.outputs, self.plan["integrator"]):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)

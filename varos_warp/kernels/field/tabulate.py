@@ -152,8 +152,9 @@ def tabulate_next_order(
     before = int(wp.ceil(wp.max(-x, 0.0) / PANEL))
     width = wp.where(before > 0, -x / float(wp.max(before, 1)), PANEL)
     rows = grid.distances
+    nodes = int(PANEL_NODES)  # a variable, so that the loop is not unrolled: that takes a GPU's compiler half a minute
     while rows > 0:
-        for k in range(PANEL_NODES):
+        for k in range(nodes):
             gauss = legendre_node(k)
             at = x + width * gauss[0]
             t = wp.max(foot + h * wp.sinh(at), 0.0)
@@ -184,9 +185,10 @@ def tabulate_in_scattering(
     ray = node_ray(camera, size, float(row), float(col), in_scattering.shape[1], in_scattering.shape[2])
     L = wp.vec3(0.0)
     start = float(0.0)
+    nodes = int(PANEL_NODES)
     for k in range(in_scattering.shape[0]):
         end = nearest * wp.exp(float(k) * log_step)
-        for i in range(PANEL_NODES):
+        for i in range(nodes):
             node = legendre_node(i)
             t = wp.lerp(start, end, node[0])
             S = wp.vec3(0.0)
