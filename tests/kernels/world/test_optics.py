@@ -9,7 +9,7 @@ from chance import rng_array, run
 from scipy.spatial.transform import Rotation
 
 from varos_warp.kernels.world.camera import Camera as CameraData
-from varos_warp.kernels.world.camera import channel_of, make_bent_ray
+from varos_warp.kernels.world.camera import channel_of, make_ray
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
@@ -39,13 +39,13 @@ def camera_of(port, lens, **more):
 def shoot(view, image, lens, channel=1):
     """Rays on the device in camera axes, from the camera's place, and their weights."""
     spec = optics_spec(view)
-    bent_ray = make_bent_ray(spec)
+    ray_of = make_ray(spec)
 
     @wp.kernel(enable_backward=False, module="unique")
     def rays(camera: CameraData, image: wp.array(dtype=wp.vec2), lens: wp.array(dtype=wp.vec2), channel: int,
              o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.vec3)):
         i = wp.tid()
-        ray, seen = bent_ray(camera, image[i][0], image[i][1], lens[i], channel)
+        ray, seen = ray_of(camera, image[i][0], image[i][1], lens[i], channel)
         o[i] = ray.o
         d[i] = ray.d
         weight[i] = seen

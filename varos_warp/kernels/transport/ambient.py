@@ -10,7 +10,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import draw
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_albedo
-from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
+from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
@@ -76,7 +76,7 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
 def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
     """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
     ambient_radiance = make_ambient_radiance(instances, textures)
-    bent_ray = make_bent_ray(optics)
+    ray_of = make_ray(optics)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_ambient(
@@ -103,13 +103,9 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 camera = moments.cameras[moment.instant]
                 scene.moving = moments.moving[moment.instant]
-            if wp.static(optics.bends):
-                x, y = float(part.col) + u[0], float(part.row) + u[1]
-                ray, seen = bent_ray(camera, x, y, wp.vec2(0.0, 0.0), GREEN)
-                if brightest(seen) <= 0.0:
-                    continue
-            else:
-                ray = camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0))
+            ray, seen = ray_of(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0), GREEN)
+            if brightest(seen) <= 0.0:
+                continue
             found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, key, pixel, sample)
             rest = found.L - found.open
             sums = add_sample(sums, sample, found.open, wp.vec3(0.0), rest, wp.vec3(0.0))

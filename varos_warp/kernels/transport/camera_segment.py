@@ -26,7 +26,7 @@ from varos_warp.kernels.transport.subpath import (
     sample_direction,
     subpath_from_surface,
 )
-from varos_warp.kernels.world.camera import Camera, camera_ray, make_sample_ray
+from varos_warp.kernels.world.camera import Camera, make_sample_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
@@ -123,12 +123,9 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
                 scene.moving = moments.moving[moment.instant]
             u = draw(key, pixel, sample, 0)
             place = image_place(scene, camera, part.row, part.col, u)
-            if wp.static(spec.optics.bends):
-                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
-                if brightest(seen) <= 0.0:
-                    continue
-            else:
-                ray = camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]))
+            ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
+            if brightest(seen) <= 0.0:
+                continue
             in_step()
             hit = first_hit(scene, ray.o, ray.d)
             in_step()
@@ -168,11 +165,9 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
             if wp.static(spec.multiple and spec.mirrors):
                 if reflects and is_metal(end):
                     L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
-            if wp.static(spec.optics.bends):
-                L_direct, L_single = wp.cw_mul(seen, L_direct), wp.cw_mul(seen, L_single)
-                L_multiple, correction = wp.cw_mul(seen, L_multiple), wp.cw_mul(seen, correction)
-            sums = add_sample(sums, sample, place[2] * L_direct, place[2] * L_single, place[2] * L_multiple,
-                              place[2] * correction)
+            seen *= place[2]
+            sums = add_sample(sums, sample, wp.cw_mul(seen, L_direct), wp.cw_mul(seen, L_single),
+                              wp.cw_mul(seen, L_multiple), wp.cw_mul(seen, correction))
         store(film, i, sums)
 
     return trace_camera_segments

@@ -7,7 +7,7 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.bsdf import surface_albedo
-from varos_warp.kernels.world.camera import GREEN, Camera, camera_ray, make_bent_ray
+from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import (
     Instance,
     SceneData,
@@ -37,20 +37,16 @@ class Rows:
 def make_centre_hit(instances: bool, optics: OpticsSpec) -> wp.Function:
     """The function ``centre_hit``: the ray through a pixel's centre, and what it hits."""
     first_hit, _ = make_rays(instances)
-    bent_ray = make_bent_ray(optics)
+    ray_of = make_ray(optics)
 
     @wp.func
     def centre_hit(scene: SceneData, camera: Camera, row: int, col: int):
         # the centre of the lens, whatever the aperture
-        if wp.static(optics.bends):
-            ray, seen = bent_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0), GREEN)
-            hit = first_hit(scene, ray.o, ray.d)
-            if brightest(seen) <= 0.0:
-                hit.face = -1
-            return ray, hit
-        else:
-            ray = camera_ray(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0))
-            return ray, first_hit(scene, ray.o, ray.d)
+        ray, seen = ray_of(camera, float(col) + 0.5, float(row) + 0.5, wp.vec2(0.0, 0.0), GREEN)
+        hit = first_hit(scene, ray.o, ray.d)
+        if brightest(seen) <= 0.0:
+            hit.face = -1
+        return ray, hit
 
     return centre_hit
 

@@ -53,7 +53,7 @@ from varos_warp.kernels.transport.virtual_lights import (
     make_gather_virtual_light,
     may_have_lobe,
 )
-from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
+from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
@@ -104,10 +104,10 @@ def start_subpath(scene: SceneData, eye: Vertex, hit: Hit, end: Vertex, bounds: 
 
 
 @wp.func
-def start_at_camera(ray: Ray):
-    """A path on the camera's segment, without an event as yet."""
+def start_at_camera(ray: Ray, seen: wp.vec3):
+    """A path on the camera's segment, without an event as yet; none where nothing of it is ``seen``."""
     path = Subpath()
-    path.alive = 1
+    path.alive = int(brightest(seen) > 0.0)
     path.vertex = water_vertex(ray.o, ray.d)
     return path
 
@@ -271,9 +271,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         sample = part.begin
         sums = Sums()
         L = wp.vec3(0.0)
-        weight = float(1.0)
-        if wp.static(spec.optics.bends):
-            share = wp.vec3(1.0)
+        weight = wp.vec3(1.0)
         path = Subpath()
         lights_of = int(0)
         while i < film.parts.shape[0]:
@@ -287,14 +285,9 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                     scene.moving = moments.moving[moment.instant]
                     lights_of = group_of(moment.instant, moments, virtual_lights)
                 place = image_place(scene, camera, part.row, part.col, u)
-                if wp.static(spec.optics.bends):
-                    ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
-                    path = start_at_camera(ray)
-                    path.alive = int(brightest(seen) > 0.0)
-                    share = seen
-                else:
-                    path = start_at_camera(camera_ray(camera, place[0], place[1], wp.vec2(u[2], u[3])))
-                weight = place[2]
+                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
+                path = start_at_camera(ray, seen)
+                weight = place[2] * seen
             else:
                 v = draw(key, pixel, sample, GROUPS * events(path) + 1)
                 of_half = virtual_lights[2 * lights_of + (sample & 1)]
@@ -323,9 +316,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 path = go_on(scene, path, hit, end, bounds, v)
             if path.alive == 0:
                 # the sample is complete: continue with the next one, or the next part
-                if wp.static(spec.optics.bends):
-                    L = wp.cw_mul(share, L)
-                sums = add_correction(sums, sample, weight * L)
+                sums = add_correction(sums, sample, wp.cw_mul(weight, L))
                 L = wp.vec3(0.0)
                 path = Subpath()
                 sample += 1

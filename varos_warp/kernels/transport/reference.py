@@ -15,7 +15,7 @@ from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
-from varos_warp.kernels.world.camera import Camera, Ray, camera_ray, make_sample_ray
+from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
@@ -62,13 +62,13 @@ class PlainPath:
 
 
 @wp.func
-def plain_path(ray: Ray):
-    """A path that starts at the camera."""
+def plain_path(ray: Ray, seen: wp.vec3):
+    """A path that starts at the camera; none where nothing of it is ``seen``."""
     path = PlainPath()
-    path.alive = 1
+    path.alive = int(brightest(seen) > 0.0)
     path.p = ray.o
     path.d = ray.d
-    path.throughput = wp.vec3(1.0)
+    path.throughput = seen
     return path
 
 
@@ -199,15 +199,9 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                 scene.lights = moments.lights[moment.lights]
                 camera = moments.cameras[moment.instant]
                 scene.moving = moments.moving[moment.instant]
-            if wp.static(optics.bends):
-                x, y = float(part.col) + u[0], float(part.row) + u[1]
-                ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)
-                path = plain_path(ray)
-                path.throughput = seen
-                path.alive = int(brightest(seen) > 0.0)
-            else:
-                path = plain_path(camera_ray(camera, float(part.col) + u[0], float(part.row) + u[1],
-                                             wp.vec2(u[2], u[3])))
+            x, y = float(part.col) + u[0], float(part.row) + u[1]
+            ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)
+            path = plain_path(ray, seen)
             while path.alive == 1:
                 events = path.scatterings + path.bounces
                 u = uniforms(key, pixel, sample, 2 * events + 1)

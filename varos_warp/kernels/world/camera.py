@@ -61,14 +61,22 @@ GREEN = wp.constant(1)
 """Channel whose rays B, C, D and S follow."""
 
 
-@cache
-def make_bent_ray(spec: OpticsSpec) -> wp.Function:
-    """The function ``bent_ray`` of a camera with lens and port of ``spec``: `camera_ray` for those that bend rays.
+@wp.func
+def straight_ray(camera: Camera, x: float, y: float, lens: wp.vec2, channel: int):
+    """`camera_ray`, whose radiance is that in the water, for `make_ray`."""
+    return camera_ray(camera, x, y, lens), wp.vec3(1.0)
 
-    It returns the ray in the water of one channel, and the radiance at the sensor over that in the water, R, G, B: the
-    transmittance of the port / n^2. If each channel has its own rays, that is three times as much for this one and 0
-    for the others. 0 for all: there is no ray.
+
+@cache
+def make_ray(spec: OpticsSpec) -> wp.Function:
+    """The function ``ray_of(camera, x, y, lens, channel)`` of a camera with lens and port of ``spec``.
+
+    It returns the ray in the water of one channel, and the radiance at the sensor over that in the water, R, G, B: 1 if
+    nothing bends rays, else the transmittance of the port / n^2. If each channel has its own rays, that is three times
+    as much for this one and 0 for the others. 0 for all: there is no ray.
     """
+    if not spec.bends:
+        return straight_ray
     undistorted, behind_port = make_undistorted(spec.lens), make_behind_port(spec.port, spec.rim)
 
     @wp.func
@@ -123,15 +131,15 @@ def channel_of(key: wp.uint32, pixel: int, sample: int):
 
 @cache
 def make_sample_ray(spec: OpticsSpec) -> wp.Function:
-    """The function ``sample_ray``: `make_bent_ray` for a sample, whose channel follows if each has its own rays."""
-    bent_ray = make_bent_ray(spec)
+    """The function ``sample_ray``: that of `make_ray` for a sample, whose channel follows if each has its own rays."""
+    ray_of = make_ray(spec)
 
     @wp.func
     def sample_ray(camera: Camera, x: float, y: float, lens: wp.vec2, key: wp.uint32, pixel: int, sample: int):
         channel = int(GREEN)
         if wp.static(spec.dispersion):
             channel = channel_of(key, pixel, sample)
-        return bent_ray(camera, x, y, lens, channel)
+        return ray_of(camera, x, y, lens, channel)
 
     return sample_ray
 
