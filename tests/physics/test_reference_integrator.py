@@ -319,8 +319,8 @@ def assert_same_multiple_scattering(reference, path, precision):
 
 
 def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies():
-    whole = two_integrators("cpu", 8, 64)
-    assert_same_layers(whole, two_integrators("cpu", 8, 48, max_scatterings=0), 0.03)
+    whole = two_integrators("cpu", 4, 48)
+    assert_same_layers(whole, two_integrators("cpu", 6, 40, max_scatterings=0), 0.03)
     assert_same_multiple_scattering(*whole, 0.02)
 
 
