@@ -8,11 +8,12 @@ from functools import cache
 # tests run side by side: threads that multiply small matrices would only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # what is compiled is kept: by workers the tests, by the processes that tests start the package
-sys.dont_write_bytecode = False
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ["PYTHONDONTWRITEBYTECODE"] = ""
 
 import numpy as np
 import pytest
+
+sys.dont_write_bytecode = False
 
 pytest_plugins = ["truths", "pytester"]
 

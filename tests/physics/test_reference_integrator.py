@@ -327,11 +327,11 @@ def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies
 WATERS = {
     "of the paper": (6, 20, {"coefficients": PAPER_WATER}),
     "Jerlov 1C, Fournier-Forand": (40, 64, {"jerlov": {"type": "1C"}}),
-    "clear, Petzold": (8, 64, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
+    "clear, Petzold": (4, 96, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
                                                  "phase": {"kind": "petzold"}}}),
     "turbid, backward": (8, 64, {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
                                                    "phase": {"g": -0.4}}}),
-    "clear and Rayleigh": (4, 12, {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
+    "clear and Rayleigh": (8, 32, {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
                                                     "phase": {"kind": "rayleigh"}}}),
 }
 """With the samples of paths and of the reference that leave errors of a few percent, of one in the clearest."""
