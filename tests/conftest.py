@@ -1,15 +1,27 @@
 """For all tests: those that need a GPU are skipped where there is none, and numpy's global generator is seeded."""
 
+import gc
 import os
+import sys
 from functools import cache
 
 # tests run side by side: threads that multiply small matrices would only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# what is compiled is kept: by workers the tests, by the processes that tests start the package
+os.environ["PYTHONDONTWRITEBYTECODE"] = ""
 
 import numpy as np
 import pytest
 
+sys.dont_write_bytecode = False
+
 pytest_plugins = ["truths", "pytester"]
+
+
+def pytest_collection_finish():
+    """Thousands of tests live to the end: the search for garbage leaves them out."""
+    gc.collect()
+    gc.freeze()
 
 
 @cache
@@ -34,6 +46,8 @@ def seeded():
 
 WHOLE_FIELD = {"physics", "field", "test_media_limits.py", "test_lamp_limits.py", "test_plan.py"}
 """Folders and files of tests that hold the field against what is known otherwise."""
+ANY_FIELD = {"test_end_to_end.py", "test_unlike_scenes.py"}
+"""Files of tests to which its values do not matter."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -42,10 +56,10 @@ def small_field(request):
     if {request.path.name, request.path.parent.name} & WHOLE_FIELD:
         yield
         return
-    from fields import with_fewer_nodes
+    from fields import SMALL_FIELD, TINY_FIELD, with_fewer_nodes
 
     with pytest.MonkeyPatch.context() as patch:
-        with_fewer_nodes(patch)
+        with_fewer_nodes(patch, TINY_FIELD if request.path.name in ANY_FIELD else SMALL_FIELD)
         yield
 
 
@@ -55,6 +69,14 @@ def few_nodes(monkeypatch):
     from fields import with_fewer_nodes
 
     with_fewer_nodes(monkeypatch)
+
+
+@pytest.fixture
+def any_field(monkeypatch):
+    """Fields of next to no nodes, for a test to which their values do not matter."""
+    from fields import TINY_FIELD, with_fewer_nodes
+
+    with_fewer_nodes(monkeypatch, TINY_FIELD)
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -13,10 +13,13 @@ SMALL_FIELD = {"FINE": (44, 14, 32), "MIDDLE": (20, 8, 10), "COARSE": (16, 7, 8)
 """By the names of varos_warp.render.field.solver: solved in two seconds, not ten, and right to a hundredth of the light
 (2 % at the edges of cones)."""
 
+TINY_FIELD = SMALL_FIELD | {"FINE": (20, 4, 6), "MIDDLE": (12, 3, 4), "COARSE": (12, 3, 4)}
+"""Next to no nodes, for tests to which any field will do; products of matrices stay as large as those of the small."""
 
-def with_fewer_nodes(monkeypatch):
+
+def with_fewer_nodes(monkeypatch, nodes=SMALL_FIELD):
     """Fields are solved with these nodes from now on."""
-    for name, value in SMALL_FIELD.items():
+    for name, value in nodes.items():
         monkeypatch.setattr(solver, name, value)
 
 

@@ -319,15 +319,15 @@ def assert_same_multiple_scattering(reference, path, precision):
 
 
 def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies():
-    whole = two_integrators("cpu", 8, 96)
-    assert_same_layers(whole, two_integrators("cpu", 8, 48, max_scatterings=0), 0.03)
+    whole = two_integrators("cpu", 4, 48)
+    assert_same_layers(whole, two_integrators("cpu", 6, 40, max_scatterings=0), 0.03)
     assert_same_multiple_scattering(*whole, 0.02)
 
 
 WATERS = {
-    "of the paper": (8, 32, {"coefficients": PAPER_WATER}),
+    "of the paper": (6, 20, {"coefficients": PAPER_WATER}),
     "Jerlov 1C, Fournier-Forand": (40, 64, {"jerlov": {"type": "1C"}}),
-    "clear, Petzold": (8, 160, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
+    "clear, Petzold": (4, 96, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
                                                  "phase": {"kind": "petzold"}}}),
     "turbid, backward": (8, 64, {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
                                                    "phase": {"g": -0.4}}}),

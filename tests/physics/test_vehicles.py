@@ -45,7 +45,7 @@ def at_rest(T_w_v=None):
 
 
 @pytest.mark.parametrize("integrator", ["path", "field", "reference"])
-def test_lights_of_a_vehicle_at_rest_are_those_of_ones_own_at_that_place(integrator):
+def test_lights_of_a_vehicle_at_rest_are_those_of_ones_own_at_that_place(any_field, integrator):
     """To the byte; the camera in the world has no table of the field along its rays in either scene."""
     water, view = {"coefficients": TURBID}, {"mount": "world"}
     position = LAMPS[1]["position"]

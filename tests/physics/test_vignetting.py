@@ -39,7 +39,7 @@ def polynomial():
 
 @pytest.mark.parametrize(("fall", "share"), [(COS4, cos4), (POLYNOMIAL, polynomial)])
 @pytest.mark.parametrize(("integrator", "spp"), [("path", 4), ("field", 1), ("reference", 4)])
-def test_a_and_its_errors_are_multiplied_by_the_share(truth, integrator, spp, fall, share):
+def test_a_and_its_errors_are_multiplied_by_the_share(truth, any_field, integrator, spp, fall, share):
     """Pixel by pixel with the same samples: radiance and layers; variances are means over tiles of what it leaves."""
     how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": "none"}
     plain, fallen = (renderer_of(**camera).render(np.eye(4), **how).A for camera in ({}, {"vignetting": fall}))
@@ -54,7 +54,7 @@ def test_a_and_its_errors_are_multiplied_by_the_share(truth, integrator, spp, fa
         assert share().max() < 0.999  # so errors that know nothing of it would be seen
 
 
-def test_samples_that_are_shared_out_have_the_mean_of_the_share_too(truth):
+def test_samples_that_are_shared_out_have_the_mean_of_the_share_too(truth, any_field):
     """With the field, what pixels take follows from their noise; by standard errors."""
     how = {"outputs": "A", "integrator": "field", "spp": 16, "denoise": "none"}
     plain, fallen = (renderer_of(**camera).render(np.eye(4), seed=seed, **how).A

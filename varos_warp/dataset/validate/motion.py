@@ -1,5 +1,6 @@
 """Poses, the sensors' readings and the vehicle's states against each other."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -330,16 +331,15 @@ def _strapdown(data: Dataset, result: Validation, imu: dict, T: np.ndarray, h: f
 def _integrate(imu: dict, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: np.ndarray, starts: np.ndarray,
                length: int, h: float) -> tuple[Rotation, np.ndarray]:
     """Attitude and position [W, 3] after ``length`` steps of trapezoids from each of W starting samples."""
-    w, f = imu["angular_velocity"], imu["acceleration"]
-    before = attitude.apply(f[starts]) + g
-    for i in starts + np.arange(length)[:, None]:
-        turn = h / 2 * (w[i] + w[i + 1]) + h * h / 12 * np.cross(w[i], w[i + 1])
-        attitude = attitude * Rotation.from_rotvec(turn)
-        after = attitude.apply(f[i + 1]) + g
-        p = p + h * v + h * h / 6 * (2 * before + after)
-        v = v + h / 2 * (before + after)
-        before = after
-    return attitude, p
+    i = starts + np.arange(length + 1)[:, None]
+    w, f = imu["angular_velocity"][i], imu["acceleration"][i]
+    turn = h / 2 * (w[:-1] + w[1:]) + h * h / 12 * np.cross(w[:-1], w[1:])
+    steps = Rotation.from_rotvec(turn.reshape(-1, 3)).as_matrix().reshape(*turn.shape, 3)
+    R = np.array(list(itertools.accumulate(steps, np.matmul, initial=attitude.as_matrix())))
+    a = np.einsum("twij,twj->twi", R, f) + g
+    velocity = v + h / 2 * np.cumsum(np.concatenate([0 * a[:1], a[:-1] + a[1:]]), axis=0)
+    p = p + np.sum(h * velocity[:-1] + h * h / 6 * (2 * a[:-1] + a[1:]), axis=0)
+    return Rotation.from_matrix(R[-1]), p
 
 
 def _check_imu_noise(data: Dataset, result: Validation, truth: dict) -> None:

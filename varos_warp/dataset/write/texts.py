@@ -22,6 +22,7 @@ from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
+from varos_warp.scene.file import plain_yaml
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
@@ -280,7 +281,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         moving: Entries of objects that move (moving.py).
     """
     vehicle, render = scene.vehicle, scene.render
-    conventions = yaml.safe_load(_text("conventions.yaml"))
+    conventions = plain_yaml.parse(_text("conventions.yaml"))
     bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
