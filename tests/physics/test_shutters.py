@@ -75,15 +75,15 @@ ALL = ("direct", "single", "multiple")
 @pytest.mark.parametrize(("integrator", "layers"), [("path", ALL[:2]), ("path", ALL), ("field", ALL),
                                                     ("reference", ALL)])
 def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers):
-    """32 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
+    """64 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
     exposure, motion = 0.4, steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
     blurred = scene_of({"exposure_s": exposure}, water={"coefficients": TURBID})
     renderer = FrameRenderer(blurred, "cpu", parts=room())
     how = {"outputs": "A", "integrator": integrator, "denoise": "none", "layers": layers}
     spp = 256 if integrator == "reference" else 64
     A = renderer.render(np.eye(4), spp=spp, motion=motion, **how).A
-    offset = np.rint(1e9 * exposure * ((np.arange(32) + 0.5) / 32 - 0.5)).astype(np.int64)
-    made = [renderer.render(T, spp=spp // 16, frame=k + 1, **how).A
+    offset = np.rint(1e9 * exposure * ((np.arange(64) + 0.5) / 64 - 0.5)).astype(np.int64)
+    made = [renderer.render(T, spp=spp // 32, frame=k + 1, **how).A
             for k, T in enumerate(motion(offset))]
     mean = np.mean([image.radiance for image in made], axis=0)
     variance = A.stderr**2 + np.mean([image.stderr**2 for image in made], axis=0) / len(made)
