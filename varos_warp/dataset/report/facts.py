@@ -83,7 +83,7 @@ def water(data: Dataset) -> Raw:
     sigma_t = np.add(w["sigma_a"], w["sigma_s"])
     with np.errstate(divide="ignore"):
         rows = [("absorption a [1/m]", w["sigma_a"]), ("scattering b [1/m]", w["sigma_s"]),
-                ("attenuation c [1/m]", sigma_t), ("albedo b / c", w["albedo"]), ("mean free path [m]", 1 / sigma_t),
+                ("extinction c [1/m]", sigma_t), ("albedo b / c", w["albedo"]), ("mean free path [m]", 1 / sigma_t),
                 ("a tenth of the light left at [m]", np.log(10) / sigma_t)]
     text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
     phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])

@@ -8,8 +8,9 @@ of an integration. What is held against what:
 * `motion`: poses in three forms, cameras and sensors against the vehicle, readings of the sensors against the poses.
 * `images`: PNG against EXR against the table of exposures; S against its table.
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
-* `places`: S against the boxes of the scene's objects, by D and the poses.
+* `objects`: S against the boxes of the scene's objects, by D and the poses.
 * `views`: D, B, C and S of each frame against those of its neighbours, through K and the poses.
+* `flows`: F against D and the poses of two frames.
 * `blur`: how far an exposure blurs B, which `views` and `alignment` leave out where they could not tell.
 * `alignment`: B warped into other frames and cameras by D, K and the poses, to a hundredth of a pixel.
 

@@ -271,7 +271,8 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         sample = part.begin
         sums = Sums()
         L = wp.vec3(0.0)
-        weight = wp.vec3(1.0)
+        weight = float(1.0)
+        seen = wp.vec3(1.0)
         path = Subpath()
         lights_of = int(0)
         while i < film.parts.shape[0]:
@@ -287,7 +288,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 place = image_place(scene, camera, part.row, part.col, u)
                 ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
                 path = start_at_camera(ray, seen)
-                weight = place[2] * seen
+                weight = place[2]
             else:
                 v = draw(key, pixel, sample, GROUPS * events(path) + 1)
                 of_half = virtual_lights[2 * lights_of + (sample & 1)]
@@ -316,7 +317,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 path = go_on(scene, path, hit, end, bounds, v)
             if path.alive == 0:
                 # the sample is complete: continue with the next one, or the next part
-                sums = add_correction(sums, sample, wp.cw_mul(weight, L))
+                sums = add_correction(sums, sample, weight * wp.cw_mul(seen, L))
                 L = wp.vec3(0.0)
                 path = Subpath()
                 sample += 1

@@ -11,8 +11,9 @@ from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
 
-TRACERS = {"reference": "reference path tracer", "path": "path tracer",
-           "field": "path tracer with the field of open water"}
+INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
+               "field": "path tracer with the field of open water"}
+"""In words."""
 STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
 """Of planning, for those who wait; the fourth where the first test images had far too few samples."""
 
@@ -118,8 +119,8 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
-    tracer = TRACERS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{tracer}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
+    integrator = INTEGRATORS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
+    words = {"A": f"{integrator}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
              "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
