@@ -319,6 +319,14 @@ def test_flashes_do_not_sharpen_an_image_in_ambient_light():
     np.testing.assert_array_equal(flashed.denoised, steadily.denoised)
 
 
+def test_guides_of_a_blurred_b_have_no_noise():
+    renderer = FrameRenderer(scene_of({"exposure_s": 0.4}), "cpu", parts=room())
+    how = {"outputs": "B", "spp_b": 4, "denoise_b": "oidn", "motion": steady((0.3, 0, 0))}
+    one, two = (renderer.render(np.eye(4), seed=seed, **how).B for seed in (1, 2))
+    assert not np.array_equal(one.radiance, two.radiance)
+    assert np.array_equal(one.albedo, two.albedo)
+
+
 def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
     """Of a camera with nothing but a shutter; whether or not A is rendered with it."""
     renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())

@@ -26,13 +26,12 @@ def at_rest(offset_ns):
     return np.broadcast_to(POSE, (len(offset_ns), 4, 4))
 
 
-@pytest.mark.parametrize("made", [still, moving])
-def test_what_is_compiled_meanwhile_is_what_images_need(made):
+@pytest.mark.parametrize(("made", "integrator"), [(still, "path"), (still, "field"), (moving, "path")])
+def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator):
     renderer, how = made()
-    with renderer.compiling("ABCDS", "path"):
+    with renderer.compiling("ABCDS", integrator):
         announced = {*renderer.launcher._compiling}
-    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=2, integrator="path",
-                    denoise_b="oidn", **how)
+    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
     assert announced == {kernel for kernel in renderer.launcher._loaded if "<locals>" in kernel.func.__qualname__}
 
 

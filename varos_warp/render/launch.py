@@ -64,9 +64,8 @@ class Launcher:
         """Compile a kernel before threads need it, and count the time apart."""
         if kernel not in self._loaded:
             start = time.perf_counter()
-            if kernel in self._compiling:
-                self._compiling[kernel].result()
-            else:
+            job = self._compiling.get(kernel)
+            if job is None or job.exception() is not None:
                 load_kernel(kernel, self.device)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)

@@ -132,8 +132,10 @@ class RadianceRenderer:
         """The long kernels of an image of a vehicle under way, by all integrators that a plan may compare."""
         world, moves = self.world, view.shutter is not None
         spec, optics = (world.has_instances, world.has_textures), optics_spec(view)
+        guided = world.has_textures if letter != "B" else self.scene.render.denoise_b == "oidn"
+        guides = [make_guides_kernel(*spec, optics, moves)] if guided else []
         if letter == "B":
-            return [make_ambient_kernel(*spec, optics, moves), make_guides_kernel(*spec, optics, moves)]
+            return [make_ambient_kernel(*spec, optics, moves), *guides] if world.has_surfaces else []
         name = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
         if self._is_dark or name == "reference":
             return []
@@ -141,7 +143,8 @@ class RadianceRenderer:
         varies = moves or world.lights.vary
         kinds = [kind for integrator in (name, *compared)
                  for kind in self._kinds_of_samples(view, options, integrator == "field", varies)]
-        return [*(kind.kernel for kind in kinds), make_virtual_lights_kernel(*spec, varies)]
+        lights = [make_virtual_lights_kernel(*spec, varies)] if world.has_surfaces else []
+        return [*(kind.kernel for kind in kinds), *lights, *guides]
 
     @property
     def _is_medium(self) -> bool:
@@ -273,7 +276,9 @@ class RadianceRenderer:
         images = self._developed([film])
         guides = {}
         if (method or self.scene.render.denoise_b) == "oidn":
-            guides = shot.guides() | {"albedo": images["direct"]}  # of all samples: as smooth at edges as the image
+            guides = shot.guides()
+            if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
+                guides = guides | {"albedo": images["direct"]}
         return (yield from self._fetched([film], images, shot, (), method, guides))
 
     def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,

@@ -1,7 +1,7 @@
 """What dataset.json must say for a dataset to be read: the entries that this package relies on, and their kinds.
 
-`describe` of dataset/write/texts.py writes more; what is not listed here may be missing. Names that become part of paths,
-here and in exports, are held to the same patterns as in a scene file, so that no dataset leads out of its folder.
+`describe` of dataset/write/texts.py writes more; what is not listed here may be missing. Names that become part of
+paths, here and in exports, are held to the same patterns as in a scene file: no dataset leads out of its folder.
 """
 
 from typing import Annotated, Any, Literal

@@ -25,12 +25,16 @@ BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m")
 
 
 def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **options):
-    """`plan_render` with a progress bar, of ``frames`` as in `kept_plan`."""
+    """`plan_render` with a progress bar, of ``frames`` as in `kept_plan`; what a run needs is compiled meanwhile.
+
+    But not where the time is to be measured, nor where there is nothing to find out.
+    """
     from varos_warp.render.planner.plan import plan_render
 
     if not {"A", "P"} & set(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
-    with renderer.compiling(scene.render.outputs), NamedSteps("planning", STEPS, quiet) as steps:
+    ahead = scene.render.outputs if open_questions(scene) and not options.get("measure_cost") else ()
+    with renderer.compiling(ahead), NamedSteps("planning", STEPS, quiet) as steps:
         return plan_render(scene, renderer, list(frames.poses()), time_ns=frames.time_ns.tolist(), motion=motion,
                            progress=steps.reach, **options)
 

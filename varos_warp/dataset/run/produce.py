@@ -425,7 +425,8 @@ class _Run:
         """
         if not self.work:
             return
-        with self.rendering() as progress, self.renderer.compiling(self.outputs, self.plan["integrator"]):
+        letters = {letter for job in self.work for letter in job.letters}
+        with self.rendering() as progress, self.renderer.compiling(letters, self.plan["integrator"]):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)

@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Ambient:
-    """Radiance along a ray, and what it would be if all that the ray meets first lay open to the ambient light."""
+    """Radiance along a ray, and about what it would be if what the ray meets first lay open to the ambient light."""
 
     L: wp.vec3
     open: wp.vec3

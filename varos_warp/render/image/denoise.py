@@ -7,7 +7,7 @@ some pixels around stays as it is. Values of the correction may be negative, and
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
 Geometry guides (albedo, normals) serve where there are textures. B has no water, and they keep its textures and edges;
-its albedo is the mean over its samples, which has edges as smooth as the image.
+its albedo is the mean over its samples, which has edges as smooth as the image, unless an exposure blurs it.
 """
 
 import atexit
@@ -164,7 +164,8 @@ def available_method(method: str) -> str:
     try:
         open_image_denoise()
     except (ImportError, OSError) as error:
-        warn(f"Open Image Denoise is not available ({error}); non-local means takes its place")
+        warn(f"Open Image Denoise is not available ({error}); non-local means takes its place, for which B needs more "
+             "samples: render.spp_b: 20")
         return "nlm"
     return "oidn"
 

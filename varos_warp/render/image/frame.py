@@ -28,9 +28,9 @@ class RadianceImage:
     for one sample."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising B, or both parts of A: what the surface reflects, for A at the pixel's centre, for B the
-    mean over its samples; and the surface's normal at the centre, in the world as in C. Both are zero where nothing
-    is hit, but B's albedo is 1 there."""
+    """Guides for denoising B, or both parts of A: what the surface reflects, at the pixel's centre or, for B
+    where nothing blurs it, as the mean over its samples; and the surface's normal at the centre, in the world as in C.
+    Both are zero where nothing is hit, but in that mean the albedo is 1 there."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
     spp: float | None = None

@@ -7,6 +7,7 @@ import numpy as np
 
 from varos_warp.errors import counted
 from varos_warp.render.field.open_water import unavailable
+from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
@@ -120,8 +121,10 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{integrator}{limits}, {plan.spp_in_words} samples per pixel, denoise {render.denoise}",
-             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, denoise {render.denoise_b}",
+    words = {"A": f"{integrator}{limits}, {plan.spp_in_words} samples per pixel, "
+                  f"denoise {available_method(render.denoise)}",
+             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, "
+                  f"denoise {available_method(render.denoise_b)}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
     words["P"] = words["A"]

@@ -38,7 +38,7 @@ class Render(Block):
     spp: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice."""
     spp_b: Annotated[int, Field(ge=1)] = 8
-    """Samples per pixel of B: with ``oidn`` they leave as little error as 20 with ``nlm``, as in the paper (3.2.1)."""
+    """Samples per pixel of B (docs/models.md); in the paper (3.2.1) 20, with ``denoise_b: nlm``."""
     max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
     """Most scatterings in the water on a path of light. Absent: no bound."""
     max_bounces: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[8])
