@@ -11,7 +11,6 @@ import argparse
 import json
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -19,23 +18,16 @@ from benchmarks.machine import machine
 from varos_warp.render.planner.errors import DARK, block_means
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
-from varos_warp.scene.file.templates import template_text
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-TEMPLATES = ("starter", "hull", "pipeline_inspection", "harbour_wall")
+DATA = ROOT / "varos_warp/data"
+SCENES = {
+    "munkholmen": ROOT / "examples/munkholmen/scene.yaml", "starter": DATA / "starter.yaml",
+    **{name: DATA / "templates" / f"{name}.yaml" for name in ("hull", "pipeline_inspection", "harbour_wall")}}
 RESOLUTION = (320, 180)
 WAYS = ((4, "oidn"), (8, "oidn"), (16, "oidn"), (8, "nlm"), (20, "nlm"), (20, "none"))
 SEEDS, ESTIMATE_SPP, EDGES = 3, 256, 0.05
-
-
-def scene_files(folder: Path) -> dict[str, Path]:
-    """The scenes by name; templates are written into a folder."""
-    files = {"munkholmen": ROOT / "examples" / "munkholmen" / "scene.yaml"}
-    for name in TEMPLATES:
-        files[name] = folder / f"{name}.yaml"
-        files[name].write_text(template_text() if name == "starter" else template_text(name))
-    return files
 
 
 def percent(image: np.ndarray, estimates: list[np.ndarray]) -> list[float]:
@@ -84,10 +76,9 @@ def main() -> None:
     options = parser.parse_args()
     result = {"machine": machine(options.device), "resolution": RESOLUTION, "seeds": SEEDS, "scenes": {}}
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory() as folder:
-        for name, path in scene_files(Path(folder)).items():
-            result["scenes"][name] = measured(path, options.device)
-            print(name, *result["scenes"][name], sep="\n", flush=True)
+    for name, path in SCENES.items():
+        result["scenes"][name] = measured(path, options.device)
+        print(name, *result["scenes"][name], sep="\n", flush=True)
     options.out.write_text(json.dumps(result, indent=1) + "\n")
 
 
