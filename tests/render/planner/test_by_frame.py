@@ -15,7 +15,7 @@ from varos_warp.render.planner.by_frame import (
     trial,
     tried_frames,
 )
-from varos_warp.render.planner.errors import FEWEST_SPP, error
+from varos_warp.render.planner.errors import FEWEST_SPP, Made, error, of_others, squared_error
 from varos_warp.render.planner.plan import plan_render
 
 A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER) + by_frame.ESTIMATES
@@ -99,7 +99,8 @@ def noisy_images(sigma: float, seed: int = 1):
 
     def image(spp: int, number: int, denoised: bool):
         rng = np.random.default_rng((seed, spp, number))
-        return truth + sigma * rng.normal(size=truth.shape) / np.sqrt(spp)
+        radiance = truth + sigma * rng.normal(size=truth.shape) / np.sqrt(spp)
+        return Made(spp, radiance, radiance if denoised else None)
 
     return image
 
@@ -137,38 +138,58 @@ def test_a_view_that_needs_many_times_the_first_guess_is_tried_until_it_is_known
 
 
 def test_errors_are_told_by_images_that_know_nothing_of_those_they_are_of():
-    """With the images themselves as estimates there would be no error."""
-    tried = trial(noisy_images(0.5), 16)
-    assert tried.spp == [4, 8, 16]
-    everything = [*tried.images, *tried.estimates]
-    assert len({image.tobytes() for image in everything}) == len(everything)
-    for spp, image in zip(tried.spp, tried.images, strict=True):
-        np.testing.assert_allclose(error([image], tried.estimates, 0.0), 0.5 / np.sqrt(spp), rtol=0.1)
+    """By all but the image itself: with it among them, its error would come out smaller."""
+    tried = trial(noisy_images(0.5), 16).made
+    assert [(one.spp, one.denoised is None) for one in tried] == [(4, False), (8, False), (16, False), (16, True)]
+    assert len({one.radiance.tobytes() for one in tried}) == len(tried)
+    for one in tried[:3]:
+        np.testing.assert_allclose(of_others(error, one, tried, 0.0), 0.5 / np.sqrt(one.spp), rtol=0.1)
+
+
+def test_images_of_many_samples_tell_more_than_those_of_few():
+    """Weighted by their samples; and the standard error is what the square varies by."""
+    rng, truth, spp = np.random.default_rng(8), np.ones((60, 80, 3)), [1, 1, 2, 4, 16]
+    found = [[squared_error([truth + 0.02], [truth + rng.normal(size=truth.shape) / np.sqrt(n) for n in spp], how)
+              for how in (spp, None)] for _ in range(40)]
+    (square, unsure), (alike, _) = np.moveaxis(found, (1, 2), (0, 1))
+    np.testing.assert_allclose(square.mean(), 0.02**2, atol=4.0 * square.std() / np.sqrt(square.size))
+    np.testing.assert_allclose(square.std(), unsure.mean(), rtol=4.0 / np.sqrt(2.0 * square.size))
+    assert square.std() < 0.67 * alike.std()  # 0.49 by the deviations of the products, and four standard errors
+
+
+def tried_with(truth, errors, deviation, rng):
+    """A trial of images of 2, 4, 8 samples with errors of these deviations, and of two that are all noise."""
+    images = [truth + error * rng.normal(size=truth.shape) for error in errors]
+    noise = [truth + deviation * rng.normal(size=truth.shape) for _ in range(5)]
+    made = [Made(spp, noisy, image) for spp, noisy, image in zip((2, 4, 8), noise, images, strict=False)]
+    return Trial(made + [Made(8, noisy) for noisy in noise[3:]])
 
 
 def test_no_more_samples_are_taken_than_were_enough():
     """From 2 to 4 samples errors fall faster than by the law, for with 2 none are shared out by noise: 4 are enough."""
-    rng = np.random.default_rng(4)
-    truth = np.ones((180, 320, 3))
-    counts, errors = [2, 4, 8], [0.049, 0.0165, 0.0098]
-    images = [truth + error * rng.normal(size=truth.shape) for error in errors]
-    tried = Trial(counts, images, [truth + 0.02 * rng.normal(size=truth.shape) for _ in range(2)])
+    truth, rng = np.ones((180, 320, 3)), np.random.default_rng(4)
+    tried = tried_with(truth, [0.049, 0.0165, 0.0098], 0.02, rng)
     assert tried.needs(0.0188, -0.75) == 4
     assert tried.needs(0.012, -0.75) in (6, 7)  # between 4 and 8 as they say
-    lucky = Trial(counts, [images[k] for k in (1, 0, 2)], tried.estimates)
+    lucky = tried_with(truth, [0.0165, 0.049, 0.0098], 0.02, rng)
     assert 4 < lucky.needs(0.0188, -0.75) <= 8  # with fewer it was enough once, and once not
 
 
 def test_vague_estimates_never_talk_samples_down():
-    """The image is 2 % off, the estimates are all noise: then no fewer samples are taken than the image had."""
+    """The image is 2 % off, the estimates are all noise: then no fewer samples are taken than the image had.
+
+    But it is no more than about 10 % off, and that is enough where 30 % are asked.
+    """
     truth, spp = np.ones((180, 320, 3)), 32
 
     def image(samples, number, denoised):
         rng = np.random.default_rng((samples, number))
-        return truth + (0.02 if denoised else 6.0 / np.sqrt(spp)) * rng.normal(size=truth.shape)
+        noisy, clean = (truth + sigma * rng.normal(size=truth.shape) for sigma in (6.0 / np.sqrt(samples), 0.02))
+        return Made(samples, noisy, clean if denoised else None)
 
-    for target in (0.01, 0.02, 0.03, 0.3):
+    for target in (0.01, 0.02, 0.03):
         assert trial(image, spp).needs(target, -0.75) >= spp
+    assert trial(image, spp).needs(0.3, -0.75) < spp
 
 
 UP = POSE.copy()

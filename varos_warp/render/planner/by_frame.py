@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render.planner import errors
-from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw
+from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw, Made, error, of_others
 
-SHARE = 0.04
+SHARE = 0.03
 """Share of a sequence's samples that trying its poses may cost, about."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 """Stretches between evenly spread poses; with fewer, or where few samples are needed, all frames take the same."""
@@ -27,8 +27,9 @@ UNLIKE = 1.5
 """The ends of a stretch are unlike if one needs more than so many times the samples of the other."""
 HALVINGS, HALVED = 2, 0.25
 """Stretches with unlike ends are halved this often, each time at most this share of the poses."""
-FEWER, ESTIMATES = (4, 2, 1), 2
-"""A pose is tried with the samples that it may need over each of these, against so many independent estimates."""
+FEWER, ESTIMATES = (4, 2, 1), 1
+"""A pose is tried with the samples that it may need over each of these; and so many images that are not denoised help
+to tell their errors."""
 FIRST = 8
 """Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, ROUNDS = 1.5, 4
@@ -60,55 +61,53 @@ def tried_frames(count: int, pixels: float) -> list[int]:
 class Trial:
     """A few images of one view."""
 
-    spp: list[int]
-    """Samples per pixel of each of the ``images``, in ascending order."""
-    images: list[np.ndarray]
-    """Denoised radiance [H, W, 3]."""
-    estimates: list[np.ndarray]
-    """Radiance of others."""
+    made: list[Made]
+    """Those that are denoised with samples per pixel in ascending order."""
 
     def needs(self, target: float, steepest: float) -> int:
         """Samples per pixel that keep the relative RMSE below a target in every channel.
 
         Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the estimates are
         too noisy to tell the square of an error (`errors.PRECISE`), the upper end of what chance leaves open counts,
-        and no fewer are taken than were tried.
+        and where that is above the target, no fewer are taken than were tried.
 
         Args:
             target: That error.
             steepest: Exponent of the error in the samples, at the least.
         """
-        found, upper = np.swapaxes([errors.error([image], self.estimates, (0.0, 1.0)) for image in self.images], 0, 1)
+        tried = [one for one in self.made if one.denoised is not None]
+        counts = [one.spp for one in tried]
+        found, upper = np.swapaxes([of_others(error, one, self.made, (0.0, 1.0)) for one in tried], 0, 1)
         vague = np.any(upper**2 > (1.0 + errors.PRECISE) * found**2, axis=1)
         found = np.where(vague[:, None], upper, found)
         failed = np.flatnonzero(found.max(1) > target)
         enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
-        near = slice(enough - 1, enough + 1) if 0 < enough < len(self.spp) else slice(None)
-        needed = ErrorLaw(self.spp[near], found[near], steepest=steepest).whole_samples(target)
-        most = self.spp[enough] if enough < len(self.spp) else REACH * self.spp[-1]
-        least = self.spp[-1] if vague[-1] else self.spp[0] // REACH
+        near = slice(enough - 1, enough + 1) if 0 < enough < len(counts) else slice(None)
+        needed = ErrorLaw(counts[near], found[near], steepest=steepest).whole_samples(target)
+        most = counts[enough] if enough < len(counts) else REACH * counts[-1]
+        least = counts[-1] if vague[-1] and upper[-1].max() > target else counts[0] // REACH
         return max(least, min(needed, most))
 
 
-def trial(image: Callable[[int, int, bool], np.ndarray], spp: int) -> Trial:
+def trial(image: Callable[[int, int, bool], Made], spp: int) -> Trial:
     """Try a view.
 
     Args:
-        image: Makes the radiance [H, W, 3] of an image of it, from its samples per pixel, the number of its random
-            numbers, and whether to denoise it.
+        image: Makes an image of it, from its samples per pixel, the number of its random numbers, and whether to
+            denoise it.
         spp: About what it may need.
     """
     counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
-    images = [image(count, k, True) for k, count in enumerate(counts)]
-    return Trial(counts, images, [image(spp, len(counts) + k, False) for k in range(ESTIMATES)])
+    made = [image(count, k, True) for k, count in enumerate(counts)]
+    return Trial(made + [image(spp, len(counts) + k, False) for k in range(ESTIMATES)])
 
 
-def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: dict[Place, int], target: float,
+def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[Place, int], target: float,
                    steepest: float) -> dict[Place, int]:
     """Samples per pixel that each view needs; ``target`` and ``steepest`` as in `Trial.needs`.
 
     Args:
-        image: Makes the radiance of a view, the first argument, as in `trial`.
+        image: Makes an image of a view, the first argument, as in `trial`.
         views: The views, and what they may need, `FEWER[0]` at least.
     """
     needed, tried = {}, views
@@ -121,7 +120,7 @@ def samples_needed(image: Callable[[Place, int, int, bool], np.ndarray], views: 
     return needed
 
 
-def samples_along(image: Callable[[Place, int, int, bool], np.ndarray], views: list[Place], worst: tuple[Place, int],
+def samples_along(image: Callable[[Place, int, int, bool], Made], views: list[Place], worst: tuple[Place, int],
                   target: float, steepest: float, smaller: bool = False) -> dict[Place, int]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 

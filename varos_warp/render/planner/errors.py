@@ -8,7 +8,7 @@ another one tells, on average, how far that one is from the truth.
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -20,8 +20,8 @@ FIREFLY = 3.0
 decide, and a pilot of few samples cannot measure those. In the mean of the image the pixel counts in full."""
 AROUND = 9
 """Side [pixels] of what is around."""
-BAND = 32
-"""Rows that are compared at a time."""
+BAND = 64
+"""Rows, of all estimates together, that are compared at a time."""
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
@@ -29,7 +29,7 @@ BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
 
 
 def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
-          sigmas: float | Sequence[float] = 1.0) -> np.ndarray:
+          sigmas: float | Sequence[float] = 1.0, spp: Sequence[float] | None = None) -> np.ndarray:
     """Relative RMSE [3] of images, from estimates that know nothing of them, nor of each other.
 
     With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
@@ -40,31 +40,56 @@ def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
         images: Radiance [H, W, 3] of each D.
         estimates: Radiance of the others, two or more.
         sigmas: That end, in standard errors; of several the result is [sigmas, 3].
+        spp: Samples of each estimate, which count in proportion; absent: all count alike.
     """
-    square, unsure = squared_error(images, estimates)
-    whole = relative(square + np.asarray(sigmas)[..., None] * unsure, np.asarray(estimates))
-    return np.maximum(whole, block_error(images, estimates) / BLOCKS_WITHIN)
+    square, unsure = squared_error(images, estimates, spp)
+    whole = relative(square + np.asarray(sigmas)[..., None] * unsure, estimates)
+    return np.maximum(whole, block_error(images, estimates, spp) / BLOCKS_WITHIN)
 
 
-def worst_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> np.ndarray:
-    """The largest `error` [3] of any one of the images."""
-    estimates = np.asarray(estimates)
+class Made(NamedTuple):
+    """An image of a view, by which errors are told: its own, if it is denoised, and those of others."""
+
+    spp: int
+    """Samples per pixel."""
+    radiance: np.ndarray
+    """As it is sampled, without bias [H, W, 3]."""
+    denoised: np.ndarray | None = None
+    """After the denoiser, where its error is asked for."""
+
+
+def of_others(compare, one: Made, made: Sequence[Made], *how):
+    """What `error` or `squared_error` says of one denoised image by all other images that were made of the view."""
+    others = [other for other in made if other is not one]
+    return compare([one.denoised], [other.radiance for other in others], *how, spp=[other.spp for other in others])
+
+
+def worst_error(images: Sequence[Made], made: Sequence[Made]) -> np.ndarray:
+    """The largest `error` [3] of any one of the images, by all that were made."""
     with ThreadPoolExecutor() as pool:
-        return np.max([*pool.map(lambda image: error([image], estimates), images)], axis=0)
+        return np.max([*pool.map(lambda one: of_others(error, one, made), images)], axis=0)
 
 
-def block_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> np.ndarray:
+def mean_square(images: Sequence[Made], made: Sequence[Made]) -> tuple[np.ndarray, np.ndarray]:
+    """`squared_error` [3] of images, by all that were made, and its standard error [3]."""
+    with ThreadPoolExecutor() as pool:
+        found = [*pool.map(lambda one: of_others(squared_error, one, made), images)]
+    return tuple(np.mean(found, axis=0))
+
+
+def block_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
+                spp: Sequence[float] | None = None) -> np.ndarray:
     """Error [3] that `BLOCK_QUANTILE` of the blocks of 8 x 8 pixels of images stay within.
 
     Of a block's mean, relative to the block's or to `DARK` of the image's, whichever is brighter. What of it may be the
     noise of the estimates is taken off.
     """
-    known = np.array([block_means(estimate) for estimate in estimates])
-    mean, chance = known.mean(0), known.var(0, ddof=1) / len(known)
+    weights, known = weights_of(estimates, spp), np.array([block_means(estimate) for estimate in estimates])
+    mean = np.tensordot(weights, known, 1)
     level = np.maximum(mean, DARK * brightness(mean.mean((0, 1))))
     if not level.any():
         return np.zeros(3)
-    off = np.array([(block_means(image) - mean) ** 2 - chance for image in images])
+    off = np.array([off_squared(block_means(image), known, weights) for image in images])
     share = np.sqrt(np.maximum(off, 0.0)) / np.maximum(level, 1e-30)
     return np.quantile(share, BLOCK_QUANTILE, axis=(0, 1, 2))
 
@@ -77,50 +102,68 @@ def block_means(image: np.ndarray) -> np.ndarray:
     return blocks.reshape(height, tall, width, wide, -1).mean((1, 3))
 
 
-def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def weights_of(estimates: Sequence[np.ndarray], spp: Sequence[float] | None) -> np.ndarray:
+    """Shares of the estimates in their mean [count]."""
+    weights = np.ones(len(estimates)) if spp is None else np.asarray(spp, float)
+    return weights / weights.sum()
+
+
+def off_squared(values: np.ndarray, estimates: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Square of what is wrong with values [...], from independent unbiased estimates [count, ...] of the right ones.
+
+    The mean of (D - M)(D - M') over all pairs of estimates, weighted by the product of their ``weights``, whose sum is
+    one.
+    """
+    off = values - estimates
+    own = np.tensordot(weights**2, off**2, 1)
+    return (np.tensordot(weights, off, 1) ** 2 - own) / (1.0 - np.sum(weights**2))
+
+
+def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
+                  spp: Sequence[float] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the estimates.
 
     As if pixels were independent.
     """
-    estimates = np.asarray(estimates)
-    with ThreadPoolExecutor() as pool:
-        found = [*pool.map(partial(_squared_error, estimates, estimates.mean((1, 2), dtype=np.float64)), images)]
-    return tuple(np.mean(found, axis=0))
+    weights = weights_of(estimates, spp)
+    means = np.array([estimate.mean((0, 1), dtype=np.float64) for estimate in estimates])
+    return tuple(np.mean([_squared_error(image, estimates, means, weights) for image in images], axis=0))
 
 
-def _squared_error(estimates: np.ndarray, means: np.ndarray, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _squared_error(image: np.ndarray, estimates: Sequence[np.ndarray], means: np.ndarray, weights: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray]:
     """`squared_error` of one image; ``means`` [count, 3] are those of the estimates."""
     level = image.mean((0, 1), dtype=np.float64)
-    (square, deviation), sane_means = _against_sane(image, estimates, level)
-    both = np.array([means, sane_means])
-    (offset, sane_offset), (chance, sane_chance) = level - both.mean(1), both.var(axis=1, ddof=1) / len(means)
-    rare = offset**2 - chance - (sane_offset**2 - sane_chance)
-    unsure = np.hypot(deviation / np.sqrt(image[..., 0].size),
-                      2.0 * offset * np.sqrt(np.maximum(chance - sane_chance, 0.0)))
-    return square + rare, unsure
+    (square, deviation), sane_means = _against_sane(image, estimates, weights, level)
+    offset, sane_offset = (level - weights @ values for values in (means, sane_means))
+    off, sane_off = (off_squared(level, values, weights) for values in (means, sane_means))
+    chance = offset**2 - off - (sane_offset**2 - sane_off)  # of the mean of fireflies
+    unsure = np.hypot(deviation / np.sqrt(image[..., 0].size), 2.0 * offset * np.sqrt(np.maximum(chance, 0.0)))
+    return square + off - sane_off, unsure
 
 
-def _against_sane(image: np.ndarray, estimates: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: np.ndarray, level: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and deviation [2, 3] of the squares of what is wrong, by estimates without fireflies; and their means.
 
     In bands of rows: what lies in the cache takes a fraction of the time.
     """
     around = uniform_filter(image, (AROUND, AROUND, 1))
     sums, means = np.zeros((2, 3)), np.zeros((len(estimates), 3))
-    for rows in np.array_split(np.arange(len(image)), -(-len(image) // BAND)):
+    for rows in np.array_split(np.arange(len(image)), -(-len(image) * len(estimates) // BAND)):
         here = image[rows].astype(np.float64)
         limit = FIREFLY * np.maximum(np.maximum(here, around[rows]), DARK * level)
-        sane = np.clip(estimates[:, rows], -limit, limit)
-        square = (here - sane.mean(0)) ** 2 - sane.var(axis=0, ddof=1) / len(sane)
+        sane = np.clip([estimate[rows] for estimate in estimates], -limit, limit)
+        square = off_squared(here, sane, weights)
         sums += square.sum((0, 1)), (square**2).sum((0, 1))
         means += sane.sum((1, 2))
     mean, mean_square = sums / image[..., 0].size
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), means / image[..., 0].size
 
 
-def relative(square: np.ndarray, radiance: np.ndarray) -> np.ndarray:
-    """Root of mean squares [3] over the brightness of images [count, H, W, 3]; 0 where all is black."""
-    level = brightness(radiance.mean((0, 1, 2), dtype=np.float64))
+def relative(square: np.ndarray, images: Sequence[np.ndarray]) -> np.ndarray:
+    """Root of mean squares [3] over the brightness of images [H, W, 3]; 0 where all is black."""
+    level = brightness(np.mean([image.mean((0, 1), dtype=np.float64) for image in images], axis=0))
     return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(square.shape), where=level > 0.0)
 
 

@@ -21,7 +21,7 @@ from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
-from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw
+from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw, Made
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
@@ -48,10 +48,10 @@ MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 FIRST_GUESS = {"field": 2, "path": 4, "reference": 16}
 """Samples per pixel of the first test images; if far from what is needed, others are made."""
 LEVELS, ESTIMATE_LEVEL = (1, 2, 4), 8
-"""Samples of the test images, and of the estimates that tell their errors, as multiples of that guess."""
-FEWEST_ESTIMATES, MOST_ESTIMATES, MOST_ESTIMATING = 2, 16, 512
-"""Estimates are added until they tell the square of an error (`errors.PRECISE`), or are as many as the second, or have
-as many samples per pixel together as the third."""
+"""Samples of the test images, and of the estimates that help to tell their errors, as multiples of that guess."""
+MOST_ESTIMATES, MOST_ESTIMATING = 16, 512
+"""Test images tell each other's errors, and estimates are added until the square of an error is known
+(`errors.PRECISE`), or they are as many as the first, or have as many samples per pixel together as the second."""
 IMAGES = 4
 """Test images of each level. The worst counts: what rare bright samples and a denoiser leave varies from one image to
 the next, and a tolerance is to hold for nearly all."""
@@ -172,9 +172,10 @@ class Planner:
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
         return self.frames.render(frame, camera, "A", seed=pilot.SEED + number, **how).A
 
-    def denoised(self, frame: int, camera, spp: int, number: int) -> np.ndarray:
-        """Radiance [H, W, 3] of such an image after the denoiser, where there is one."""
-        return self.image(frame, camera, spp, number, denoise=self.denoiser, denoised_only=True).denoised
+    def made(self, frame: int, camera, spp: int, number: int, denoised: bool) -> Made:
+        """Such an image to tell errors by, and what the denoiser makes of it."""
+        image = self.image(frame, camera, spp, number, **({"denoise": self.denoiser} if denoised else {}))
+        return Made(spp, image.radiance, image.denoised)
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
@@ -288,8 +289,7 @@ class Planner:
 
         def image(view, spp, number, denoised):
             name, frame = view
-            tried = frame, cameras[name], spp, number
-            return self.denoised(*tried) if denoised else self.image(*tried).radiance
+            return self.made(frame, cameras[name], spp, number, denoised)
 
         views = [(name, frame) for name in cameras for frame in frames]
         needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest,
@@ -315,44 +315,44 @@ class Planner:
         return law
 
     def measured_law(self, first: int, target: float, step: str = "samples") -> ErrorLaw:
-        """Errors of test images with a few times ``first`` samples, by independent estimates; ``step`` is its name.
+        """Errors of test images with a few times ``first`` samples; ``step`` is its name.
 
         Where the fewest samples that are ever taken keep the ``target``, two numbers of them tell enough.
         """
-        images, made, each = [], [], ESTIMATE_LEVEL * first
-        tests = IMAGES * sum(LEVELS) * first
-        most = max(FEWEST_ESTIMATES, min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
+        made, levels, each = [], [level * first for level in LEVELS], ESTIMATE_LEVEL * first
+        most = min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))
 
-        def tell():
-            done = IMAGES * sum(LEVELS[:len(images)]) * first + len(made) * each
-            self.progress(step, done / (tests + most * each))
+        def make(spp: int, denoised: bool):
+            made.append(self.made(self.worst.frame, self.test_camera, spp, len(made), denoised))
+            self.progress(step, sum(one.spp for one in made) / (IMAGES * sum(levels) + most * each))
 
-        tell()
-        for k, level in enumerate(LEVELS):
-            images.append([self.denoised(self.worst.frame, self.test_camera, level * first, IMAGES * k + i)
-                           for i in range(IMAGES)])
-            tell()
-            if k == len(LEVELS) - 1 or (k == 1 and first <= FEWEST_SPP):
-                self.add_estimates(made, each, most, images[-1], tell)
-                found = [errors.worst_error(tried, made) for tried in images]
+        self.progress(step, 0.0)
+        for k, spp in enumerate(levels):
+            for _ in range(IMAGES):
+                make(spp, True)
+            if k == len(levels) - 1 or (k == 1 and first <= FEWEST_SPP):
+                found = self.told(levels[:k + 1], made, most, lambda: make(each, False))
                 if found[0].max() <= target:
                     break
-        return ErrorLaw([level * first for level in LEVELS[:len(images)]], np.array(found), self.steepest)
+        return ErrorLaw(levels[:len(found)], found, self.steepest)
 
-    def add_estimates(self, made: list[np.ndarray], spp: int, most: int, images: list[np.ndarray],
-                      tell: Callable[[], None]) -> None:
-        """Add independent images of ``spp`` samples until they tell the errors of the given ones, or are ``most``."""
-        taken = IMAGES * len(LEVELS)
-        while True:
-            if len(made) >= FEWEST_ESTIMATES and not len(made) & (len(made) - 1):  # 2, 4, 8 ...: it takes its time
-                square, unsure = errors.squared_error(images, made)
-                worst = np.argmax(square / np.maximum(brightness(np.mean(made[0], axis=(0, 1))), 1e-30) ** 2)
-                if unsure[worst] <= errors.PRECISE * square[worst]:
-                    return
-            if len(made) >= most:
-                return
-            made.append(self.image(self.worst.frame, self.test_camera, spp, taken + len(made)).radiance)
-            tell()
+    def told(self, counts: list[int], made: list[Made], most: int, add: Callable[[], None]) -> np.ndarray:
+        """The worst errors [count, 3] of the denoised images of each number of samples, by all that were made.
+
+        Where they do not tell enough, more images are made by ``add``, ``most`` at the most.
+        """
+        tried = [[one for one in made if one.spp == spp and one.denoised is not None] for spp in counts]
+        for added in range(most):
+            if not added & (added - 1) and self.is_told(tried[-1], made):  # 0, 1, 2, 4 ...: it takes its time
+                break
+            add()
+        return np.array([errors.worst_error(images, made) for images in tried])
+
+    def is_told(self, images: list[Made], made: list[Made]) -> bool:
+        """Whether the square of the error of images is known, by all that were made."""
+        square, unsure = errors.mean_square(images, made)
+        worst = np.argmax(square / np.maximum(brightness(made[0].radiance.mean((0, 1))), 1e-30) ** 2)
+        return bool(unsure[worst] <= errors.PRECISE * square[worst])
 
     def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
         """The choice in words."""
