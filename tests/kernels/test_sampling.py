@@ -22,18 +22,18 @@ def draw(key: wp.array(dtype=wp.uint32), pixel: wp.array(dtype=int), sample: wp.
 
 
 @wp.kernel(enable_backward=False)
-def directions(axis: wp.vec3, u: wp.array(dtype=wp.vec2), cosine: wp.array(dtype=wp.vec3),
+def directions(axis: wp.vec3, most: float, u: wp.array(dtype=wp.vec2), cosine: wp.array(dtype=wp.vec3),
                joint: wp.array(dtype=wp.vec3), disk: wp.array(dtype=wp.vec2)):
     i = wp.tid()
     cosine[i] = sampling.sample_cosine(axis, u[i][0], u[i][1])
-    joint[i] = sampling.sample_joint(axis, u[i][0], u[i][1])
+    joint[i] = sampling.sample_joint(axis, most, u[i][0], u[i][1])
     disk[i] = sampling.sample_disk(u[i][0], u[i][1])
 
 
 @wp.kernel(enable_backward=False)
-def joint_density(chord: wp.array(dtype=float), pdf: wp.array(dtype=float)):
+def joint_density(chord: wp.array(dtype=float), most: float, pdf: wp.array(dtype=float)):
     i = wp.tid()
-    pdf[i] = sampling.joint_pdf(chord[i])
+    pdf[i] = sampling.joint_pdf(chord[i], most)
 
 
 @wp.kernel(enable_backward=False)
@@ -130,7 +130,7 @@ def in_frame_of(axis, d):
 def test_directions_around_an_axis_follow_their_densities(truth, axis):
     """cos(theta)/pi around a normal, (pi - gamma)/sin(gamma) around a lamp; azimuth and mean cosine."""
     u = rng_array(1, (N, 2))
-    cosine, joint, _ = run(directions, [wp.vec3(*axis), u], [wp.vec3, wp.vec3, wp.vec2])
+    cosine, joint, _ = run(directions, [wp.vec3(*axis), np.pi, u], [wp.vec3, wp.vec3, wp.vec2])
     for d in (cosine, joint):
         np.testing.assert_allclose(np.linalg.norm(d.astype(float), axis=1), 1.0, atol=5e-7)
     mu, azimuth = in_frame_of(axis, cosine)
@@ -147,7 +147,8 @@ def test_directions_around_an_axis_follow_their_densities(truth, axis):
 
 
 def test_points_on_the_lens_are_uniform_in_the_disk():
-    disk = run(directions, [wp.vec3(0.0, 0.0, 1.0), rng_array(2, (N, 2))], [wp.vec3, wp.vec3, wp.vec2])[2].astype(float)
+    inputs = [wp.vec3(0.0, 0.0, 1.0), np.pi, rng_array(2, (N, 2))]
+    disk = run(directions, inputs, [wp.vec3, wp.vec3, wp.vec2])[2].astype(float)
     radius2 = (disk**2).sum(axis=1)
     assert radius2.max() <= 1.0 + 1e-6
     azimuth = np.arctan2(disk[:, 1], disk[:, 0]) / (2 * np.pi) % 1.0
@@ -159,16 +160,28 @@ def test_the_joint_density_is_what_it_says_and_integrates_to_one(truth):
     """(pi - gamma)/sin(gamma)/pi^3, from 1e-5 rad beside the lamp on; in float32 the back is known to 3e-4 rad."""
     s = np.linspace(np.log(1e-5), np.log(np.pi), 20001)
     gamma = np.exp(0.5 * (s[1:] + s[:-1]))
-    pdf = run(joint_density, [2 * np.sin(gamma / 2)], [float]).astype(float)
+    pdf = run(joint_density, [2 * np.sin(gamma / 2), np.pi], [float]).astype(float)
     np.testing.assert_allclose(pdf[gamma < 3], ((np.pi - gamma) / np.sin(gamma) / np.pi**3)[gamma < 3], rtol=2e-5)
     truth("integral over the sphere of (pi - gamma)/sin(gamma)/pi^3", source="Kalos (1963)", expected=1.0,
           got=(2 * np.pi * np.sin(gamma) * pdf * gamma).mean() * (s[-1] - s[0]), tolerance=2e-5,
           reason="quadrature of 20 000 steps, and float32")
 
 
+@pytest.mark.parametrize("most", [0.02, 0.3, 2.0])
+def test_directions_from_metal_keep_to_an_angle_about_the_lamp_and_follow_their_density(most):
+    """(most - gamma)/sin(gamma)/pi/most^2, and none beyond."""
+    joint = run(directions, [wp.vec3(0.0, 0.0, 1.0), most, rng_array(3, (N, 2))], [wp.vec3, wp.vec3, wp.vec2])[1]
+    gamma = 2 * np.arcsin(np.linalg.norm(joint.astype(float) - [0, 0, 1], axis=1) / 2)
+    assert_plausible([uniform_p(np.clip(1 - (1 - gamma / most) ** 2, 0, 1))])
+    gamma = most * np.array([1e-3, 0.3, 0.9, 1.001])
+    pdf = run(joint_density, [2 * np.sin(gamma / 2), most], [float])
+    np.testing.assert_allclose(pdf, np.maximum(most - gamma, 0.0) / np.sin(gamma) / np.pi / most**2, rtol=2e-4)
+
+
 def test_the_joint_density_is_finite_towards_the_lamp_and_right_away_from_it():
     """(pi - gamma)/sin(gamma) tends to 1 at the back: a density of 0 there would give weights without bound."""
-    front, *back = run(joint_density, [2 * np.sin(np.array([0, np.pi, 0.9999 * np.pi, 0.999 * np.pi]) / 2)], [float])
+    chord = 2 * np.sin(np.array([0, np.pi, 0.9999 * np.pi, 0.999 * np.pi]) / 2)
+    front, *back = run(joint_density, [chord, np.pi], [float])
     assert np.isfinite(front)
     assert front > 1e4
     assert np.all(np.abs(np.array(back) * np.pi**3 - 1) < [1e-3, 0.5, 0.02])

@@ -144,23 +144,25 @@ def one_minus_cos_at(y: float, h: float, distance: float):
 
 
 @wp.func
-def joint_pdf(chord: float):
-    """Density [1/sr] of directions around a light, proportional to (pi - gamma)/sin(gamma).
+def joint_pdf(chord: float, most: float):
+    """Density [1/sr] of directions around a light, proportional to (most - gamma)/sin(gamma), gamma up to ``most``.
 
-    That is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et al. 2013): drawing a
-    direction from it and then an equiangular point on the ray leaves no singularity in double scattering. The argument
-    is the distance between the two unit vectors, because their cosine has no float32 digits left for gamma < 1e-3, and
-    rays close to a light would become thousands of times too bright.
+    With pi, for all directions, that is the integral of 1/d^2 to the light along the whole ray (Kalos 1963; Georgiev et
+    al. 2013): drawing a direction from it and then an equiangular point on the ray leaves no singularity in double
+    scattering. ``chord`` is the distance between the two unit vectors, because their cosine has no float32 digits left
+    for gamma < 1e-3, and rays close to a light would become thousands of times too bright.
     """
     gamma = 2.0 * wp.asin(wp.min(0.5 * chord, 1.0))
+    if gamma > most:
+        return 0.0
     sine = wp.max(chord * wp.sqrt(wp.max(1.0 - 0.25 * chord * chord, 0.0)), 1.0e-7)
-    return wp.max(wp.pi - gamma, 1.0e-7) / (sine * wp.pi * wp.pi * wp.pi)
+    return wp.max(most - gamma, 1.0e-7) / (sine * wp.pi * most * most)
 
 
 @wp.func
-def sample_joint(to_light: wp.vec3, u: float, v: float):
+def sample_joint(to_light: wp.vec3, most: float, u: float, v: float):
     """Direction with density joint_pdf around ``to_light``."""
-    gamma = wp.pi * (1.0 - wp.sqrt(1.0 - u))
+    gamma = most * (1.0 - wp.sqrt(1.0 - u))
     return from_polar(to_light, wp.cos(gamma), wp.sin(gamma), wp.tau * v)
 
 

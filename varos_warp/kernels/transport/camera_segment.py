@@ -22,8 +22,8 @@ from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
     is_metal,
-    lobe_reaches_lights,
     sample_direction,
+    share_from_metal,
     subpath_from_surface,
 )
 from varos_warp.kernels.world.camera import Camera, make_sample_ray
@@ -55,7 +55,7 @@ def make_mirrored(spec: PathSpec) -> wp.Function:
         share = float(0.0)
         if wp.static(spec.medium):
             if bounds.scatterings > 0:
-                share = 0.5 * lobe_reaches_lights(scene, metal)
+                share = share_from_metal(scene, metal)
         return sample_direction(scene, subpath_from_surface(scene, metal, t, FAR), share, u, v)
 
     @wp.func

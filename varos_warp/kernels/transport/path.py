@@ -39,9 +39,9 @@ from varos_warp.kernels.transport.subpath import (
     light_distance,
     light_reach,
     light_share,
-    lobe_reaches_lights,
     sample_direction,
     sample_first_scattering,
+    share_from_metal,
     subpath_from_surface,
     subpath_from_water,
     water_vertex,
@@ -157,7 +157,7 @@ def make_leave_vertex(spec: PathSpec) -> wp.Function:
                 share = light_share(path, LEAST_AROUND)
         if wp.static(spec.field and spec.textures):
             if is_metal(path.vertex):
-                share = 0.5 * lobe_reaches_lights(scene, path.vertex)
+                share = share_from_metal(scene, path.vertex)
         return share
 
     @wp.func

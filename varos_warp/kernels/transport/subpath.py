@@ -13,7 +13,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import joint_pdf, sample_joint
-from varos_warp.kernels.world.bsdf import sample_surface, surface_albedo, surface_eval, surface_pdf
+from varos_warp.kernels.world.bsdf import lobe_alpha, sample_surface, surface_albedo, surface_eval, surface_pdf
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import (
     choose_by_importance,
@@ -84,30 +84,60 @@ def surface_vertex(hit: Hit, d: wp.vec3, n: wp.vec3, surface: Surface):
 # ------------------------------------------------------------------------------------- directions: three lobes, one pdf
 
 
+GLOW = wp.constant(2.0)
+"""Angle about a light in which directions from metal are drawn, in RMS slopes of its microfacets. Farther away the
+metal's own lobe finds the light, if it reaches there at all (docs/transport.md)."""
+
+MOST_FROM_METAL = wp.constant(0.35)
+"""Most of the directions from metal that are drawn around lights: what its own lobe finds on surfaces is as noisy."""
+
+
+@wp.struct
+class LightLobes:
+    """How directions around lights are drawn: by the phase function, or by `joint_pdf` up to an angle [rad]."""
+
+    phase_share: float
+    most: float
+
+
 @wp.func
-def light_lobes_pdf(scene: SceneData, p: wp.vec3, d: wp.vec3):
-    """Density of sample_light_lobes: half a phase function, half a joint lobe around each light."""
+def light_lobes(vertex: Vertex):
+    """Half of each; from metal, which mirrors a narrow part of the water's glow, by the second up to a small angle."""
+    lobes = LightLobes()
+    lobes.phase_share = 0.5
+    lobes.most = wp.pi
+    if is_metal(vertex):
+        lobes.phase_share = 0.0
+        lobes.most = wp.min(GLOW * lobe_alpha(vertex.surface.roughness), wp.pi)
+    return lobes
+
+
+@wp.func
+def light_lobes_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
+    """Density of sample_light_lobes."""
+    lobes = light_lobes(vertex)
     total = float(0.0)
     weights = float(1.0e-30)
     for i in range(light_count(scene.lights)):
         light = get_light(scene.lights, i)
-        weight = light_importance(light, p)
-        chord = wp.length(light_direction(light, p) - d)
+        weight = light_importance(light, vertex.p)
+        chord = wp.length(light_direction(light, vertex.p) - d)
         # chord^2 / 2 = 1 - cos without cancellation
-        lobe = 0.5 * phase_eval(scene.medium.phase, 0.5 * chord * chord) + 0.5 * joint_pdf(chord)
-        total += weight * lobe
+        by_phase = lobes.phase_share * phase_eval(scene.medium.phase, 0.5 * chord * chord)
+        total += weight * (by_phase + (1.0 - lobes.phase_share) * joint_pdf(chord, lobes.most))
         weights += weight
     return total / weights
 
 
 @wp.func
-def sample_light_lobes(scene: SceneData, p: wp.vec3, u: wp.vec4):
-    """Direction from ``p`` towards the bright water near a light, by the phase function or the joint lobe."""
-    light = get_light(scene.lights, choose_by_importance(scene.lights, p, u[0]))
-    to_light = light_direction(light, p)
-    if u[1] < 0.5:
+def sample_light_lobes(scene: SceneData, vertex: Vertex, u: wp.vec4):
+    """Direction from a vertex towards the bright water near a light."""
+    lobes = light_lobes(vertex)
+    light = get_light(scene.lights, choose_by_importance(scene.lights, vertex.p, u[0]))
+    to_light = light_direction(light, vertex.p)
+    if u[1] < lobes.phase_share:
         return phase_sample(scene.medium.phase, to_light, u[2], u[3])
-    return sample_joint(to_light, u[2], u[3])
+    return sample_joint(to_light, lobes.most, u[2], u[3])
 
 
 @wp.func
@@ -298,10 +328,11 @@ def light_share(path: Subpath, most: float):
 
 
 @wp.func
-def lobe_reaches_lights(scene: SceneData, vertex: Vertex):
-    """The value x / (1 + x), with x the density of a surface's lobe towards the lights, relative to a uniform one.
+def share_from_metal(scene: SceneData, vertex: Vertex):
+    """Fraction of directions around the lights from metal, 0.35 x / (1 + x).
 
-    The water is brightest around the lights, but a metal whose lobe hardly points there does not reflect that light.
+    With x the density of its own lobe towards the lights, relative to a uniform one: the water is brightest around the
+    lights, but a metal whose lobe hardly points there does not reflect that light.
     """
     total = float(0.0)
     lobe = float(0.0)
@@ -311,7 +342,7 @@ def lobe_reaches_lights(scene: SceneData, vertex: Vertex):
         total += weight
         lobe += weight * own_lobe_pdf(scene, vertex, light_direction(light, vertex.p))
     x = 4.0 * wp.pi * lobe / wp.max(total, 1.0e-30)
-    return x / (1.0 + x)
+    return MOST_FROM_METAL * x / (1.0 + x)
 
 
 @wp.func
@@ -322,7 +353,7 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
     """
     after = path
     if v[0] < share:
-        d = sample_light_lobes(scene, path.vertex.p, u)
+        d = sample_light_lobes(scene, path.vertex, u)
     else:
         d = sample_own_lobe(scene, path.vertex, u[2], u[3], v[1])
     f = vertex_eval(scene, path.vertex, d)
@@ -332,7 +363,7 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
         after.lobe_pdf = own_lobe_pdf(scene, path.vertex, d)
         pdf = (1.0 - share) * after.lobe_pdf
         if share > 0.0:
-            pdf += share * light_lobes_pdf(scene, path.vertex.p, d)
+            pdf += share * light_lobes_pdf(scene, path.vertex, d)
         after.throughput = wp.cw_mul(after.throughput, f) / pdf
     return after
 
