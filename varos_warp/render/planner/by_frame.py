@@ -1,25 +1,25 @@
 """Samples by frame: what the views of a sequence need differs, and the one that needs most need not rule all frames.
 
-Poses along the sequence are tried with a few images each (errors.error), closer together where their needs are unlike.
+Poses along the sequence are tried with a few images each (errors.Made), closer together where their needs are unlike.
 A frame between two poses takes a number between theirs, in proportion, or what the more demanding one needs if they are
 unlike even so. As always, what a frame takes follows from the scene alone, not from other frames.
 """
 
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from heapq import nlargest
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw, Made, error, of_others
 
-SHARE = 0.03
+SHARE = 0.07
 """Share of a sequence's samples that trying its poses may cost, about."""
 FEWEST_STRETCHES, MOST_STRETCHES = 4, 32
 """Stretches between evenly spread poses; with fewer, or where few samples are needed, all frames take the same."""
@@ -27,13 +27,13 @@ UNLIKE = 1.5
 """The ends of a stretch are unlike if one needs more than so many times the samples of the other."""
 HALVINGS, HALVED = 2, 0.25
 """Stretches with unlike ends are halved this often, each time at most this share of the poses."""
-FEWER, ESTIMATES = (4, 2, 1), 1
-"""A pose is tried with the samples that it may need over each of these; and so many images that are not denoised help
-to tell their errors."""
-FIRST = 8
+FEWER = (4, 2, 1)
+"""A pose is tried with the samples that it may need over each of these; the three images tell each other's errors."""
+FIRST = 4
 """Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
-BEYOND, ROUNDS = 1.5, 4
-"""A pose is tried again if it needs more than 1.5 times what it was tried with, at most 4 times."""
+BEYOND, MOST_IMAGES = 1.5, 6
+"""Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
+its images do not tell, up to six."""
 THREADS = 2
 """Threads that compare images while others are rendered."""
 
@@ -50,94 +50,110 @@ def tried_frames(count: int, pixels: float) -> list[int]:
         count: Frames of the sequence.
         pixels: Of an image of the pilot over those of an image of the sequence.
     """
-    cost = (sum(1.0 / fewer for fewer in FEWER) + ESTIMATES) * pixels
+    cost = sum(1.0 / fewer for fewer in FEWER) * pixels
     stretches = min(int(SHARE * count / cost), MOST_STRETCHES, count - 1)
     if stretches < FEWEST_STRETCHES:
         return []
     return np.linspace(0, count - 1, stretches + 1).round().astype(int).tolist()
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A few images of one view."""
+class Need(NamedTuple):
+    """What images of a view say of the samples that it needs."""
 
-    made: list[Made]
-    """Those that are denoised with samples per pixel in ascending order."""
-
-    def needs(self, target: float, steepest: float) -> int:
-        """Samples per pixel that keep the relative RMSE below a target in every channel.
-
-        Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the estimates are
-        too noisy to tell the square of an error (`errors.PRECISE`), the upper end of what chance leaves open counts,
-        and where that is above the target, no fewer are taken than were tried.
-
-        Args:
-            target: That error.
-            steepest: Exponent of the error in the samples, at the least.
-        """
-        tried = [one for one in self.made if one.denoised is not None]
-        counts = [one.spp for one in tried]
-        found, upper = np.swapaxes([of_others(error, one, self.made, (0.0, 1.0)) for one in tried], 0, 1)
-        vague = np.any(upper**2 > (1.0 + errors.PRECISE) * found**2, axis=1)
-        found = np.where(vague[:, None], upper, found)
-        failed = np.flatnonzero(found.max(1) > target)
-        enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
-        near = slice(enough - 1, enough + 1) if 0 < enough < len(counts) else slice(None)
-        needed = ErrorLaw(counts[near], found[near], steepest=steepest).whole_samples(target)
-        most = counts[enough] if enough < len(counts) else REACH * counts[-1]
-        least = counts[-1] if vague[-1] and upper[-1].max() > target else counts[0] // REACH
-        return max(least, min(needed, most))
+    spp: int
+    told: bool
+    """Whether they tell it."""
 
 
-def trial(image: Callable[[int, int, bool], Made], spp: int) -> Trial:
-    """Try a view.
+def need(made: list[Made], target: float, steepest: float) -> Need:
+    """Samples per pixel that keep the relative RMSE below a target in every channel.
+
+    Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the images are too
+    noisy to tell the square of an error (`errors.PRECISE`), the upper end of what chance leaves open counts, and where
+    that is above the target, no fewer are taken than were tried.
 
     Args:
-        image: Makes an image of it, from its samples per pixel, the number of its random numbers, and whether to
-            denoise it.
+        made: Images of the view, those that are denoised with samples in ascending order.
+        target: That error.
+        steepest: Exponent of the error in the samples, at the least.
+    """
+    tried = [one for one in made if one.denoised is not None]
+    counts = [one.spp for one in tried]
+    found, upper = np.swapaxes([of_others(error, one, made, (0.0, 1.0)) for one in tried], 0, 1)
+    vague = np.any(upper**2 > (1.0 + errors.PRECISE) * found**2, axis=1)
+    found = np.where(vague[:, None], upper, found)
+    failed = np.flatnonzero(found.max(1) > target)
+    enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
+    near = slice(enough - 1, enough + 1) if 0 < enough < len(counts) else slice(None)
+    needed = ErrorLaw(counts[near], found[near], steepest=steepest).whole_samples(target)
+    most = counts[enough] if enough < len(counts) else REACH * counts[-1]
+    told = not vague[-1] or upper[-1].max() <= target
+    least = counts[0] // REACH if told else counts[-1]
+    return Need(max(least, min(needed, most)), told)
+
+
+def trial(image: Callable[[int, int, bool], Made], spp: int) -> list[Made]:
+    """A few images of a view.
+
+    Args:
+        image: Makes one, from its samples per pixel, the number of its random numbers, and whether to denoise it.
         spp: About what it may need.
     """
-    counts = sorted({max(FEWEST_SPP, spp // fewer) for fewer in FEWER})
-    made = [image(count, k, True) for k, count in enumerate(counts)]
-    return Trial(made + [image(spp, len(counts) + k, False) for k in range(ESTIMATES)])
+    counts = [max(FEWEST_SPP, spp // fewer) for fewer in FEWER]
+    return [image(count, k, count not in counts[:k]) for k, count in enumerate(counts)]
 
 
 def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[Place, int], target: float,
                    steepest: float) -> dict[Place, int]:
-    """Samples per pixel that each view needs; ``target`` and ``steepest`` as in `Trial.needs`.
+    """Samples per pixel that each view needs; ``target`` and ``steepest`` as in `need`.
 
     Args:
         image: Makes an image of a view, the first argument, as in `trial`.
         views: The views, and what they may need, `FEWER[0]` at least.
     """
-    needed, tried = {}, views
-    for _ in range(ROUNDS):
-        with ThreadPoolExecutor(THREADS) as pool:  # on a GPU comparing takes as long as rendering
-            found = {view: pool.submit(trial(partial(image, view), count).needs, target, steepest)
-                     for view, count in tried.items()}
-        needed |= {view: future.result() for view, future in found.items()}
-        tried = {view: needed[view] for view, count in tried.items() if needed[view] > BEYOND * count}
+    needed, waiting, under_way = {}, deque(views.items()), deque()
+    with ThreadPoolExecutor(THREADS) as pool:  # on a GPU comparing takes as long as rendering
+        while waiting or under_way:
+            if waiting and len(under_way) <= THREADS:
+                view, spp = waiting.popleft()
+                made = trial(partial(image, view), spp)
+            else:
+                view, made, future = under_way.popleft()
+                said = future.result()
+                if len(made) == MOST_IMAGES or not wants_more(said, made):
+                    needed[view] = said.spp
+                    continue
+                made = [*made, further(partial(image, view), made, said)]
+            under_way.append((view, made, pool.submit(need, made, target, steepest)))
     return needed
 
 
+def wants_more(said: Need, made: list[Made]) -> bool:
+    """Whether a view is to be tried with one image more."""
+    return not said.told or said.spp > BEYOND * max(one.spp for one in made)
+
+
+def further(image: Callable[[int, int, bool], Made], made: list[Made], said: Need) -> Made:
+    """One image more of a view: with the samples that it needs if they are more than were tried."""
+    most = max(one.spp for one in made)
+    return image(max(said.spp, most), len(made), said.spp > most)
+
+
 def samples_along(image: Callable[[Place, int, int, bool], Made], views: list[Place], worst: tuple[Place, int],
-                  target: float, steepest: float, smaller: bool = False) -> dict[Place, int]:
+                  target: float, steepest: float) -> dict[Place, int]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
-        image: As in `samples_needed`, like ``target`` and ``steepest``. Where these images are smaller than those in
-            which the worst view was measured, all need more of them, and what they need is taken in proportion.
+        image: As in `samples_needed`, like ``target`` and ``steepest``.
         views: The first views.
-        worst: The view that is thought to need most, and what it needs in the sequence.
-        smaller: Whether they are.
+        worst: The view that is thought to need most, and what it needs.
     """
     place, most = worst
     first = min(max(FIRST, most // REACH), most)
-    unknown = dict.fromkeys(sorted({*views} - {place}), first) | ({place: most} if smaller else {})
-    needed = {place: most} | samples_needed(image, unknown, target, steepest)
+    needed = {place: most} | samples_needed(image, dict.fromkeys(sorted({*views} - {place}), first), target, steepest)
     for _ in range(HALVINGS):
         needed |= samples_needed(image, halfway(needed), target, steepest)
-    return {view: max(FEWEST_SPP, -(-count * most // needed[place])) for view, count in needed.items()}
+    return {view: max(FEWEST_SPP, count) for view, count in needed.items()}
 
 
 def halfway(needed: dict[Place, int]) -> dict[Place, int]:

@@ -20,9 +20,8 @@ SMALL, SMALL_SPP = 160 * 90, 4
 PIXELS = 320 * 180
 """Most pixels of a test image of a short sequence. A larger image has more pixels for the same edges and details, so it
 needs fewer samples: a third, with eight times the pixels."""
-MEASURED, COMPARED = 250, 1000
-"""A sequence of so many frames is worth test images of its own resolution: of the noisiest view, whose error is
-measured, and of others, which are compared with it."""
+WORTH = 250
+"""A sequence of so many frames is worth test images of its own resolution."""
 SEED, SECOND_SEED = 1 << 31, 3 << 30
 """Random numbers of test images, and of the second image of each view: a scene's seed is below the first."""
 RARE = 1e-3
@@ -102,9 +101,9 @@ def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
     return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
 
 
-def pixels_tried(camera: Camera, frames: int, worth: int = MEASURED) -> int:
-    """Pixels of the test images of a sequence of so many frames; ``worth`` is `MEASURED` or `COMPARED`."""
-    return max(PIXELS, round(min(1.0, frames / worth) * np.prod(camera.resolution)))
+def pixels_tried(camera: Camera, frames: int) -> int:
+    """Pixels of the test images of a sequence of so many frames."""
+    return max(PIXELS, round(min(1.0, frames / WORTH) * np.prod(camera.resolution)))
 
 
 def pilot_frames(count: int) -> list[int]:

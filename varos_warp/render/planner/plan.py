@@ -278,11 +278,10 @@ class Planner:
     def choose_by_frame(self, spp: int, target: float) -> int:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
         worst, count = self.worst, len(self.frames)
-        pixels = pilot.pixels_tried(worst.camera, count, pilot.COMPARED)
-        # views are compared in images of as many pixels
+        # all images have as many pixels as those in which errors were measured
+        pixels = np.prod(self.test_camera.resolution)
         cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
-        small = cameras[worst.camera.id]
-        frames = by_frame.tried_frames(count, np.prod(small.resolution) / np.prod(worst.camera.resolution))
+        frames = by_frame.tried_frames(count, pixels / np.prod(worst.camera.resolution))
         if not frames or spp < by_frame.FEWER[0]:
             return spp
         self.progress("samples by frame", 0.0)
@@ -292,8 +291,7 @@ class Planner:
             return self.made(frame, cameras[name], spp, number, denoised)
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest,
-                                        smaller=small != self.test_camera)
+        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
