@@ -98,8 +98,13 @@ def block_means(image: np.ndarray) -> np.ndarray:
     """Means [H/8, W/8, 3] over whole blocks; of a smaller image, over all of it."""
     height, width = (max(side // BLOCK, 1) for side in image.shape[:2])
     tall, wide = (min(BLOCK, side) for side in image.shape[:2])
-    blocks = image[:height * tall, :width * wide].astype(np.float64)
-    return blocks.reshape(height, tall, width, wide, -1).mean((1, 3))
+    rows = image[:height * tall, :width * wide].reshape(height, tall, width * wide, -1).mean(1, dtype=np.float64)
+    return rows.reshape(height, width, wide, -1).mean(2)
+
+
+def mean_of(image: np.ndarray) -> np.ndarray:
+    """Mean [3] over the pixels of an image, row by row: numpy's over both axes at once takes ten times longer."""
+    return image.mean(0, dtype=np.float64).mean(0)
 
 
 def weights_of(estimates: Sequence[np.ndarray], spp: Sequence[float] | None) -> np.ndarray:
@@ -126,14 +131,14 @@ def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
     As if pixels were independent.
     """
     weights = weights_of(estimates, spp)
-    means = np.array([estimate.mean((0, 1), dtype=np.float64) for estimate in estimates])
+    means = np.array([mean_of(estimate) for estimate in estimates])
     return tuple(np.mean([_squared_error(image, estimates, means, weights) for image in images], axis=0))
 
 
 def _squared_error(image: np.ndarray, estimates: Sequence[np.ndarray], means: np.ndarray, weights: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray]:
     """`squared_error` of one image; ``means`` [count, 3] are those of the estimates."""
-    level = image.mean((0, 1), dtype=np.float64)
+    level = mean_of(image)
     (square, deviation), sane_means = _against_sane(image, estimates, weights, level)
     offset, sane_offset = (level - weights @ values for values in (means, sane_means))
     off, sane_off = (off_squared(level, values, weights) for values in (means, sane_means))
@@ -155,15 +160,15 @@ def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: n
         limit = FIREFLY * np.maximum(np.maximum(here, around[rows]), DARK * level)
         sane = np.clip([estimate[rows] for estimate in estimates], -limit, limit)
         square = off_squared(here, sane, weights)
-        sums += square.sum((0, 1)), (square**2).sum((0, 1))
-        means += sane.sum((1, 2))
+        sums += square.sum(0).sum(0), (square**2).sum(0).sum(0)
+        means += sane.sum(1).sum(1)
     mean, mean_square = sums / image[..., 0].size
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), means / image[..., 0].size
 
 
 def relative(square: np.ndarray, images: Sequence[np.ndarray]) -> np.ndarray:
     """Root of mean squares [3] over the brightness of images [H, W, 3]; 0 where all is black."""
-    level = brightness(np.mean([image.mean((0, 1), dtype=np.float64) for image in images], axis=0))
+    level = brightness(np.mean([mean_of(image) for image in images], axis=0))
     return np.divide(np.sqrt(np.maximum(square, 0.0)), level, out=np.zeros(square.shape), where=level > 0.0)
 
 

@@ -349,7 +349,7 @@ class Planner:
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
         """Whether the square of the error of images is known, by all that were made."""
         square, unsure = errors.mean_square(images, made)
-        worst = np.argmax(square / np.maximum(brightness(made[0].radiance.mean((0, 1))), 1e-30) ** 2)
+        worst = np.argmax(square / np.maximum(brightness(errors.mean_of(made[0].radiance)), 1e-30) ** 2)
         return bool(unsure[worst] <= errors.PRECISE * square[worst])
 
     def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
