@@ -1,9 +1,11 @@
 """Sea floors and relief from a seed: fractal height fields, and a bottom of sand flats with rocky outcrops."""
 
 import numpy as np
+from scipy import fft
 from scipy.ndimage import map_coordinates
 
 from varos_warp.scene.geometry.topology import compact
+from varos_warp.scene.launch import usable_cores
 
 ROUGHNESS = 2.2
 """Spectral slope: the amplitude of a feature of wavenumber k falls as k to the power of minus this."""
@@ -21,11 +23,11 @@ def fractal_field(resolution: int, seed: int, cycles: float = 2.0, roughness: fl
         roughness: Exponent of the power law.
     """
     rng = np.random.default_rng(seed)
-    k = np.fft.fftfreq(resolution) * resolution
-    wavenumber = np.hypot(k[:, None], k[None, :])
-    amplitude = np.maximum(wavenumber, cycles) ** -roughness
+    rows, cols = (frequencies(resolution) * resolution for frequencies in (fft.fftfreq, fft.rfftfreq))
+    amplitude = np.maximum(np.hypot(rows[:, None], cols), cycles) ** -roughness
     amplitude[0, 0] = 0.0
-    field = np.fft.ifft2(np.fft.fft2(rng.standard_normal((resolution, resolution))) * amplitude).real
+    spectrum = amplitude * fft.rfft2(rng.standard_normal((resolution, resolution)), workers=usable_cores())
+    field = fft.irfft2(spectrum, s=(resolution, resolution), workers=usable_cores())
     return field / max(field.std(), 1e-300)
 
 
