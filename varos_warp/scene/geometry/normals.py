@@ -36,7 +36,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.
         return np.zeros((0, 3, 3))
     flat = face_normals(vertices, faces)
     weights = _corner_angles(vertices, faces)
-    group = _smooth_groups(vertices, faces, flat, angle)
+    group = _smooth_groups(faces, flat, weights.any(axis=1), angle)
     total = np.empty((group.max() + 1, 3))
     for axis in range(3):
         total[:, axis] = np.bincount(group, (weights * flat[:, None, axis]).ravel(), minlength=len(total))
@@ -49,17 +49,17 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.
 def _corner_angles(vertices, faces):
     """Inner angles [F, 3]; zero in degenerate faces."""
     corners = vertices[faces]
-    to_next = np.roll(corners, -1, axis=1) - corners
-    to_previous = np.roll(corners, 1, axis=1) - corners
+    to_next = corners[:, [1, 2, 0]] - corners
+    to_previous = -to_next[:, [2, 0, 1]]
     double_area = np.linalg.norm(np.cross(to_next[:, 0], to_previous[:, 0]), axis=1, keepdims=True)
     angles = np.arctan2(double_area, np.einsum("fij,fij->fi", to_next, to_previous))
     return np.where(double_area > 0.0, angles, 0.0)
 
 
-def _smooth_groups(vertices, faces, flat, angle):
+def _smooth_groups(faces, flat, has_area, angle):
     """Label [3 F] of the smooth fan that each corner belongs to; corner i of face f is number 3 f + i."""
     start = faces.ravel()
-    end = np.roll(faces, -1, axis=1).ravel()
+    end = faces[:, [1, 2, 0]].ravel()
     one, two = paired_edges(faces)
     agree = start[one] == end[two]  # about their outside
     one, two = one[agree], two[agree]
@@ -67,7 +67,6 @@ def _smooth_groups(vertices, faces, flat, angle):
     # A tolerance of 1e-7 rad, so that an edge of exactly ``angle`` is smooth whatever the rounding.
     cosine = np.einsum("ij,ij->i", flat[face_one], flat[face_two])
     sine = np.linalg.norm(np.cross(flat[face_one], flat[face_two]), axis=1)
-    has_area = _corner_angles(vertices, faces).any(axis=1)
     smooth = (np.arctan2(sine, cosine) <= angle + 1e-7) & has_area[face_one] & has_area[face_two]
     one, two = one[smooth], two[smooth]
     # Half-edge k runs from corner k to the face's next corner; its twin runs the other way.
