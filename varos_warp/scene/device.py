@@ -18,7 +18,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import local_origin
-from varos_warp.scene.geometry.normals import corner_normals, face_normals
+from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
@@ -247,7 +247,7 @@ class DeviceScene:
         self.data.moving = self._array(self._placed(T_w_o[:1])[0], InstanceData)
 
     def _upload_normals(self, parts: list[Part | Instances]):
-        smooth = [corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
+        smooth = [kept_corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
         self.data.smooth_normals = self._per_corner(parts, smooth)
         if any(part.smooth_shading for part in parts):
             lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)

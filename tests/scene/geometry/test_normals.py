@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from varos_warp.scene.geometry import normals
 from varos_warp.scene.geometry.normals import corner_normals, face_normals
 from varos_warp.scene.geometry.procedural import generate_terrain
 
@@ -82,3 +83,14 @@ def test_six_hundred_thousand_faces_take_seconds():
     assert n.shape == (len(faces), 3, 3)
     assert len(faces) > 600_000
     assert time.perf_counter() - start < 30.0  # 1.4 s on an idle core; ten times and more for a busy one
+
+
+def test_normals_of_large_meshes_are_kept_and_only_those_of_the_same_mesh_are_taken(monkeypatch, tmp_path):
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
+    monkeypatch.setattr(normals, "KEPT_FACES", 1000)
+    ball, small = trimesh.creation.icosphere(3), trimesh.creation.icosphere(2)
+    larger = ball.copy().apply_scale(2)
+    for mesh, angle, kept in ((small, 0.5, 0), (ball, 0.5, 1), (ball, 0.5, 1), (ball, 0.1, 2), (larger, 0.1, 3)):
+        found = normals.kept_corner_normals(mesh.vertices, mesh.faces, angle)
+        np.testing.assert_array_equal(found, corner_normals(mesh.vertices, mesh.faces, angle))
+        assert len([*tmp_path.glob("normals-*.npz")]) == kept

@@ -2,10 +2,13 @@
 
 import numpy as np
 
+from varos_warp.cache import cached, code_hash, digest
 from varos_warp.scene.geometry.topology import area_normals, groups, paired_edges
 
 UP = np.array([0.0, 0.0, 1.0])
 """Normal of a degenerate face, which no ray can hit."""
+KEPT_FACES = 100_000
+"""Normals of meshes of so many faces or more are kept in the user's cache: of a million they take over a second."""
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -44,6 +47,18 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.
     length = np.linalg.norm(smooth, axis=2, keepdims=True)
     # Opposite faces of a fin cancel, and degenerate faces weigh nothing: those corners stay flat.
     return np.where(length > 1e-12, smooth / np.maximum(length, 1e-12), flat[:, None, :])
+
+
+def kept_corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.ndarray:
+    """`corner_normals`; of large meshes from the user's cache, where they were computed before."""
+    def compute():
+        return {"normals": corner_normals(vertices, faces, angle)}
+
+    if len(faces) < KEPT_FACES:
+        return compute()["normals"]
+    code = code_hash(__name__, (__name__, "varos_warp.scene.geometry.topology"))
+    depends_on = {"mesh": digest(vertices, faces), "angle": float(angle), "code": code}
+    return cached("normals", depends_on, compute)["normals"]
 
 
 def _corner_angles(vertices, faces):
