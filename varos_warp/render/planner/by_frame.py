@@ -120,23 +120,13 @@ def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[P
             else:
                 view, made, future = under_way.popleft()
                 said = future.result()
-                if len(made) == MOST_IMAGES or not wants_more(said, made):
+                most = max(one.spp for one in made)
+                if len(made) == MOST_IMAGES or (said.told and said.spp <= BEYOND * most):
                     needed[view] = said.spp
                     continue
-                made = [*made, further(partial(image, view), made, said)]
+                made = [*made, image(view, max(said.spp, most), len(made), said.spp > most)]
             under_way.append((view, made, pool.submit(need, made, target, steepest)))
     return needed
-
-
-def wants_more(said: Need, made: list[Made]) -> bool:
-    """Whether a view is to be tried with one image more."""
-    return not said.told or said.spp > BEYOND * max(one.spp for one in made)
-
-
-def further(image: Callable[[int, int, bool], Made], made: list[Made], said: Need) -> Made:
-    """One image more of a view: with the samples that it needs if they are more than were tried."""
-    most = max(one.spp for one in made)
-    return image(max(said.spp, most), len(made), said.spp > most)
 
 
 def samples_along(image: Callable[[Place, int, int, bool], Made], views: list[Place], worst: tuple[Place, int],
@@ -149,11 +139,11 @@ def samples_along(image: Callable[[Place, int, int, bool], Made], views: list[Pl
         worst: The view that is thought to need most, and what it needs.
     """
     place, most = worst
-    first = min(max(FIRST, most // REACH), most)
+    first = max(FIRST, most // REACH)
     needed = {place: most} | samples_needed(image, dict.fromkeys(sorted({*views} - {place}), first), target, steepest)
     for _ in range(HALVINGS):
         needed |= samples_needed(image, halfway(needed), target, steepest)
-    return {view: max(FEWEST_SPP, count) for view, count in needed.items()}
+    return needed
 
 
 def halfway(needed: dict[Place, int]) -> dict[Place, int]:
