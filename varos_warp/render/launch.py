@@ -6,9 +6,8 @@ they give up control until the numbers are there, and another frame's can go on 
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
 import numpy as np
@@ -54,7 +53,6 @@ class Launcher:
         self.threads = threads or usable_cores()
         self.compile_seconds = 0.0
         self._loaded: set = set()
-        self._compiling: dict[wp.Kernel, Future] = {}
         self._unused: dict[tuple, list[tuple[wp.array, wp.Event | None]]] = defaultdict(list)
         """Pinned memory by shape and type, with the event after which it may be used."""
         if device != "cpu" and wp.is_mempool_enabled(device):
@@ -64,27 +62,9 @@ class Launcher:
         """Compile a kernel before threads need it, and count the time apart."""
         if kernel not in self._loaded:
             start = time.perf_counter()
-            job = self._compiling.get(kernel)
-            if job is None or job.exception() is not None:
-                load_kernel(kernel, self.device)
+            load_kernel(kernel, self.device)
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
-
-    @contextmanager
-    def compiling(self, kernels: Iterable[wp.Kernel]) -> Iterator[None]:
-        """A ``with`` statement during which kernels are compiled in threads; `load` waits for the one that it needs.
-
-        What has not begun at its end is compiled when it is needed.
-        """
-        pool = ThreadPoolExecutor(self.threads, "compile")
-        begun = self._compiling = {kernel: pool.submit(load_kernel, kernel, self.device)
-                                   for kernel in dict.fromkeys(kernels) if kernel not in self._loaded}
-        try:
-            yield
-        finally:
-            pool.shutdown(cancel_futures=True)
-            self._loaded |= {kernel for kernel, job in begun.items() if not job.cancelled() and not job.exception()}
-            self._compiling = {}
 
     def fetch(self, *arrays: wp.array) -> Steps[list[np.ndarray]]:
         """Arrays on the host, once the device has filled them."""

@@ -11,27 +11,27 @@ import warp as wp
 from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import CORRECTION_SUMS, SUMS, Film, develop, tile_variances
+from varos_warp.kernels.film.film import Film, develop, tile_variances
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
-from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.moments import Moments
-from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec
+from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
 from varos_warp.kernels.world.camera import Camera as CameraData
-from varos_warp.render.field.open_water import OpenWater, along_camera, unavailable
+from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
+from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples
 from varos_warp.render.launch import Steps
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, optics_spec
+from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
 
@@ -39,11 +39,6 @@ DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
 """With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
 the correction's variance, in an image of so many pixels or fewer. In larger ones it is more, for more pixels show the
 same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels."""
-SPLITTING = 4
-"""Camera segments to a subpath, where nothing else is known."""
-SEGMENT_COST = 0.17
-"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.2 was measured on an
-H100, 0.33 on a CPU (Munkholmen)."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
@@ -83,24 +78,6 @@ class Seen(NamedTuple):
     varies: bool
 
 
-class SampleKind(NamedTuple):
-    """One kind of samples whose sum is an image."""
-
-    kernel: wp.Kernel
-    to_a_sample: int
-    """How many there are to a sample per pixel, where nothing else is known."""
-    cost: float
-    """Of one of them."""
-    subpaths: bool
-    """Subpaths, or segments of the camera."""
-    sums: int = SUMS
-    """Of each pixel of the film."""
-
-
-ALL_ALIKE = SampleKind(None, 1, 1.0, False)
-"""Samples of images that have one kind only."""
-
-
 class RadianceRenderer:
     """Renders A and B of one scene on one device."""
 
@@ -118,43 +95,15 @@ class RadianceRenderer:
             shot = shot._replace(options=replace(shot.options, spp=spp))
         options = shot.options
         integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
-        if self._is_dark:
+        if is_dark(self.scene, self.world.contents):
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
-        bounds, most = PathBounds(), (options.max_scatterings if self._is_medium else 0, options.max_bounces)
+        bounds, most = PathBounds(), (options.max_scatterings if self.world.contents.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
         if integrator == "reference":
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))
-
-    def kernels(self, letter: str, view: Camera, options: RenderOptions) -> list[wp.Kernel]:
-        """The long kernels of an image of a vehicle under way, by all integrators that a plan may compare."""
-        world, moves = self.world, view.shutter is not None
-        spec, optics = (world.has_instances, world.has_textures), optics_spec(view)
-        guided = world.has_textures if letter != "B" else self.scene.render.denoise_b == "oidn"
-        guides = [make_guides_kernel(*spec, optics, moves)] if guided else []
-        if letter == "B":
-            return [make_ambient_kernel(*spec, optics, moves), *guides] if world.has_surfaces else []
-        name = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
-        if self._is_dark or name == "reference":
-            return []
-        compared = ["path"] if (options.integrator, name) == ("auto", "field") and world.has_surfaces else []
-        varies = moves or world.lights.vary
-        kinds = [kind for integrator in (name, *compared)
-                 for kind in self._kinds_of_samples(view, options, integrator == "field", varies)]
-        lights = [make_virtual_lights_kernel(*spec, varies)] if world.has_surfaces else []
-        return [*(kind.kernel for kind in kinds), *lights, *guides]
-
-    @property
-    def _is_medium(self) -> bool:
-        """Whether the water scatters."""
-        return bool(self.world.water.sigma_s.any())
-
-    @property
-    def _is_dark(self) -> bool:
-        """Whether A is black: nothing could send light to a camera, or there is none."""
-        return not (self.world.has_surfaces or self._is_medium) or not self.scene.lights
 
     @functools.cached_property
     def _no_field(self) -> str | None:
@@ -176,13 +125,13 @@ class RadianceRenderer:
         return self._shares[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
-        options, world = shot.options, shot.world
+        options, contents = shot.options, shot.world.contents
         film = self.films.black(shot.view.resolution)
         layers = (layer in options.layers for layer in LAYERS)
-        seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kernel = make_reference_kernel(*layers, world.has_instances, world.has_textures, optics_spec(shot.view),
+        seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
+        kernel = make_reference_kernel(*layers, contents.instances, contents.textures, optics_spec(shot.view),
                                        seen.varies)
-        before = [world.lit(shot.T_w_v), seen.camera, seen.moments]
+        before = [shot.world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
                         share=self._share(shot.view))
         return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
@@ -195,7 +144,7 @@ class RadianceRenderer:
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
         seen = self._seen(world, view, shot.T_w_v, shot.motion, key=shot.key)
         before = [scene, seen.camera, seen.moments]
-        kinds = self._kinds_of_samples(view, options, with_field, seen.varies)
+        kinds = kinds_of_samples(self.scene, world.contents, view, options, with_field, seen.varies)
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         # one sample does not tell its noise, and a single pixel has no other side to decide for it
@@ -217,35 +166,22 @@ class RadianceRenderer:
             statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
             take(share_out(other_noise(*statistics), first, spp, [kind.cost for kind in kinds]))
         # plain reflectances need no guides (render/image/denoise.py)
-        guided = world.has_textures and options.denoise != "none"
+        guided = world.contents.textures and options.denoise != "none"
         guides = shot.guides() if guided else {}
         images = self._developed(films)
         return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
 
-    def _kinds_of_samples(self, view: Camera, options: RenderOptions, with_field: bool, varies: bool
-                          ) -> list[SampleKind]:
-        world, layers = self.world, (layer in options.layers for layer in LAYERS)
-        scatters = self._is_medium and options.max_scatterings != 0
-        spec = PathSpec(scatters, *layers, world.has_instances, world.has_textures, world.has_surfaces, with_field,
-                        with_field and along_camera(self.scene, view), optics_spec(view), varies)
-        kinds = []
-        if camera := spec.camera():
-            kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
-        if subpaths := spec.subpaths():
-            kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, CORRECTION_SUMS))
-        return kinds
-
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
-        groups = 1
+        groups, contents = 1, self.world.contents
         if seen.varies:  # parts of the instants that samples are of
             lit = seen.moments.lit_end - seen.moments.lit_begin
             groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
-        if not self.world.has_surfaces:
+        if not contents.surfaces:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(self.world.has_instances, self.world.has_textures, seen.varies)
+        kernel = make_virtual_lights_kernel(contents.instances, contents.textures, seen.varies)
         self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 
@@ -257,7 +193,7 @@ class RadianceRenderer:
         """
         camera = world.camera(view, T_w_v, pinhole=pinhole)
         moves = motion is not None and view.shutter is not None
-        if not moves and (pinhole or not world.lights.vary):
+        if not moves and (pinhole or not lights_vary(self.scene.lights)):
             return Seen(camera, Moments(), False)
         rng = np.random.default_rng([key, MOMENTS_SEED])
         return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
@@ -265,12 +201,13 @@ class RadianceRenderer:
     def ambient(self, shot: Shot) -> Steps[RadianceImage]:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
-        if not world.has_surfaces:
+        if not world.contents.surfaces:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        kernel = make_ambient_kernel(world.has_instances, world.has_textures, optics_spec(shot.view), seen.varies)
+        contents = world.contents
+        kernel = make_ambient_kernel(contents.instances, contents.textures, optics_spec(shot.view), seen.varies)
         before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
         images = self._developed([film])
@@ -287,7 +224,7 @@ class RadianceRenderer:
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(world.has_instances, world.has_textures, optics_spec(view), seen.varies)
+        kernel = make_guides_kernel(world.contents.instances, world.contents.textures, optics_spec(view), seen.varies)
         self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 

@@ -17,17 +17,18 @@ from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
+from varos_warp.render.kinds import kernels_needed, twin_of
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.moments import Motion, NextFrame, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
 from varos_warp.scene.frames import camera_pose, inverse
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.launch import compiling
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions
@@ -123,14 +124,8 @@ class FrameRenderer:
             outputs: Which images, of A, B, C, D, S, P, F.
             integrator: Of A and P; absent: the scene's.
         """
-        how, kernels = options_of(self.scene, {"integrator": integrator}), []
-        for view in self.scene.vehicle.cameras:
-            for letter, seen in (("A", view), ("P", self._twin(view)), ("B", view)):
-                if letter in outputs:
-                    kernels += self.radiance.kernels(letter, seen, how)
-            if {*outputs} & {*"CDSF"}:
-                kernels.append(make_first_hits_kernel(self.world.has_instances, optics_spec(view), is_rolling(view)))
-        return self.launcher.compiling(kernels)
+        kernels = kernels_needed(self.scene, self.world.contents, outputs, integrator, self.device)
+        return compiling(kernels, self.device, self.launcher.threads)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
                following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
@@ -174,7 +169,7 @@ class FrameRenderer:
         water, ambient = self.radiance.water, self.radiance.ambient
         images: dict[str, Any] = {}
         for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
-                                          ("P", water, self._twin(view), None)):
+                                          ("P", water, twin_of(self.scene, view), None)):
             sharp = motion is None or view.shutter is None
             if letter == "P" and "P" in outputs and "A" in images and seen == view and sharp:
                 images["P"] = images["A"]
@@ -243,11 +238,6 @@ class FrameRenderer:
 
         return Exposed(view, T_w_v, motion, self.world.moved(poses, times_seen(view, self.scene.lights, motion)))
 
-    def _twin(self, view: Camera) -> Camera:
-        """The camera of P; strobes light it as they do A."""
-        strobes = any(light.strobe for light in self.scene.lights)
-        return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
-
     def _rows(self, here: Exposed) -> Rows:
         """What the rows of a rolling shutter are of."""
         rows = Rows()
@@ -262,9 +252,9 @@ class FrameRenderer:
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
-        if self.world.has_surfaces:
+        if self.world.contents.surfaces:
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(self.world.has_instances, optics_spec(view), here.rolls)
+            kernel = make_first_hits_kernel(self.world.contents.instances, optics_spec(view), here.rolls)
             self.launcher.rows(kernel, shape, [here.world.data, camera, self._rows(here)],
                                [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
@@ -291,14 +281,14 @@ class FrameRenderer:
             moved = flow_of(*before, inverse(T_w_next) @ camera_pose(view, here.T_w_v))
             eye = (moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T).reshape(moved.eye.shape) + T_w_next[:3, 3]
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
-        if self.world.has_surfaces:
+        if self.world.contents.surfaces:
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
             self.launcher.upload(eye - self.world.origin, eyes)
             next_row = wp.zeros(distance.shape, dtype=wp.int32, device=self.device)
             if following.rolls and self.world.moving:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
-            kernel = make_hidden_kernel(self.world.has_instances, optics_spec(view), here.rolls)
+            kernel = make_hidden_kernel(self.world.contents.instances, optics_spec(view), here.rolls)
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
             there = [following.world.data, following.world.moving_at(following.row_times()), eyes, next_row]
             self.launcher.rows(kernel, distance.shape, [here.world.data, camera, self._rows(here), *there], [hidden])

@@ -4,6 +4,7 @@ import copy
 import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -13,16 +14,17 @@ from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.optics import Coefficients, Optics, OpticsSpec
-from varos_warp.kernels.world.texture import DIFFUSE, Material
+from varos_warp.kernels.world.texture import Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
-from varos_warp.scene.materials.records import corner_values, device_material
+from varos_warp.scene.materials.records import corner_values, device_material, is_textured
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
@@ -59,6 +61,33 @@ fills the memory close to the cores, and without it everything takes two thirds 
 faster."""
 
 
+class Contents(NamedTuple):
+    """What there is in a scene, for which kernels are compiled."""
+
+    medium: bool
+    """The water scatters."""
+    surfaces: bool
+    """There are surfaces."""
+    instances: bool
+    """Some are instances."""
+    textures: bool
+    """Some material is more than one constant reflectance."""
+
+    @staticmethod
+    def foretold(scene: Scene, device: str) -> "Contents":
+        """What a `DeviceScene` will find, by the scene file alone.
+
+        Wrong where a mesh file has no colours of its own, or so many copies are scattered that they do not join the
+        mesh on a GPU.
+        """
+        blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
+        materials = [getattr(block, "material", None) for block in blocks if block is not None]
+        plain = [name and isinstance(scene.materials[name], Diffuse) for name in materials]
+        copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
+        return Contents(bool(optical_properties(scene).sigma_s.any()), bool(materials), copies or bool(scene.moving),
+                        not all(plain))
+
+
 class DeviceScene:
     """Owns everything that kernels read of a scene; ``data`` holds all but the lights (`lit`), and keeps it alive.
 
@@ -72,12 +101,11 @@ class DeviceScene:
         self.water = optical_properties(scene)
         self.lights = Lights(scene, device)
         self.moving = [part for part in parts if isinstance(part, Moving)]
-        self.has_surfaces = bool(parts)
-        self.has_textures = False
         self.part_names = self._names(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
-        self.has_instances = not self.joins_copies or bool(self.moving)
+        instances, textures = not self.joins_copies or bool(self.moving), any(is_textured(part) for part in parts)
+        self.contents = Contents(bool(self.water.sigma_s.any()), bool(parts), instances, textures)
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}
@@ -92,6 +120,7 @@ class DeviceScene:
         """
         other = copy.copy(self)
         other.scene, other.water = scene, optical_properties(scene)
+        other.contents = self.contents._replace(medium=bool(other.water.sigma_s.any()))
         other.lights = Lights(scene, self.device)
         other.data = SceneData()
         other.data.assign(self.data)
@@ -153,7 +182,7 @@ class DeviceScene:
         counts = [len(part.faces) for part in in_mesh]
         in_order = np.array([numbers[part.name] for part in in_mesh], np.int32)
         self.data.face_part = self._array(np.repeat(in_order, counts), wp.int32)
-        if self.has_instances:
+        if self.contents.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
         values = corner_values([*(in_mesh if self.joins_copies else [*still, *copied]), *self.moving])
         self.data.corner_values = self._array(values, wp.vec3)
@@ -176,7 +205,6 @@ class DeviceScene:
                      for part, origin in zip(placed, origins, strict=True)]
         if own := self.scene.own_body:
             materials.insert(self.part_names.index(own), Material())
-        self.has_textures = any(material.kind != DIFFUSE for material in materials)
         self.data.materials = self._array(materials, Material)
         if any(has_lobe(part.material) for part in [*single, *copied]):
             self.data.lobe_albedo = self._array(lobe_albedo_table(), float)

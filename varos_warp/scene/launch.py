@@ -8,8 +8,8 @@ import ctypes
 import os
 import sys
 import threading
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -64,9 +64,39 @@ def block_dim(kernel: wp.Kernel) -> int:
     return bounds[0] if bounds else BLOCK_DIM
 
 
+_begun: dict[tuple[wp.Module, str], Future] = {}
+"""Modules that threads compile or are to compile (`compiling`), by device."""
+
+
 def load_kernel(kernel: wp.Kernel, device: str) -> None:
-    """Compile a kernel before threads need it; the block size is part of a binary's identity, on a CPU always 1."""
+    """Compile a kernel before threads need it; where one of `compiling` is at it, wait for that one."""
+    job = _begun.get((kernel.module, device))
+    if job is None or job.cancel() or job.exception() is not None:
+        _load(kernel, device)
+
+
+def _load(kernel: wp.Kernel, device: str) -> None:
+    # the block size is part of a binary's identity
     kernel.module.load(device, block_dim=1 if device == "cpu" else block_dim(kernel))
+
+
+@contextlib.contextmanager
+def compiling(kernels: Iterable[wp.Kernel], device: str, threads: int | None = None) -> Iterator[None]:
+    """A ``with`` statement during which threads compile kernels, each module once.
+
+    What has not begun at its end is compiled when it is needed.
+    """
+    pool, mine = ThreadPoolExecutor(threads or usable_cores(), "compile"), []
+    for kernel in kernels:
+        if (module := (kernel.module, device)) not in _begun:
+            _begun[module] = pool.submit(_load, kernel, device)
+            mine.append(module)
+    try:
+        yield
+    finally:
+        pool.shutdown(cancel_futures=True)
+        for module in mine:
+            del _begun[module]
 
 
 def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,

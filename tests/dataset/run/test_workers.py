@@ -14,7 +14,8 @@ from standins import make_scene, tree
 
 from varos_warp.dataset.run import produce as production
 from varos_warp.dataset.run import workers
-from varos_warp.dataset.run.produce import device_of_worker, produce
+from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.run.workers import device_of_worker
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError, RunFailed
 

@@ -18,7 +18,7 @@ from varos_warp.dataset.layout import Layout, from_runs
 from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered
-from varos_warp.dataset.run.workers import run_in_workers
+from varos_warp.dataset.run.workers import device_of_worker, run_in_workers
 from varos_warp.dataset.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.write import folder
 from varos_warp.dataset.write import texts as writers
@@ -128,14 +128,6 @@ def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard
             run.go(sensors, images=True)
     run.summary.stages = run.clock.rounded()
     return run.summary, run.made
-
-
-def device_of_worker(asked: str, index: int) -> str:
-    """``auto`` is the next GPU for each worker, as long as there are some, and then the first one again."""
-    import warp as wp
-
-    gpus = wp.get_cuda_device_count() if asked == "auto" else 0
-    return f"cuda:{index % gpus}" if gpus else resolve_device(asked)
 
 
 def simulated(scene, quiet: bool = False, parts: list | None = None):
@@ -255,15 +247,16 @@ class _Run:
         """Everything after the simulation."""
         if images:
             self.find_work()
-        if self.work or self.lacks_segments(images):
-            with self.clock("load"):
-                self.load()
-        with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
-                "waiting for the plan that another shard makes ...")):
-            self.take_over(folder.recorded(self.scene, self.layout))
-            if self.work:
-                self.settle()
-            self.write_texts(sensors, images)
+        with self.compiling():
+            if self.work or self.lacks_segments(images):
+                with self.clock("load"):
+                    self.load()
+            with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
+                    "waiting for the plan that another shard makes ...")):
+                self.take_over(folder.recorded(self.scene, self.layout))
+                if self.work:
+                    self.settle()
+                self.write_texts(sensors, images)
         try:
             if images:
                 self.render()
@@ -310,6 +303,18 @@ class _Run:
         self.summary.rendered += sum(len(job.letters) for job in self.work)
         wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
         self.summary.kept = wanted - self.summary.rendered
+
+    def compiling(self) -> contextlib.AbstractContextManager[None]:
+        """Threads compile meanwhile; of several shards the first does so, and the others find what it compiled."""
+        if not self.work or self.renderer is not None or self.shard[0]:
+            return contextlib.nullcontext()
+        from varos_warp.render.kinds import compiling_foretold
+
+        return compiling_foretold(self.scene, self.device, self.letters(), self.plan and self.plan["integrator"])
+
+    def letters(self) -> set[str]:
+        """Of the images that are to be rendered."""
+        return {letter for job in self.work for letter in job.letters}
 
     def choose_denoisers(self) -> None:
         """Find what really denoises what is to be rendered, which is not what was asked for without pyoidn.
@@ -425,8 +430,7 @@ class _Run:
         """
         if not self.work:
             return
-        letters = {letter for job in self.work for letter in job.letters}
-        with self.rendering() as progress, self.renderer.compiling(letters, self.plan["integrator"]):
+        with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan["integrator"]):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)

@@ -27,6 +27,18 @@ SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _context = multiprocessing.get_context("spawn")
 
 
+def device_of_worker(asked: str, index: int) -> str:
+    """``auto`` is the next GPU for each worker, as long as there are some, and then the first one again."""
+    import warp as wp
+
+    gpus = wp.get_cuda_device_count() if asked == "auto" else 0
+    if gpus:
+        return f"cuda:{index % gpus}"
+    from varos_warp.scene.device import resolve_device
+
+    return resolve_device(asked)
+
+
 def run_in_workers(count: int, work: Callable, arguments: tuple, *, done: Callable[[int], None],
                    tell: Callable[[str], None]) -> list[Any]:
     """What ``work(*arguments, shard=(i, count), console=...)`` returns in each of so many processes.

@@ -22,7 +22,7 @@ FOLDED = wp.constant(0.2)
 """Smallest cosine between a face's normals before and after a step."""
 
 
-@wp.kernel
+@wp.kernel(module="unique")
 def find_nearest(
     start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float,
     # out
@@ -38,7 +38,7 @@ def find_nearest(
         place[i] = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
 
 
-@wp.kernel
+@wp.kernel(module="unique")
 def find_first_hits(
     start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
     # out
@@ -54,7 +54,7 @@ def find_first_hits(
         side[i] = query.sign
 
 
-@wp.kernel
+@wp.kernel(module="unique")
 def sample_signed_distance(
     start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), known: wp.array(dtype=wp.int8), threshold: float,
     # out
@@ -144,7 +144,7 @@ def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: 
     return p, False
 
 
-@wp.kernel
+@wp.kernel(module="unique")
 def move_vertices(
     start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
     first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),  # faces at every vertex, in CSR
@@ -170,7 +170,7 @@ def move_vertices(
     held[i] = wp.where(found, wp.int8(1), wp.int8(0))
 
 
-@wp.kernel
+@wp.kernel(module="unique")
 def undo_folds(
     start: int, before: wp.array(dtype=wp.vec3), moved: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
     first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),

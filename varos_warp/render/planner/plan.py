@@ -192,7 +192,7 @@ class Planner:
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
             why = "light in open water is known beforehand"
-            if self.lit and self.renderer.world.has_surfaces:
+            if self.lit and self.renderer.world.contents.surfaces:
                 self.progress("integrator", 0.0)
                 gain = self.gain_of_field()
                 if gain < PATHS_PAY:

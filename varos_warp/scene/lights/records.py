@@ -1,5 +1,7 @@
 """The lights of all vehicles as kernels know them: where they are at a pose, and how their intensity is distributed."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
@@ -42,11 +44,6 @@ class Lights:
                           for shape in self.distributions if shape.profile}
         records = [self._record(light, shape) for light, shape in zip(self.lights, self.distributions, strict=True)]
         self._records = wp.array(records, dtype=LightData, device=device).numpy()
-
-    @property
-    def vary(self) -> bool:
-        """Whether they differ from sample to sample, though vehicle and camera stand still."""
-        return any(radius_of(light) or light.strobe for light in self.lights)
 
     def at(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray] | None = None) -> wp.array:
         """Their records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
@@ -104,6 +101,11 @@ def places_on_disk(instants: int, rng: np.random.Generator) -> np.ndarray:
     cell = np.stack([sum((number >> (2 * bit + axis) & 1) << bit for bit in range(bits)) for axis in range(2)], -1)
     u, v = np.moveaxis((cell + rng.random((instants, len(number), 2))) / 2**bits, -1, 0)
     return np.sqrt(u)[..., None] * np.stack([np.cos(2.0 * np.pi * v), np.sin(2.0 * np.pi * v)], axis=-1)
+
+
+def lights_vary(lights: Iterable[Light]) -> bool:
+    """Whether they differ from sample to sample, though vehicle and camera stand still."""
+    return any(radius_of(light) or light.strobe for light in lights)
 
 
 def radius_of(light: Light) -> float:

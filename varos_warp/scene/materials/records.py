@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from varos_warp.kernels.world import texture
 from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Dirt, Metal, Rust, SlopeBlend
+from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.materials.textures import Textures
 
@@ -45,6 +45,11 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
         record.kind = int(texture.DIFFUSE)
         record.base = wp.vec3(*material.reflectance)
     return record
+
+
+def is_textured(part: Part | Instances) -> bool:
+    """Whether its material is more than one constant reflectance."""
+    return part.skin is not None or not isinstance(part.material, Diffuse)
 
 
 def _set_skin(record, part, textures):

@@ -1,0 +1,135 @@
+"""Which kernels make an image: the kinds of samples that it is the sum of, and all that is compiled for a scene."""
+
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+import warp as wp
+
+from varos_warp.kernels.field.tabulate import tabulate_in_scattering
+from varos_warp.kernels.film import denoise, film
+from varos_warp.kernels.film.adapt import average_tiles
+from varos_warp.kernels.transport.ambient import make_ambient_kernel
+from varos_warp.kernels.transport.camera_segment import make_camera_kernel
+from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
+from varos_warp.kernels.transport.path import make_subpath_kernel
+from varos_warp.kernels.transport.segment import PathSpec
+from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
+from varos_warp.render.field.open_water import along_camera, unavailable
+from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import twin
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import Contents, optics_spec
+from varos_warp.scene.launch import compiling
+from varos_warp.scene.lights.records import lights_vary
+from varos_warp.scene.optics.shutter import is_rolling
+
+SPLITTING = 4
+"""Camera segments to a subpath, where nothing else is known."""
+SEGMENT_COST = 0.17
+"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.2 was measured on an
+H100, 0.33 on a CPU (Munkholmen)."""
+
+
+class SampleKind(NamedTuple):
+    """One kind of samples whose sum is an image."""
+
+    kernel: wp.Kernel
+    to_a_sample: int
+    """How many there are to a sample per pixel, where nothing else is known."""
+    cost: float
+    """Of one of them."""
+    subpaths: bool
+    """Subpaths, or segments of the camera."""
+    sums: int = film.SUMS
+    """Of each pixel of the film."""
+
+
+ALL_ALIKE = SampleKind(None, 1, 1.0, False)
+"""Samples of images that have one kind only."""
+
+
+def kinds_of_samples(scene: Scene, contents: Contents, view: Camera, options: RenderOptions, with_field: bool,
+                     varies: bool) -> list[SampleKind]:
+    """What A is the sum of, by paths with or without the field; ``varies``: compiled for moments."""
+    layers = (layer in options.layers for layer in LAYERS)
+    scatters = contents.medium and options.max_scatterings != 0
+    spec = PathSpec(scatters, *layers, contents.instances, contents.textures, contents.surfaces, with_field,
+                    with_field and along_camera(scene, view), optics_spec(view), varies)
+    kinds = []
+    if camera := spec.camera():
+        kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
+    if subpaths := spec.subpaths():
+        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
+    return kinds
+
+
+def is_dark(scene: Scene, contents: Contents) -> bool:
+    """Whether A is black: nothing could send light to a camera, or there is none."""
+    return not (contents.surfaces or contents.medium) or not scene.lights
+
+
+def twin_of(scene: Scene, view: Camera) -> Camera:
+    """The camera of P; strobes light it as they do A."""
+    strobes = any(light.strobe for light in scene.lights)
+    return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
+
+
+def kernels_needed(scene: Scene, contents: Contents, letters: Iterable[str], integrator: str | None = None,
+                   device: str = "cpu") -> list[wp.Kernel]:
+    """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
+
+    Args:
+        scene: The scene.
+        contents: What there is in it.
+        letters: Which images, of A, B, C, D, S, P, F.
+        integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
+        device: On which they are denoised.
+    """
+    options, letters = options_of(scene, {"integrator": integrator}), {*letters}
+    kernels: list[wp.Kernel] = []
+    for view in scene.vehicle.cameras:
+        for letter, seen in (("A", view), ("P", twin_of(scene, view))):
+            if letter in letters and not is_dark(scene, contents):
+                kernels += _of_water(scene, contents, seen, options)
+        if "B" in letters and contents.surfaces:
+            kernels += _of_ambient(scene, contents, view)
+        if letters & {*"CDSF"} and contents.surfaces:
+            kernels += [make(contents.instances, optics_spec(view), is_rolling(view))
+                        for make in (make_first_hits_kernel, *[make_hidden_kernel] * ("F" in letters))]
+    if letters & {*"APB"}:
+        kernels += [film.develop] + [denoise.clip_negative] * (device != "cpu")
+    return list(dict.fromkeys(kernels))
+
+
+def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integrator: str | None = None
+                       ) -> AbstractContextManager[None]:
+    """A ``with`` statement during which threads compile what images will need, as far as the scene file tells.
+
+    For a scene that is yet to be loaded; arguments as for `kernels_needed`.
+    """
+    return compiling(kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device), device)
+
+
+def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOptions) -> list[wp.Kernel]:
+    moves, of_surfaces = view.shutter is not None, (contents.instances, contents.textures)
+    name = resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))
+    if name == "reference":
+        return []
+    varies = moves or lights_vary(scene.lights)
+    compared = ["path"] if (options.integrator, name) == ("auto", "field") and contents.surfaces else []
+    kinds = [kind for which in (name, *compared)
+             for kind in reversed(kinds_of_samples(scene, contents, view, options, which == "field", varies))]
+    kernels = [kind.kernel for kind in kinds]
+    if contents.textures:
+        kernels.append(make_guides_kernel(*of_surfaces, optics_spec(view), moves))
+    if contents.surfaces:
+        kernels.append(make_virtual_lights_kernel(*of_surfaces, varies))
+    return [*kernels, tabulate_in_scattering, average_tiles] if name == "field" else kernels
+
+
+def _of_ambient(scene: Scene, contents: Contents, view: Camera) -> list[wp.Kernel]:
+    spec = contents.instances, contents.textures, optics_spec(view), view.shutter is not None
+    guides = [make_guides_kernel(*spec)] * (scene.render.denoise_b == "oidn")
+    return [make_ambient_kernel(*spec), *guides]
