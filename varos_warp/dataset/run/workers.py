@@ -18,6 +18,7 @@ from typing import Any
 
 from varos_warp.dataset.progress import Console, Progress
 from varos_warp.errors import InputError, RunFailed
+from varos_warp.scene.device import resolve_device
 
 RESTARTS = 3
 """A worker that dies is started again so often."""
@@ -32,11 +33,7 @@ def device_of_worker(asked: str, index: int) -> str:
     import warp as wp
 
     gpus = wp.get_cuda_device_count() if asked == "auto" else 0
-    if gpus:
-        return f"cuda:{index % gpus}"
-    from varos_warp.scene.device import resolve_device
-
-    return resolve_device(asked)
+    return f"cuda:{index % gpus}" if gpus else resolve_device(asked)
 
 
 def run_in_workers(count: int, work: Callable, arguments: tuple, *, done: Callable[[int], None],
