@@ -1,7 +1,7 @@
 """Which kernels make an image: the kinds of samples that it is the sum of, and all that is compiled for a scene."""
 
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import warp as wp
@@ -21,6 +21,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import Contents, optics_spec
+from varos_warp.scene.geometry.surface import KERNELS
 from varos_warp.scene.launch import compiling
 from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.shutter import is_rolling
@@ -103,13 +104,16 @@ def kernels_needed(scene: Scene, contents: Contents, letters: Iterable[str], int
     return list(dict.fromkeys(kernels))
 
 
+@contextmanager
 def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integrator: str | None = None
-                       ) -> AbstractContextManager[None]:
-    """A ``with`` statement during which threads compile what images will need, as far as the scene file tells.
+                       ) -> Iterator[None]:
+    """A ``with`` statement during which threads compile what loading a scene and its images will need.
 
-    For a scene that is yet to be loaded; arguments as for `kernels_needed`.
+    As far as the scene file tells; arguments as for `kernels_needed`.
     """
-    return compiling(kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device), device)
+    kernels = kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device)
+    with compiling(KERNELS if getattr(scene.terrain, "preprocess", None) else [], "cpu"), compiling(kernels, device):
+        yield
 
 
 def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOptions) -> list[wp.Kernel]:

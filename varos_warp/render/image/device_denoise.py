@@ -4,9 +4,10 @@ import weakref
 
 import warp as wp
 
-from varos_warp.kernels.film import denoise as kernels
+from varos_warp.kernels.conventions import BLOCK_DIM
 from varos_warp.kernels.film.denoise import add_mixed, add_scaled, clip_negative, positive_part, scale_to_unit, subtract
 from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, open_image_denoise
+from varos_warp.scene.launch import load_kernel
 
 
 class DeviceDenoiser:
@@ -24,7 +25,7 @@ class DeviceDenoiser:
 
     def __init__(self, device: str):
         self.device = wp.get_device(device)
-        wp.load_module(kernels, device=self.device)
+        load_kernel(subtract, device)
         self._oidn = _open_device(self.device)
         self._networks: dict[tuple, _Network] = {}
         # before the arrays that the filters point to, and before the interpreter takes the library down
@@ -48,13 +49,13 @@ class DeviceDenoiser:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
                 base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
-                wp.launch(subtract, dim=radiance.shape, inputs=[radiance, correction], outputs=[base])
+                _launch(subtract, radiance.shape, [radiance, correction], [base])
                 self._add_denoised(clean, base, 1.0, PART_QUALITY, guides)
                 inputs = [clean, base, base_variance, NEAR, FAR]
-                wp.launch(add_mixed, dim=radiance.shape, inputs=inputs, outputs=[result])
+                _launch(add_mixed, radiance.shape, inputs, [result])
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, correction, sign, PART_QUALITY, guides)
-            wp.launch(clip_negative, dim=result.shape, outputs=[result])
+            _launch(clip_negative, result.shape, [], [result])
         return result
 
     def _add_denoised(self, result, noisy, sign: float, quality: str, guides: dict):
@@ -66,11 +67,16 @@ class DeviceDenoiser:
         color, total = network.images["color"], wp.empty(1, dtype=wp.vec3)
         for name, guide in guides.items():
             wp.copy(network.images[name], guide)
-        wp.launch(positive_part, dim=noisy.shape, inputs=[noisy, sign], outputs=[color])
+        _launch(positive_part, noisy.shape, [noisy, sign], [color])
         wp.utils.array_sum(color, out=total)
-        wp.launch(scale_to_unit, dim=noisy.shape, inputs=[total], outputs=[color])
+        _launch(scale_to_unit, noisy.shape, [total], [color])
         network.run()
-        wp.launch(add_scaled, dim=noisy.shape, inputs=[network.images["output"], total, sign], outputs=[result])
+        _launch(add_scaled, noisy.shape, [network.images["output"], total, sign], [result])
+
+
+def _launch(kernel: wp.Kernel, dim, inputs: list, outputs: list) -> None:
+    """With the block size of other kernels, for which they are compiled ahead."""
+    wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, block_dim=BLOCK_DIM)
 
 
 class _Network:

@@ -64,10 +64,11 @@ def of_others(compare, one: Made, made: Sequence[Made], *how):
     return compare([one.denoised], [other.radiance for other in others], *how, spp=[other.spp for other in others])
 
 
-def worst_error(images: Sequence[Made], made: Sequence[Made]) -> np.ndarray:
-    """The largest `error` [3] of any one of the images, by all that were made."""
+def worst_errors(sets: Sequence[Sequence[Made]], made: Sequence[Made]) -> np.ndarray:
+    """The largest `error` of any one image of each set [set, 3], by all that were made."""
     with ThreadPoolExecutor() as pool:
-        return np.max([*pool.map(lambda one: of_others(error, one, made), images)], axis=0)
+        found = [[pool.submit(of_others, error, one, made) for one in images] for images in sets]
+    return np.array([np.max([job.result() for job in jobs], axis=0) for jobs in found])
 
 
 def mean_square(images: Sequence[Made], made: Sequence[Made]) -> tuple[np.ndarray, np.ndarray]:

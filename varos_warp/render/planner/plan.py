@@ -344,7 +344,7 @@ class Planner:
             if not added & (added - 1) and self.is_told(tried[-1], made):  # 0, 1, 2, 4 ...: it takes its time
                 break
             add()
-        return np.array([errors.worst_error(images, made) for images in tried])
+        return errors.worst_errors(tried, made)
 
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
         """Whether the square of the error of images is known, by all that were made."""

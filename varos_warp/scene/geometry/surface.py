@@ -9,6 +9,9 @@ from varos_warp.kernels.mesh import project
 from varos_warp.scene.geometry.topology import chunks
 from varos_warp.scene.launch import launch, upload
 
+KERNELS = (project.find_first_hits, project.find_nearest)
+"""What repairing nearly every terrain needs."""
+
 
 class Surface:
     """Owns the BVH of a mesh.
