@@ -125,7 +125,7 @@ class FrameRenderer:
             integrator: Of A and P; absent: the scene's.
         """
         kernels = kernels_needed(self.scene, self.world.contents, outputs, integrator, self.device)
-        return compiling(kernels, self.device, self.launcher.threads)
+        return compiling(kernels, self.device)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
                following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,

@@ -64,6 +64,8 @@ def block_dim(kernel: wp.Kernel) -> int:
     return bounds[0] if bounds else BLOCK_DIM
 
 
+CORES_TO_COMPILE = 4
+"""Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
 _begun: dict[tuple[wp.Module, str], Future] = {}
 """Modules that threads compile or are to compile (`compiling`), by device."""
 
@@ -81,12 +83,12 @@ def _load(kernel: wp.Kernel, device: str) -> None:
 
 
 @contextlib.contextmanager
-def compiling(kernels: Iterable[wp.Kernel], device: str, threads: int | None = None) -> Iterator[None]:
+def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
     """A ``with`` statement during which threads compile kernels, each module once.
 
     What has not begun at its end is compiled when it is needed.
     """
-    pool, mine = ThreadPoolExecutor(threads or usable_cores(), "compile"), []
+    pool, mine = ThreadPoolExecutor(max(2, usable_cores() // CORES_TO_COMPILE), "compile"), []
     for kernel in kernels:
         if (module := (kernel.module, device)) not in _begun:
             _begun[module] = pool.submit(_load, kernel, device)

@@ -18,7 +18,6 @@ import numpy as np
 
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw, Made, error, of_others
-from varos_warp.scene.launch import usable_cores
 
 SHARE = 0.07
 """Share of a sequence's samples that trying its poses may cost, about."""
@@ -35,8 +34,8 @@ FIRST = 4
 BEYOND, MOST_IMAGES = 1.5, 6
 """Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
 its images do not tell, up to six."""
-MOST_THREADS = 8
-"""Threads that compare images while others are rendered: half of the cores, but two at least and so many at most."""
+THREADS = 2
+"""Threads that compare images while others are rendered."""
 
 PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """Options that a plan says for all frames alike."""
@@ -113,10 +112,9 @@ def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[P
         views: The views, and what they may need, `FEWER[0]` at least.
     """
     needed, waiting, under_way = {}, deque(views.items()), deque()
-    threads = int(np.clip(usable_cores() // 2, 2, MOST_THREADS))
-    with ThreadPoolExecutor(threads) as pool:  # beside a GPU comparing takes several times as long as rendering
+    with ThreadPoolExecutor(THREADS) as pool:  # on a GPU comparing takes as long as rendering
         while waiting or under_way:
-            if waiting and len(under_way) <= threads:
+            if waiting and len(under_way) <= THREADS:
                 view, spp = waiting.popleft()
                 made = trial(partial(image, view), spp)
             else:
