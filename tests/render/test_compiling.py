@@ -1,7 +1,7 @@
 """Kernels that are compiled while something else goes on: those that images need, each of them once."""
 
 import threading
-import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -56,60 +56,71 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
     assert all(both > needed(renderer, "A", integrator) for integrator in ("field", "path"))
 
 
-def test_each_kernel_is_compiled_once_begun_or_not(monkeypatch):
-    compiled, go = [], threading.Event()
+class Module:
+    """Stands in for Warp's: knows when it is loaded, but not when it is being compiled."""
 
-    def load(kernel, device):
-        go.wait()
-        compiled.append(kernel.name)
+    def __init__(self, error=None):
+        self.error, self.compiled, self.is_loaded = error, 0, False
+        self.begun, self.go = threading.Event(), threading.Event()
 
-    monkeypatch.setattr(launch, "_load", load)
-    first, second, third, fourth = (SimpleNamespace(name=name, module=name) for name in ("a", "b", "c", "d"))
-    with compiling([first, second, third], "cpu"), compiling([third, first], "cpu"):
-        go.set()
-        for kernel in (first, third):
-            load_kernel(kernel, "cpu")
-    assert {*"ac"} <= {*compiled} <= {*"abc"}
-    assert len(compiled) == len({*compiled})
-    assert not launch._begun
-    load_kernel(fourth, "cpu")
-    assert compiled[-1] == "d"
+    def load(self, device, block_dim):
+        if self.is_loaded:
+            return
+        self.compiled += 1
+        self.begun.set()
+        assert self.go.wait(60.0)
+        if self.error:
+            raise self.error
+        self.is_loaded = True
+
+
+def waiting(count, **how):
+    """Kernels whose modules are not compiled before they may `go`."""
+    return [SimpleNamespace(module=Module(**how)) for _ in range(count)]
+
+
+def test_each_kernel_is_compiled_once_begun_or_not():
+    kernels = waiting(3)
+    with compiling(kernels, "cpu"), compiling(reversed(kernels), "cpu"), ThreadPoolExecutor() as pool:
+        assert kernels[0].module.begun.wait(60.0)
+        loading = [pool.submit(load_kernel, kernel, "cpu") for kernel in kernels]
+        for kernel in kernels:
+            kernel.module.go.set()
+        for job in loading:
+            job.result()
+    assert [kernel.module.compiled for kernel in kernels] == [1, 1, 1]
 
 
 def test_a_kernel_that_is_needed_does_not_wait_for_those_before_it(monkeypatch):
     """With fewer threads than kernels, the one that is needed may not have begun."""
-    compiled, go = [], threading.Event()
-
-    def load(kernel, device):
-        if kernel.name != "c":
-            go.wait()
-        compiled.append(kernel.name)
-
     monkeypatch.setattr(launch, "usable_cores", lambda: 2)
-    monkeypatch.setattr(launch, "_load", load)
-    kernels = [SimpleNamespace(name=name, module=name) for name in "abc"]
+    *before, needed_now = waiting(3)
+    needed_now.module.go.set()
+    with compiling([*before, needed_now], "cpu"):
+        load_kernel(needed_now, "cpu")
+        assert needed_now.module.is_loaded
+        assert not any(kernel.module.is_loaded for kernel in before)
+        for kernel in before:
+            kernel.module.go.set()
+
+
+def test_what_has_not_begun_at_the_end_is_left_to_those_who_need_it(monkeypatch):
+    monkeypatch.setattr(launch, "usable_cores", lambda: 2)
+    kernels = waiting(3)
     with compiling(kernels, "cpu"):
-        load_kernel(kernels[-1], "cpu")
-        assert compiled == ["c"]
-        go.set()
-    assert sorted(compiled) == ["a", "b", "c"]
+        threading.Timer(0.05, lambda: [kernel.module.go.set() for kernel in kernels]).start()
+    assert [kernel.module.is_loaded for kernel in kernels] == [True, True, False]
+    load_kernel(kernels[-1], "cpu")
+    assert kernels[-1].module.is_loaded
 
 
-def test_what_a_thread_failed_to_compile_is_tried_again_where_it_is_needed(monkeypatch):
-    tried = []
-
-    def load(kernel, device):
-        tried.append(kernel.name)
-        raise RuntimeError("no compiler")
-
-    monkeypatch.setattr(launch, "_load", load)
-    kernel = SimpleNamespace(name="a", module="a")
+def test_what_a_thread_failed_to_compile_is_tried_again_where_it_is_needed():
+    kernel, = waiting(1, error=RuntimeError("no compiler"))
+    kernel.module.go.set()
     with compiling([kernel], "cpu"):
-        while not tried:
-            time.sleep(0.001)
+        assert kernel.module.begun.wait(60.0)
         with pytest.raises(RuntimeError, match="no compiler"):
             load_kernel(kernel, "cpu")
-    assert tried == ["a", "a"]
 
 
 @pytest.mark.parametrize("file", [DATA / "starter.yaml", DATA / "templates" / "stereo_survey.yaml",

@@ -9,6 +9,7 @@ import warp as wp
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
+from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
@@ -111,7 +112,8 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
 
     As far as the scene file tells; arguments as for `kernels_needed`.
     """
-    kernels = kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device)
+    contents = Contents.foretold(scene, device)
+    kernels = [*[bake_ground] * contents.textures, *kernels_needed(scene, contents, letters, integrator, device)]
     with compiling(KERNELS if getattr(scene.terrain, "preprocess", None) else [], "cpu"), compiling(kernels, device):
         yield
 

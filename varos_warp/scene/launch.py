@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -66,20 +66,15 @@ def block_dim(kernel: wp.Kernel) -> int:
 
 CORES_TO_COMPILE = 4
 """Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
-_begun: dict[tuple[wp.Module, str], Future] = {}
-"""Modules that threads compile or are to compile (`compiling`), by device."""
+_loading: dict[tuple[wp.Module, str], threading.Lock] = {}
+"""Held by whoever loads a module on a device: Warp would compile it in each of several threads."""
 
 
 def load_kernel(kernel: wp.Kernel, device: str) -> None:
-    """Compile a kernel before threads need it; where one of `compiling` is at it, wait for that one."""
-    job = _begun.get((kernel.module, device))
-    if job is None or job.cancel() or job.exception() is not None:
-        _load(kernel, device)
-
-
-def _load(kernel: wp.Kernel, device: str) -> None:
-    # the block size is part of a binary's identity
-    kernel.module.load(device, block_dim=1 if device == "cpu" else block_dim(kernel))
+    """Compile a kernel before threads need it, or wait for the thread that is at it."""
+    with _loading.setdefault((kernel.module, device), threading.Lock()):
+        # the block size is part of a binary's identity
+        kernel.module.load(device, block_dim=1 if device == "cpu" else block_dim(kernel))
 
 
 @contextlib.contextmanager
@@ -88,17 +83,13 @@ def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
 
     What has not begun at its end is compiled when it is needed.
     """
-    pool, mine = ThreadPoolExecutor(max(2, usable_cores() // CORES_TO_COMPILE), "compile"), []
+    pool = ThreadPoolExecutor(max(2, usable_cores() // CORES_TO_COMPILE), "compile")
     for kernel in kernels:
-        if (module := (kernel.module, device)) not in _begun:
-            _begun[module] = pool.submit(_load, kernel, device)
-            mine.append(module)
+        pool.submit(load_kernel, kernel, device)
     try:
         yield
     finally:
         pool.shutdown(cancel_futures=True)
-        for module in mine:
-            del _begun[module]
 
 
 def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,
