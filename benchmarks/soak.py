@@ -63,9 +63,9 @@ class Watched(FrameRenderer):
         super().__init__(scene, device)
         self.every, self.count, self.samples, self.start = every, 0, [], time.perf_counter()
 
-    def steps(self, *args, **options):
-        """As `FrameRenderer.steps`."""
-        image = yield from super().steps(*args, **options)
+    def render(self, *args, **options):
+        """As `FrameRenderer.render`."""
+        image = super().render(*args, **options)
         if self.count % self.every == 0:
             self.samples.append({"frame": self.count, "seconds": round(time.perf_counter() - self.start, 2),
                                  **resources()})

@@ -109,10 +109,6 @@ class FlatFloorRenderer:
     def compiling(self, outputs, integrator=None):
         return nullcontext()
 
-    def steps(self, *args, **how):
-        return self.render(*args, **how)
-        yield
-
     def render(self, T_w_v, camera, outputs, *, spp, frame, following=None, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt

@@ -46,8 +46,8 @@ from benchmarks import soak
 kept = []
 
 class Leaking(soak.Watched):
-    def steps(self, *args, **options):
-        kept.append((yield from super().steps(*args, **options)))
+    def render(self, *args, **options):
+        kept.append(super().render(*args, **options))
         return kept[-1]
 
 soak.Watched = Leaking

@@ -4,9 +4,10 @@ What a host decides while it renders follows from what a GPU has computed. Funct
 they give up control until the numbers are there, and another frame's can go on meanwhile.
 """
 
+import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
@@ -23,16 +24,15 @@ Steps = Generator[wp.Event, None, T]
 """Work that gives the event to wait for whenever it needs to; what it returns in the end is a T."""
 
 
-def finish(steps: Steps[T], turn: Callable[[], AbstractContextManager] = nullcontext) -> T:
+def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
     """Do all steps.
 
     Args:
         steps: The work.
-        turn: Makes what is held during every step, and not while the device is waited for: Warp's functions are not for
-            several threads at once.
+        turn: Held during every step, and not while the device is waited for.
     """
     while True:
-        with turn():
+        with turn:
             try:
                 event = next(steps)
             except StopIteration as end:
@@ -52,6 +52,8 @@ class Launcher:
         self.device = device
         self.threads = threads or usable_cores()
         self.compile_seconds = 0.0
+        self.turn = threading.Lock()
+        """Of the threads that render: Warp's functions are not for several at once."""
         self._loaded: set = set()
         self._unused: dict[tuple, list[tuple[wp.array, wp.Event | None]]] = defaultdict(list)
         """Pinned memory by shape and type, with the event after which it may be used."""

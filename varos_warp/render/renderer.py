@@ -79,8 +79,6 @@ class Exposed(NamedTuple):
 class FrameRenderer:
     """Renders frames of one scene on one device; uploads and compiles once.
 
-    Several frames may be under way (`steps`), from several threads too, but of these only one at a time may use it.
-
     Args:
         scene: The scene.
         device: ``auto``, ``cpu`` or ``cuda:N``.
@@ -132,6 +130,8 @@ class FrameRenderer:
                seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
+        Several threads may render: one goes on while others wait for a GPU.
+
         Args:
             T_w_v: Pose of the vehicle in the world.
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
@@ -149,7 +149,7 @@ class FrameRenderer:
             TypeError: If there is no such option.
         """
         return finish(self.steps(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns, seed=seed,
-                                 frame=frame, **options))
+                                 frame=frame, **options), self.launcher.turn)
 
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
               following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,

@@ -64,7 +64,7 @@ def block_dim(kernel: wp.Kernel) -> int:
     return bounds[0] if bounds else BLOCK_DIM
 
 
-CORES_TO_COMPILE = 4
+CORES_TO_COMPILE = 2
 """Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
 _loading: dict[tuple[wp.Module, str], threading.Lock] = {}
 """Held by whoever loads a module on a device: Warp would compile it in each of several threads."""

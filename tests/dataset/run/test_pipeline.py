@@ -134,7 +134,7 @@ def test_images_that_can_never_be_written_are_given_up(at_once):
 
 def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypatch):
     """While one waits for what it asked of the device, the other goes on; results are those of one by one."""
-    using, waiting, most = set(), set(), []
+    using, waiting, most, turn = set(), set(), [], threading.Lock()
 
     class Stepping(Renderer):
         def steps(self, T_w_v, camera, outputs, *, frame, **options):
@@ -144,7 +144,10 @@ def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypat
                 time.sleep(0.002)
                 using.remove(frame)
                 yield frame
-            return self.render(T_w_v, camera, outputs, frame=frame, **options)
+            return super().render(T_w_v, camera, outputs, frame=frame, **options)
+
+        def render(self, *args, **options):
+            return launch.finish(self.steps(*args, **options), turn)
 
     def wait(frame):
         waiting.add(frame)
@@ -167,13 +170,12 @@ def test_what_failed_holds_no_buffers():
     class Buffer:
         pass
 
-    def steps(*_, frame, **__):
+    def render(*_, frame, **__):
         buffer = Buffer()
         held.append(weakref.ref(buffer))
         raise MemoryError(f"none left for {frame}")
-        yield
 
-    renderer.steps = steps
+    renderer.render = render
     made = Rendered()
     with pytest.raises(MemoryError, match="none left"):
         go(renderer, Writer(), made=made)

@@ -21,7 +21,6 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
-from varos_warp.render.launch import finish
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
@@ -107,7 +106,7 @@ class Pipeline:
     """Images under way on the device; absent: those of `AT_ONCE`. With 1, the calling thread renders."""
 
     def __post_init__(self):
-        self.turn, self.noting = threading.Lock(), threading.Lock()
+        self.noting = threading.Lock()
         self.in_a_row, self.last_done = 0, 0.0
         self.writers: Executor
         keys = (("denoise", "A"), ("denoise_b", "B"))
@@ -158,11 +157,11 @@ class Pipeline:
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling, nor those before the image before was done."""
         start = time.perf_counter()
-        image, seconds = timed(self.renderer, lambda: finish(self.renderer.steps(
+        image, seconds = timed(self.renderer, lambda: self.renderer.render(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
             following=self.following(job.frame) if "F" in job.letters else None,
             motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
-            **frame_options(self.plan, job.camera, job.frame), **self.options), lambda: self.turn))
+            **frame_options(self.plan, job.camera, job.frame), **self.options))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)
