@@ -3,8 +3,15 @@
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest, make_gauss_legendre
-from varos_warp.kernels.sampling import equiangular_angle, equiangular_point, one_minus_cos_at
-from varos_warp.kernels.world.light import Light, LitInterval, light_beam, light_core, light_towards
+from varos_warp.kernels.world.light import (
+    Light,
+    LitInterval,
+    light_at,
+    light_axis,
+    light_centre,
+    light_core,
+    lit_part,
+)
 from varos_warp.kernels.world.medium import Medium, transmittance
 from varos_warp.kernels.world.phase import Phase, phase_eval
 
@@ -50,16 +57,63 @@ def peak_break(phase: Phase, h: float, y: float):
     return 0.5 * h * (q - 1.0 / q)
 
 
+@wp.struct
+class Stretch:
+    """A part of a lit interval on one side of the light's foot, by the angle to the ray under which it sees the light.
+
+    With theta the scattering angle, y = -h / tan(theta).
+    """
+
+    before: bool
+    """Before the foot, where that angle is theta, or after it, where it is pi - theta."""
+    start: float
+    """Half of the angle at the start [rad], at most pi/4,"""
+    turn: float
+    """and how it changes up to the end."""
+    angle: float
+    """Integral of 1/distance^2 to the light; stays finite as h -> 0."""
+    depth: float
+    """Optical depth from end to end, of the light's way to the ray and along it."""
+
+
 @wp.func
-def segment_nodes(medium: Medium, h: float, ya: float, yb: float, angle: float):
-    """Number of nodes that an interval needs."""
-    depth = brightest(medium.sigma_t) * (yb - ya + wp.sqrt(h * h + yb * yb) - wp.sqrt(h * h + ya * ya))
-    q = h / (wp.sqrt(h * h + ya * ya) - wp.min(ya, 0.0))
-    if depth < SLIVER_DEPTH and angle * h < SLIVER_RAD * wp.min(wp.max(q, smooth_below(medium.phase)), 1.0):
+def make_stretch(medium: Medium, h: float, ya: float, yb: float):
+    """The part from ya to yb."""
+    part = Stretch()
+    part.before = yb <= 0.0
+    da = wp.sqrt(h * h + ya * ya)
+    db = wp.sqrt(h * h + yb * yb)
+    near = wp.abs(ya) + da
+    far = wp.abs(yb) + db
+    # the difference of their inverses, without cancellation, over one and the product of h / near and h / far
+    change = (yb - ya) * (1.0 + wp.abs(ya + yb) / (da + db)) / (near * far + h * h)
+    part.start = wp.atan(h / near)
+    part.turn = wp.atan(wp.where(part.before, change, -change) * h)
+    part.angle = 2.0 * wp.abs(part.turn) / h
+    part.depth = brightest(medium.sigma_t) * (yb - ya + db - da)
+    return part
+
+
+@wp.func
+def stretch_nodes(phase: Phase, part: Stretch):
+    """Number of nodes that a part needs."""
+    angle = 2.0 * wp.abs(part.turn)
+    q = wp.where(part.before, part.start, 2.0 * part.start)
+    if part.depth < SLIVER_DEPTH and angle < SLIVER_RAD * wp.min(wp.max(q, smooth_below(phase)), 1.0):
         return SLIVER_NODES
-    if depth < SHORT_DEPTH and (ya >= 0.0 or angle * h < 6.5 * q):
+    if part.depth < SHORT_DEPTH and (not part.before or angle < 6.5 * q):
         return SHORT_NODES
     return NODES
+
+
+@wp.func
+def sine_and_cosine(x: float):
+    """Sine and cosine of an angle of at most pi/4, up to a common factor.
+
+    Their ratio is a convergent of Lambert's continued fraction for the tangent, 2e-8 off, in a fraction of its time.
+    """
+    x2 = x * x
+    return wp.vec2(x * (945.0 + x2 * (x2 - 105.0)), 945.0 + x2 * (15.0 * x2 - 420.0))
 
 
 @wp.func
@@ -73,24 +127,27 @@ def segment_node(k: int, count: int):
 
 
 @wp.func
-def scattered_between(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, lit: LitInterval, ya: float, yb: float):
-    """Radiance that single scattering between ya and yb adds to a ray, by quadrature in the equiangular angle.
+def scattered_between(medium: Medium, light: Light, lit: LitInterval, along: float, across: float, part: Stretch):
+    """Radiance that single scattering in a part of a lit interval adds to a ray, by quadrature in the scattering angle.
 
-    In that angle the inverse square of the distance is constant, and the rest is smooth.
+    In that angle the inverse square of the distance is constant, and the rest is smooth. The tangent of half of it, q,
+    gives all else: y and the distance from the light are (q -+ 1/q) h/2, and together they are q h. ``along`` and
+    ``across`` are the components of the light's axis along the ray, and along the way from the light to its foot.
     """
     L = wp.vec3(0.0)
-    angle = equiangular_angle(lit.h, ya, yb)
-    count = segment_nodes(medium, lit.h, ya, yb, angle)
+    count = stretch_nodes(medium.phase, part)
     k = int(0)
     while k < count:
         node = segment_node(k, count)
-        y = equiangular_point(lit.h, ya, yb, angle, node[0])
-        distance = wp.sqrt(lit.h * lit.h + y * y)
-        t = wp.max(lit.foot + y, 0.0)
-        weight = node[1] * phase_eval(medium.phase, one_minus_cos_at(y, lit.h, distance))
-        L += weight * wp.cw_mul(light_towards(light, o + t * d, distance), transmittance(medium, t + distance))
+        of_half = sine_and_cosine(part.start + node[0] * part.turn)
+        s = wp.where(part.before, of_half[0], of_half[1])
+        c = wp.where(part.before, of_half[1], of_half[0])
+        r = 1.0 / (s * s + c * c)
+        weight = node[1] * phase_eval(medium.phase, 2.0 * s * s * r)
+        intensity = light_at(light, r * (2.0 * s * c * across + (s * s - c * c) * along))
+        L += weight * wp.cw_mul(intensity, transmittance(medium, wp.max(lit.foot + lit.h * s / c, 0.0)))
         k += 1
-    return angle * wp.cw_mul(medium.sigma_s, L)
+    return part.angle * wp.cw_mul(medium.sigma_s, L)
 
 
 @wp.func
@@ -107,17 +164,17 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
     requires; and where the soft edge begins, which is a kink.
     """
     L = wp.vec3(0.0)
-    lit = light_beam(light, o, d, t_max)
-    if lit.angle <= 0.0:
-        return L
+    lit = lit_part(light, o, d, t_max)
     inner = light_core(light, o, d, t_max)
+    along = wp.dot(light_axis(light), d)
+    across = wp.dot(light_axis(light), o + lit.foot * d - light_centre(light)) / lit.h
     y = lit.ya
     while y < lit.yb:
         end = next_break(y, 0.0, lit.yb)
         end = next_break(y, peak_break(medium.phase, lit.h, y), end)
-        if inner.angle > 0.0:
+        if inner.yb > inner.ya:
             end = next_break(y, inner.ya, end)
             end = next_break(y, inner.yb, end)
-        L += scattered_between(medium, light, o, d, lit, y, end)
+        L += scattered_between(medium, light, lit, along, across, make_stretch(medium, lit.h, y, end))
         y = end
     return L

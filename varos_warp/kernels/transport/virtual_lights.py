@@ -182,16 +182,17 @@ def make_gather_virtual_light(moving: bool) -> wp.Function:
     def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
         """Light of the virtual point lights at a vertex, towards where its ray came from, estimated by one of them.
 
-        Each of the CANDIDATES is drawn from its own stratum of the points. Even and odd samples of a pixel use
-        different points, so their difference shows the error that all pixels share.
+        The CANDIDATES are neighbours in the list, which as points of a Sobol sequence lie far apart in the light, and
+        close together in memory. Even and odd samples of a pixel use different points, so their difference shows the
+        error that all pixels share.
         """
         chosen = make_reservoir(u[1])
         best = VirtualConnection()
-        count = points.shape[0]
+        sets = points.shape[0] / CANDIDATES
+        first = CANDIDATES * wp.min(int(u[0] * float(sets)), sets - 1)
         candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
         for k in range(candidates):
-            at = int((float(k) + u[0]) / float(CANDIDATES) * float(count))
-            point = points[wp.min(at, count - 1)]
+            point = points[first + k]
             if wp.static(moving):
                 point = in_world(scene, point)
             offset = point.p - vertex.p

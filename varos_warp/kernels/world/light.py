@@ -1,11 +1,11 @@
 """Lights: points that shine in a cone, by a profile or in a sheet. Other kernels use them only through this file.
 
 `light_count` and `get_light` give the lights of a scene; of a disk, that is one of its points (transport/moments.py).
-`light_sample` evaluates what a light sends to a given point, `light_towards` to one in its beam. `light_beam` and
-`light_core` give the lit part of a ray, `light_importance` and `light_strength` its importance near a point and
-overall. `light_emit` draws a ray that leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling
-pixels that show a light, and, with `light_axis` and `light_intensity`, for the field of open water, which is
-precomputed for lights with an axis.
+`light_sample` evaluates what a light sends to a given point, `light_towards` to one in its beam, and `light_at` at an
+angle to its axis. `lit_part`, `light_beam` and `light_core` give the lit part of a ray, `light_importance` and
+`light_strength` its importance near a point and overall. `light_emit` draws a ray that leaves it, with density
+1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with `light_axis` and
+`light_intensity`, for what is computed for lights with an axis: quadratures, and the field of open water.
 """
 
 import warp as wp
@@ -175,8 +175,11 @@ def in_sheet(light: Light, x: wp.vec3):
 
 
 @wp.func
-def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of the ray from ``o`` along ``d`` to ``t_max`` inside the light's cone or sheet."""
+def lit_part(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """The part of the ray from ``o`` along ``d`` to ``t_max`` inside the light's cone or sheet, without its ``angle``.
+
+    Nothing is lit where ``yb`` is not above ``ya``.
+    """
     part = LitInterval()
     to_light = light.position - o
     part.foot = wp.dot(to_light, d)
@@ -193,6 +196,13 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
         clipped = clip_to_sheet(light.axis, light.right, light.up, v, d, wp.vec2(part.ya, part.yb))
         part.ya = clipped[0]
         part.yb = clipped[1]
+    return part
+
+
+@wp.func
+def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
+    """The part of a ray inside the light's cone or sheet: `lit_part` with its ``angle``."""
+    part = lit_part(light, o, d, t_max)
     if part.yb > part.ya:
         part.angle = equiangular_angle(part.h, part.ya, part.yb)
     return part
@@ -200,12 +210,12 @@ def light_beam(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
 
 @wp.func
 def light_core(light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """The part of `light_beam` inside the soft edge, where the intensity has a kink; empty without a soft edge."""
+    """The `lit_part` inside the soft edge, where the intensity has a kink; empty without a soft edge."""
     part = LitInterval()
     if light.blend > 0.0 and light.cos_half > -1.0:
         core = light
         core.cos_half = light.cos_half + light.blend * (1.0 - light.cos_half)
-        part = light_beam(core, o, d, t_max)
+        part = lit_part(core, o, d, t_max)
     return part
 
 
@@ -238,9 +248,15 @@ def light_sample(light: Light, p: wp.vec3):
 
 
 @wp.func
+def light_at(light: Light, cos_angle: float):
+    """Radiant intensity [W/sr] at an angle to the light's axis, in its `light_beam`."""
+    return falloff(light, cos_angle) * light.intensity
+
+
+@wp.func
 def light_towards(light: Light, p: wp.vec3, distance: float):
     """Radiant intensity [W/sr] towards a point of `light_beam` at an accurately known ``distance``."""
-    return falloff(light, wp.dot(p - light.position, light.axis) / distance) * light.intensity
+    return light_at(light, wp.dot(p - light.position, light.axis) / distance)
 
 
 @wp.func
