@@ -66,11 +66,16 @@ class Watched(FrameRenderer):
     def render(self, *args, **options):
         """As `FrameRenderer.render`."""
         image = super().render(*args, **options)
+        with self.launcher.turn:
+            self.note()
+        return image
+
+    def note(self):
+        """Look at the process, if it is time."""
         if self.count % self.every == 0:
             self.samples.append({"frame": self.count, "seconds": round(time.perf_counter() - self.start, 2),
                                  **resources()})
         self.count += 1
-        return image
 
 
 def growth(samples: list[dict]) -> dict[str, float]:

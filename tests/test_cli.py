@@ -528,6 +528,22 @@ def test_only_what_goes_on_says_so_when_it_is_interrupted(scene_file, tmp_path, 
     assert "varos-warp: interrupted" in result.stderr
 
 
+def test_bad_input_ends_at_once_though_kernels_are_being_compiled(tmp_path):
+    """Python waits for threads at its end; a kernel takes 5 to 20 s."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import time\n"
+        "from types import SimpleNamespace\n"
+        "from varos_warp.cli import main\n"
+        "from varos_warp.scene.launch import compiling\n"
+        "long = SimpleNamespace(load=lambda *_, **__: time.sleep(600.0))\n"
+        "with compiling([SimpleNamespace(module=long)], 'cpu'):\n"
+        "    main()\n")
+    done = subprocess.run([sys.executable, program, "info", "missing.yaml"], capture_output=True, text=True, timeout=99)
+    assert done.returncode == 2
+    assert "missing.yaml" in done.stderr
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only(scene_file, tmp_path):
     """A process of its own, whose frames take a while, gets SIGTERM in the middle.

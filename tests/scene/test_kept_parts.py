@@ -45,7 +45,7 @@ def made(scene):
     parts = build_parts(scene)
     world = DeviceScene(scene, parts, "cpu")
     assert any(isinstance(part.material, Metal) for part in parts)
-    tiles = [image.texels.numpy() for _, (image, _) in sorted(world.textures.images.items())]
+    tiles = [image.texels.numpy() for image, _ in world.textures.images.values()]
     poses = [part.T_w_o for part in parts if hasattr(part, "T_w_o")]
     return [parts[0].vertices, parts[0].faces, *poses, *tiles, world.data.lobe_albedo.numpy()]
 

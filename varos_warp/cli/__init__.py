@@ -4,8 +4,10 @@ Exit status: 0 done; 2 bad input or an invalid dataset; 1 a failure of our own; 
 """
 
 import logging
+import os
 import signal
 import sys
+import threading
 import warnings
 from typing import Annotated
 
@@ -46,4 +48,19 @@ def _interrupt(_signal, _frame):
 def main() -> None:
     """Entry point of ``varos-warp``; SIGTERM (a cluster's end of time) counts as an interruption."""
     signal.signal(signal.SIGTERM, _interrupt)
-    app(prog_name="varos-warp")
+    try:
+        app(prog_name="varos-warp")
+    except SystemExit as end:
+        _leave_compilers(end.code)
+        raise
+
+
+def _leave_compilers(status: str | int | None) -> None:
+    """End without waiting for threads that compile (scene/launch.py), where any do: nobody needs it any more.
+
+    Python would wait for them. What they write gets its name when it is whole.
+    """
+    if any(thread.name.startswith("compile_") for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else int(status is not None))

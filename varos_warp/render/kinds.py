@@ -1,7 +1,8 @@
 """Which kernels make an image: the kinds of samples that it is the sum of, and all that is compiled for a scene."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import NamedTuple
 
 import warp as wp
@@ -21,6 +22,7 @@ from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import Contents, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
 from varos_warp.scene.launch import compiling
@@ -90,18 +92,23 @@ def kernels_needed(scene: Scene, contents: Contents, letters: Iterable[str], int
         device: On which they are denoised.
     """
     options, letters = options_of(scene, {"integrator": integrator}), {*letters}
+    no_field = cache(lambda: unavailable(scene))  # it reads files
     kernels: list[wp.Kernel] = []
     for view in scene.vehicle.cameras:
         for letter, seen in (("A", view), ("P", twin_of(scene, view))):
             if letter in letters and not is_dark(scene, contents):
-                kernels += _of_water(scene, contents, seen, options)
+                kernels += _of_water(scene, contents, seen, options, no_field)
         if "B" in letters and contents.surfaces:
             kernels += _of_ambient(scene, contents, view)
         if letters & {*"CDSF"} and contents.surfaces:
-            kernels += [make(contents.instances, optics_spec(view), is_rolling(view))
-                        for make in (make_first_hits_kernel, *[make_hidden_kernel] * ("F" in letters))]
+            seen_first = contents.instances, optics_spec(view), is_rolling(view)
+            kernels.append(make_first_hits_kernel(*seen_first))
+            if "F" in letters:
+                kernels.append(make_hidden_kernel(*seen_first))
     if letters & {*"APB"}:
-        kernels += [film.develop] + [denoise.clip_negative] * (device != "cpu")
+        kernels.append(film.develop)
+        if device != "cpu":
+            kernels.append(denoise.clip_negative)
     return list(dict.fromkeys(kernels))
 
 
@@ -112,15 +119,17 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
 
     As far as the scene file tells; arguments as for `kernels_needed`.
     """
-    contents = Contents.foretold(scene, device)
-    kernels = [*[bake_ground] * contents.textures, *kernels_needed(scene, contents, letters, integrator, device)]
+    kernels = kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device)
+    if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
+        kernels.insert(0, bake_ground)
     with compiling(KERNELS if getattr(scene.terrain, "preprocess", None) else [], "cpu"), compiling(kernels, device):
         yield
 
 
-def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOptions) -> list[wp.Kernel]:
+def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOptions,
+              no_field: Callable[[], str | None]) -> list[wp.Kernel]:
     moves, of_surfaces = view.shutter is not None, (contents.instances, contents.textures)
-    name = resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))
+    name = resolve_integrator(options.integrator, options.max_scatterings, no_field)
     if name == "reference":
         return []
     varies = moves or lights_vary(scene.lights)
@@ -137,5 +146,7 @@ def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOpt
 
 def _of_ambient(scene: Scene, contents: Contents, view: Camera) -> list[wp.Kernel]:
     spec = contents.instances, contents.textures, optics_spec(view), view.shutter is not None
-    guides = [make_guides_kernel(*spec)] * (scene.render.denoise_b == "oidn")
-    return [make_ambient_kernel(*spec), *guides]
+    kernels = [make_ambient_kernel(*spec)]
+    if scene.render.denoise_b == "oidn":
+        kernels.append(make_guides_kernel(*spec))
+    return kernels

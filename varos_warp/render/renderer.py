@@ -154,7 +154,10 @@ class FrameRenderer:
     def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
               following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
               seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
-        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU."""
+        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU.
+
+        Only one thread at a time may do a step.
+        """
         check_names("outputs", outputs, OUTPUTS)
         if "F" in outputs and following is None:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",

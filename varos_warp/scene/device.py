@@ -19,6 +19,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
+from varos_warp.scene.geometry.build import may_have_colours
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
@@ -77,15 +78,16 @@ class Contents(NamedTuple):
     def foretold(scene: Scene, device: str) -> "Contents":
         """What a `DeviceScene` will find, by the scene file alone.
 
-        Wrong where a mesh file has no colours of its own, or so many copies are scattered that they do not join the
-        mesh on a GPU.
+        Wrong where a mesh file that may have colours of its own has none, or so many copies are scattered that they do
+        not join the mesh on a GPU.
         """
         blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
-        materials = [getattr(block, "material", None) for block in blocks if block is not None]
-        plain = [name and isinstance(scene.materials[name], Diffuse) for name in materials]
+        blocks = [block for block in blocks if block is not None]
+        textured = [may_have_colours(block) if block.material is None
+                    else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
         copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
-        return Contents(bool(optical_properties(scene).sigma_s.any()), bool(materials), copies or bool(scene.moving),
-                        not all(plain))
+        return Contents(bool(optical_properties(scene).sigma_s.any()), bool(blocks), copies or bool(scene.moving),
+                        any(textured))
 
 
 class DeviceScene:

@@ -81,15 +81,15 @@ def load_kernel(kernel: wp.Kernel, device: str) -> None:
 def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
     """A ``with`` statement during which threads compile kernels, each module once.
 
-    What has not begun at its end is compiled when it is needed.
+    What has not begun at its end is compiled when it is needed; what has begun goes on.
     """
     pool = ThreadPoolExecutor(max(2, usable_cores() // CORES_TO_COMPILE), "compile")
-    for kernel in kernels:
-        pool.submit(load_kernel, kernel, device)
     try:
+        for kernel in kernels:
+            pool.submit(load_kernel, kernel, device)
         yield
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,

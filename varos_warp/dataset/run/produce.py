@@ -305,8 +305,8 @@ class _Run:
         self.summary.kept = wanted - self.summary.rendered
 
     def compiling(self) -> contextlib.AbstractContextManager[None]:
-        """Threads compile meanwhile; of several shards the first does so, and the others find what it compiled."""
-        if not self.work or self.renderer is not None or self.shard[0]:
+        """Threads compile meanwhile; of several workers the first does so, and the others find what it compiled."""
+        if not self.work or self.renderer is not None or (self.is_worker and self.shard[0]):
             return contextlib.nullcontext()
         from varos_warp.render.kinds import compiling_foretold
 

@@ -67,9 +67,9 @@ class Stretch:
     before: bool
     """Before the foot, where that angle is theta, or after it, where it is pi - theta."""
     start: float
-    """Half of the angle at the start [rad], at most pi/4,"""
+    """Half of that angle [rad] at the start; at most pi/4."""
     turn: float
-    """and how it changes up to the end."""
+    """How half of that angle changes from start to end [rad]."""
     angle: float
     """Integral of 1/distance^2 to the light; stays finite as h -> 0."""
     depth: float
@@ -98,10 +98,11 @@ def make_stretch(medium: Medium, h: float, ya: float, yb: float):
 def stretch_nodes(phase: Phase, part: Stretch):
     """Number of nodes that a part needs."""
     angle = 2.0 * wp.abs(part.turn)
-    q = wp.where(part.before, part.start, 2.0 * part.start)
-    if part.depth < SLIVER_DEPTH and angle < SLIVER_RAD * wp.min(wp.max(q, smooth_below(phase)), 1.0):
+    # as wide as the phase function's peak, which falls with a power of half the scattering angle
+    peak = wp.where(part.before, part.start, 2.0 * part.start)
+    if part.depth < SLIVER_DEPTH and angle < SLIVER_RAD * wp.min(wp.max(peak, smooth_below(phase)), 1.0):
         return SLIVER_NODES
-    if part.depth < SHORT_DEPTH and (not part.before or angle < 6.5 * q):
+    if part.depth < SHORT_DEPTH and (not part.before or angle < 6.5 * peak):
         return SHORT_NODES
     return NODES
 
@@ -130,9 +131,9 @@ def segment_node(k: int, count: int):
 def scattered_between(medium: Medium, light: Light, lit: LitInterval, along: float, across: float, part: Stretch):
     """Radiance that single scattering in a part of a lit interval adds to a ray, by quadrature in the scattering angle.
 
-    In that angle the inverse square of the distance is constant, and the rest is smooth. The tangent of half of it, q,
-    gives all else: y and the distance from the light are (q -+ 1/q) h/2, and together they are q h. ``along`` and
-    ``across`` are the components of the light's axis along the ray, and along the way from the light to its foot.
+    In that angle the inverse square of the distance is constant, and the rest is smooth. With q the tangent of half of
+    it, y = (q - 1/q) h/2, the distance from the light is (q + 1/q) h/2, and their sum is q h. ``along`` and ``across``
+    are the components of the light's axis along the ray, and along the way from the light to its foot.
     """
     L = wp.vec3(0.0)
     count = stretch_nodes(medium.phase, part)
@@ -167,7 +168,7 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
     lit = lit_part(light, o, d, t_max)
     inner = light_core(light, o, d, t_max)
     along = wp.dot(light_axis(light), d)
-    across = wp.dot(light_axis(light), o + lit.foot * d - light_centre(light)) / lit.h
+    across = wp.dot(light_axis(light), lit.foot * d - (light_centre(light) - o)) / lit.h
     y = lit.ya
     while y < lit.yb:
         end = next_break(y, 0.0, lit.yb)

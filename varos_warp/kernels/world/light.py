@@ -103,7 +103,7 @@ class LitInterval:
     """The part [ya, yb] of a ray inside a light's cone, measured from the light's foot on the ray.
 
     ``h`` is the light's distance from the line of the ray, ``foot`` the distance of the foot along the ray, ``angle``
-    the integral of 1/d^2 to the light over the interval; 0 if nothing is lit.
+    the integral of 1/d^2 to the light over the interval; 0 if nothing is lit, and where only `lit_part` was asked for.
     """
 
     foot: float

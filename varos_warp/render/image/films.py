@@ -60,11 +60,8 @@ class Films:
             sums: Of each pixel: SUMS or CORRECTION_SUMS.
         """
         film = Film()
-        shape = sums, *resolution[::-1]
-        for other in [kept for kept in self._unused if kept[1:] != shape[1:]]:
-            del self._unused[other]  # a plan's images are small, and the next ones are not
-        unused = self._unused[shape]
-        film.sums = unused.pop() if unused else self.buffer(*shape)
+        unused = self._unused[sums, *resolution[::-1]]
+        film.sums = unused.pop() if unused else self.buffer(sums, *resolution[::-1])
         tiles = (1 + adapts, *(-(-side // TILE) for side in resolution[::-1]))
         film.count, film.wanted = (wp.empty(tiles, dtype=int, device=self.device) for _ in "cw")
         film.lost = wp.empty(1, dtype=int, device=self.device)

@@ -7,7 +7,7 @@ import numpy as np
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain
+from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain, Terrain
 from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.assets.boards import board
@@ -50,14 +50,22 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
             for i, block in enumerate(scene.scatter)]
 
 
+def may_have_colours(block: Terrain | ProceduralTerrain | Object) -> bool:
+    """Whether a block takes the colours of its mesh file or board, if that has any."""
+    if isinstance(block, Terrain):
+        return block.material is None and block.preprocess is None and (isinstance(block.file, str)
+                                                                        or len(block.file) == 1)
+    return block.material is None and isinstance(block, MeshObject | CalibrationBoard)
+
+
 def object_part(scene: Scene, block: Object, key: str) -> Part:
     """An object of the scene file where its block places it; ``key`` names it, also in messages."""
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
-        mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=block.material is None)
+        mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=may_have_colours(block))
     elif isinstance(block, CalibrationBoard):
         vertices, faces, skin = board(block)
-        mesh = vertices, faces, skin if block.material is None else None
+        mesh = vertices, faces, skin if may_have_colours(block) else None
     else:
         mesh = assets.make_asset(block, key)
     return _moving(_part(scene, block, key, *mesh), block)
@@ -89,8 +97,8 @@ def _terrain_mesh(scene):
         return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
                                            block.rockiness, block.seed)
     files = [block.file] if isinstance(block.file, str) else block.file
-    alone = len(files) == 1 and block.preprocess is None and block.material is None
-    loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=alone) for file in files]
+    with_skin = may_have_colours(block)
+    loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=with_skin) for file in files]
     vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
     if block.preprocess is not None:
         vertices, faces = _preprocessed(vertices, faces, block.preprocess.model_dump())

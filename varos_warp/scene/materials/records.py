@@ -1,7 +1,6 @@
 """Materials of a scene file as the device's Material records."""
 
 import zlib
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import warp as wp
@@ -68,15 +67,11 @@ def _set_ground(record, part, offset, textures, scene):
     record.kind = int(texture.GROUND)
     key = next((f"materials.{name}" for name, m in scene.materials.items() if m is material), "material")
     extent, layers = float(np.ptp(part.vertices[:, :2], axis=0).max()), []
-    names = ("flat",) if material.flat == material.steep else ("flat", "steep")
-    blocks = [getattr(material, name) for name in names]
-    sizes = [block.size_m or max(extent / block.tiles, 1e-6) for block in blocks]
-    with ThreadPoolExecutor() as pool:  # the first time, an image takes a second
-        images = [*pool.map(lambda name, block, size: textures.tile(block.texture, f"{key}.{name}.texture", size),
-                            names, blocks, sizes)]
-    for name, block, size, image in zip(names, blocks, sizes, images, strict=True):
+    for name in ("flat",) if material.flat == material.steep else ("flat", "steep"):
+        block = getattr(material, name)
         layer = texture.Layer()
-        layer.size, layer.image = size, image
+        layer.size = block.size_m or max(extent / block.tiles, 1e-6)
+        layer.image = textures.tile(block.texture, f"{key}.{name}.texture", layer.size)
         layer.offset = wp.vec3(*np.remainder(offset, float(PERIOD) * layer.size))
         if name == "flat" and block.texture == "sand":
             layer.ripple = float(np.clip(0.11 * layer.size, 0.06, 0.3))
