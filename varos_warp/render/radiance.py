@@ -290,7 +290,7 @@ class RadianceRenderer:
         from varos_warp.render.image.device_denoise import DeviceDenoiser
 
         try:
-            return DeviceDenoiser(self.device)
+            return DeviceDenoiser(self.launcher)
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None

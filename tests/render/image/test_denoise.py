@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter
 from varos_warp.errors import InputError
 from varos_warp.render.image import denoise as module
 from varos_warp.render.image.denoise import PART_QUALITY, QUALITY, denoise, denoise_image, mix
+from varos_warp.render.launch import Launcher
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_to_matrix, transform
@@ -340,7 +341,7 @@ def cpu_denoiser():
     pytest.importorskip("pyoidn")
     from varos_warp.render.image.device_denoise import DeviceDenoiser
 
-    return DeviceDenoiser("cpu")
+    return DeviceDenoiser(Launcher("cpu"))
 
 
 def test_arrays_on_a_device_are_denoised_as_on_the_host(cpu_denoiser):
@@ -514,7 +515,7 @@ def test_a_gpu_denoises_as_the_package_does_through_the_host():
     expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
     image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
                             albedo=None, normal=None)
-    np.testing.assert_allclose(device_denoised(DeviceDenoiser("cuda:0"), image), expected, rtol=2**-11)
+    np.testing.assert_allclose(device_denoised(DeviceDenoiser(Launcher("cuda:0")), image), expected, rtol=2**-11)
 
 
 @pytest.mark.gpu
@@ -523,7 +524,7 @@ def test_a_gpu_denoises_as_the_cpu_does():
     pytest.importorskip("pyoidn")
     from varos_warp.render.image.device_denoise import DeviceDenoiser
 
-    denoiser = DeviceDenoiser("cuda:0")
+    denoiser = DeviceDenoiser(Launcher("cuda:0"))
     for guides in (False, True):
         for seed in range(3):  # the filters are used again
             truth, image = layered(seed=seed, guides=guides, shape=(180, 320))

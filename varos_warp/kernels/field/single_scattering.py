@@ -98,7 +98,7 @@ def make_stretch(medium: Medium, h: float, ya: float, yb: float):
 def stretch_nodes(phase: Phase, part: Stretch):
     """Number of nodes that a part needs."""
     angle = 2.0 * wp.abs(part.turn)
-    # as wide as the phase function's peak, which falls with a power of half the scattering angle
+    # over which the phase function changes: half the scattering angle before the foot, what it lacks to pi after it
     peak = wp.where(part.before, part.start, 2.0 * part.start)
     if part.depth < SLIVER_DEPTH and angle < SLIVER_RAD * wp.min(wp.max(peak, smooth_below(phase)), 1.0):
         return SLIVER_NODES

@@ -4,10 +4,9 @@ import weakref
 
 import warp as wp
 
-from varos_warp.kernels.conventions import BLOCK_DIM
 from varos_warp.kernels.film.denoise import add_mixed, add_scaled, clip_negative, positive_part, scale_to_unit, subtract
 from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, open_image_denoise
-from varos_warp.scene.launch import load_kernel
+from varos_warp.render.launch import Launcher
 
 
 class DeviceDenoiser:
@@ -16,16 +15,15 @@ class DeviceDenoiser:
     Everything is queued on the stream that Warp uses on the device when this is made; nothing waits for the host.
 
     Args:
-        device: ``cpu`` or ``cuda:N``.
+        launcher: Of the device.
 
     Raises:
         ImportError, OSError: If Open Image Denoise cannot be loaded.
         RuntimeError: If it does not run on the device.
     """
 
-    def __init__(self, device: str):
-        self.device = wp.get_device(device)
-        load_kernel(subtract, device)
+    def __init__(self, launcher: Launcher):
+        self.launcher, self.device = launcher, wp.get_device(launcher.device)
         self._oidn = _open_device(self.device)
         self._networks: dict[tuple, _Network] = {}
         # before the arrays that the filters point to, and before the interpreter takes the library down
@@ -49,13 +47,13 @@ class DeviceDenoiser:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
                 base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
-                _launch(subtract, radiance.shape, [radiance, correction], [base])
+                self.launcher.run(subtract, radiance.shape, [radiance, correction], [base])
                 self._add_denoised(clean, base, 1.0, PART_QUALITY, guides)
                 inputs = [clean, base, base_variance, NEAR, FAR]
-                _launch(add_mixed, radiance.shape, inputs, [result])
+                self.launcher.run(add_mixed, radiance.shape, inputs, [result])
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, correction, sign, PART_QUALITY, guides)
-            _launch(clip_negative, result.shape, [], [result])
+            self.launcher.run(clip_negative, result.shape, [], [result])
         return result
 
     def _add_denoised(self, result, noisy, sign: float, quality: str, guides: dict):
@@ -67,16 +65,11 @@ class DeviceDenoiser:
         color, total = network.images["color"], wp.empty(1, dtype=wp.vec3)
         for name, guide in guides.items():
             wp.copy(network.images[name], guide)
-        _launch(positive_part, noisy.shape, [noisy, sign], [color])
+        self.launcher.run(positive_part, noisy.shape, [noisy, sign], [color])
         wp.utils.array_sum(color, out=total)
-        _launch(scale_to_unit, noisy.shape, [total], [color])
+        self.launcher.run(scale_to_unit, noisy.shape, [total], [color])
         network.run()
-        _launch(add_scaled, noisy.shape, [network.images["output"], total, sign], [result])
-
-
-def _launch(kernel: wp.Kernel, dim, inputs: list, outputs: list) -> None:
-    """With the block size of other kernels, for which they are compiled ahead."""
-    wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, block_dim=BLOCK_DIM)
+        self.launcher.run(add_scaled, noisy.shape, [network.images["output"], total, sign], [result])
 
 
 class _Network:
