@@ -137,7 +137,7 @@ def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOpt
     kinds = [kind for which in (name, *compared)
              for kind in reversed(kinds_of_samples(scene, contents, view, options, which == "field", varies))]
     kernels = [kind.kernel for kind in kinds]
-    if contents.textures:
+    if contents.surfaces and name == "field":
         kernels.append(make_guides_kernel(*of_surfaces, optics_spec(view), moves))
     if contents.surfaces:
         kernels.append(make_virtual_lights_kernel(*of_surfaces, varies))

@@ -11,7 +11,7 @@ import warp as wp
 from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, develop, tile_variances
+from varos_warp.kernels.film.film import Film, develop, tile_variances, weigh_guides
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.moments import Moments
@@ -165,10 +165,10 @@ class RadianceRenderer:
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
             take(share_out(other_noise(*statistics), first, spp, [kind.cost for kind in kinds]))
-        # plain reflectances need no guides (render/image/denoise.py)
-        guided = world.contents.textures and options.denoise != "none"
-        guides = shot.guides() if guided else {}
-        images = self._developed(films)
+        images, guides = self._developed(films), {}
+        # without the field the base is too noisy to guide
+        if with_field and world.contents.surfaces and options.denoise in (None, "oidn"):
+            guides = self._weighed(shot.guides(), images)
         return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
@@ -227,6 +227,13 @@ class RadianceRenderer:
         kernel = make_guides_kernel(world.contents.instances, world.contents.textures, optics_spec(view), seen.varies)
         self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
+
+    def _weighed(self, guides: dict[str, wp.array], images: dict[str, wp.array]) -> dict[str, wp.array]:
+        """Guides of surfaces and water, from those of surfaces and the images that were developed."""
+        weighed = {name: wp.empty_like(guide) for name, guide in guides.items()}
+        light = [images[name] for name in ("direct", "radiance", "correction")]
+        self.launcher.run(weigh_guides, images["radiance"].shape, [*light, *guides.values()], [*weighed.values()])
+        return weighed
 
     def _developed(self, films: list[Film]) -> dict[str, wp.array]:
         """The layers, parts and errors of the image that is the sum of films."""

@@ -10,12 +10,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 from scipy.ndimage import uniform_filter
 
 from varos_warp.errors import InputError
+from varos_warp.kernels.film.film import weigh_guides
 from varos_warp.render.image import denoise as module
-from varos_warp.render.image.denoise import PART_QUALITY, QUALITY, denoise, denoise_image, mix
+from varos_warp.render.image.denoise import (
+    PART_QUALITY,
+    QUALITY,
+    correction_guides,
+    denoise,
+    denoise_image,
+    mix,
+    part_denoised,
+)
 from varos_warp.render.launch import Launcher
+from varos_warp.render.options import LAYERS
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_to_matrix, transform
@@ -235,6 +246,62 @@ def test_a_texture_survives_and_the_noise_of_the_correction_goes(method, guides,
     assert rms(denoise(image.radiance, image.stderr, method) - truth) > noise / 2
 
 
+def squares(shape, bright, dark):
+    """Squares of six pixels in turn, float32 [H, W, 3]."""
+    y, x = np.indices(shape) // 6
+    return np.where((x + y)[..., None] % 2 == 0, np.float32(bright), np.float32(dark)) * np.ones(3, np.float32)
+
+
+def guided(base, level, albedo, direct):
+    """Image of ``base`` under a correction with the mean ``level``, with guides of which ``direct`` counts."""
+    k = 0.5
+    correction = np.random.default_rng(2).gamma(k, level / k).astype(np.float32)
+    image = SimpleNamespace(radiance=base + correction, correction=correction, stderr=level / np.float32(np.sqrt(k)),
+                            base_variance=np.zeros_like(base))
+    inputs = on("cpu", direct=direct, radiance=image.radiance, correction=correction, albedo=albedo,
+                normal=np.zeros_like(base))
+    weighed = on("cpu", albedo=albedo, normal=albedo)
+    wp.launch(weigh_guides, base.shape[:2], [*inputs.values()], [*weighed.values()], device="cpu")
+    return SimpleNamespace(**vars(image), **{name: guide.numpy() for name, guide in weighed.items()})
+
+
+def test_a_texture_that_water_hides_draws_nothing_into_the_correction():
+    """The light has no squares, the surface behind the water has. Its albedo at full strength would draw 45 % of it.
+
+    What is left is within 4 standard errors of what noise does to means of the squares.
+    """
+    pytest.importorskip("pyoidn")
+    shape = (96, 128)
+    flat, albedo = np.ones((*shape, 3), np.float32), squares(shape, 0.8, 0.16)
+    image = guided(0.5 * flat, 0.3 * flat, albedo, direct=0.0 * flat)
+    hidden = denoise_image(image, "oidn") - 0.5
+    drawn = part_denoised(image.correction, image.stderr, "oidn", albedo=albedo, normal=0.0 * flat)
+    bright = albedo > 0.5
+    contrast = [(c[bright].mean() - c[~bright].mean()) / 0.3 for c in (hidden, drawn)]
+    assert abs(contrast[0]) < 4.0 * np.sqrt(2.0 / 0.5 * 2.0 / albedo.size)
+    assert contrast[1] > 0.3
+
+
+def test_a_texture_that_is_seen_keeps_its_edges_in_the_correction():
+    """All light of the base comes from surfaces, and the correction has the same squares under strong noise."""
+    pytest.importorskip("pyoidn")
+    base = squares((96, 128), 1.0, 0.2)
+    image = guided(base, 0.3 * base, 0.8 * base, direct=base)
+    truth = 1.3 * base
+    unguided = SimpleNamespace(**vars(image) | {"albedo": None})
+    assert rms(denoise_image(image, "oidn") - truth) < 0.7 * rms(denoise_image(unguided, "oidn") - truth)
+
+
+def test_a_guide_is_half_albedo_and_half_the_base_over_itself_plus_its_mean():
+    base = np.float32([[[0.0, 1.0, -1.0], [4.0, 3.0, 1.0]]])  # means of what is positive: 2, 2 and 0.5
+    albedo, normal = np.full_like(base, 0.6), np.zeros_like(base)
+    for scale in (1.0, 1e-30):
+        guides = correction_guides(albedo, normal, np.float32(scale) * base)
+        expected = 0.3 + 0.5 * np.float32([[[0.0, 1 / 3, 0.0], [2 / 3, 0.6, 2 / 3]]])
+        np.testing.assert_allclose(guides["albedo"], expected, rtol=1e-6)
+        assert guides["normal"] is normal
+
+
 @pytest.mark.parametrize("method", ["oidn", "nlm"])
 def test_what_is_not_correction_passes_to_the_bit(method):
     """Whatever lies under a correction, the denoiser adds the same to it; without a correction nothing changes."""
@@ -312,8 +379,6 @@ def test_corrections_that_are_not_finite_and_unknown_methods_are_refused():
 
 
 def on(device, **images):
-    import warp as wp
-
     return {name: wp.array(image, dtype=wp.vec3, device=device) for name, image in images.items() if image is not None}
 
 
@@ -449,16 +514,27 @@ def test_nothing_is_denoised_unless_asked_for_and_unknown_methods_are_bad_input(
             renderers[0].render(POSE, outputs="A", **{key: "blur"})
 
 
-def test_images_with_textures_come_with_guides_and_plain_ones_do_without(renderers):
-    plain, textured = (renderer.render(POSE, outputs="AC", spp=2, integrator="field") for renderer in renderers)
-    assert plain.A.albedo is None
-    assert plain.A.normal is None
-    assert textured.A.normal.tobytes() == textured.C.normal.tobytes()
-    hit = np.any(textured.C.normal != 0, axis=-1)
-    assert hit.any()
-    assert (textured.A.albedo[hit] > 0).all()
-    assert textured.A.albedo.max() <= 1.0
-    assert not textured.A.albedo[~hit].any()
+def test_guides_of_a_count_as_much_as_light_comes_from_surfaces(renderers):
+    """By the share of direct light in all but the correction; the rest is the water's, of albedo 1 and no normal."""
+    for renderer in renderers:
+        frame = renderer.render(POSE, outputs="ABC", spp=2, integrator="field", layers=LAYERS)
+        image, hit = frame.A, np.any(frame.C.normal != 0, axis=-1)
+        base = image.radiance - image.correction
+        share = np.divide(image.layers["direct"], base, out=np.zeros_like(base), where=base > 0).clip(0, 1)
+        assert share[hit].max() > 0.05
+        np.testing.assert_allclose(image.normal, share.mean(-1, keepdims=True) * frame.C.normal, atol=1e-6)
+        assert (image.albedo[~hit] == 1.0).all()
+        np.testing.assert_array_less(1.0 - share - 1e-6, image.albedo)
+        seen = share > 0.02
+        np.testing.assert_array_less(image.albedo[seen], 1.0)
+
+
+def test_only_the_field_guides_and_only_what_takes_guides(renderers):
+    """Without the field the base is noise itself; non-local means look at nothing else than the image."""
+    for how in ({"integrator": "path"}, {"denoise": "nlm"}, {"denoise": "none"}):
+        image = renderers[1].render(POSE, outputs="A", **{"spp": 2, "integrator": "field"} | how).A
+        assert image.albedo is None
+        assert image.normal is None
 
 
 def test_the_albedo_that_guides_b_has_edges_as_smooth_as_the_image():

@@ -116,6 +116,24 @@ def add_mixed(
 
 
 @wp.kernel(enable_backward=False)
+def mix_guide(
+    base: wp.array2d(dtype=wp.vec3),
+    total: wp.array(dtype=wp.vec3),
+    # in and out
+    albedo: wp.array2d(dtype=wp.vec3),
+):
+    """The guide of a correction as in render/image/denoise.py; ``total`` is the sum of what is positive of the base."""
+    row, col = wp.tid()
+    mean = total[0] / float(base.shape[0] * base.shape[1])
+    for c in range(3):
+        light = wp.max(base[row, col][c], 0.0)
+        shown = float(0.0)
+        if light > 0.0:
+            shown = light / (light + mean[c])
+        albedo[row, col][c] = 0.5 * (albedo[row, col][c] + shown)
+
+
+@wp.kernel(enable_backward=False)
 def clip_negative(
     # in and out
     image: wp.array2d(dtype=wp.vec3),

@@ -344,6 +344,31 @@ def with_tiles_around(variance: wp.array2d(dtype=wp.vec3d), tile_row: int, tile_
 
 
 @wp.kernel(enable_backward=False)
+def weigh_guides(
+    direct: wp.array2d(dtype=wp.vec3),
+    radiance: wp.array2d(dtype=wp.vec3),
+    correction: wp.array2d(dtype=wp.vec3),
+    surface_albedo: wp.array2d(dtype=wp.vec3),
+    surface_normal: wp.array2d(dtype=wp.vec3),
+    # out
+    albedo: wp.array2d(dtype=wp.vec3),
+    normal: wp.array2d(dtype=wp.vec3),
+):
+    """Guides for a denoiser of light that comes from surfaces and water: their mean, weighted by the light of each.
+
+    Surfaces count as much as direct light does in all but the correction. Water has the albedo 1 and no normal.
+    """
+    row, col = wp.tid()
+    base = radiance[row, col] - correction[row, col]
+    share = wp.vec3(0.0)
+    for c in range(3):
+        if base[c] > 0.0:
+            share[c] = wp.clamp(direct[row, col][c] / base[c], 0.0, 1.0)
+    albedo[row, col] = wp.vec3(1.0) + wp.cw_mul(share, surface_albedo[row, col] - wp.vec3(1.0))
+    normal[row, col] = (share[0] + share[1] + share[2]) / 3.0 * surface_normal[row, col]
+
+
+@wp.kernel(enable_backward=False)
 def develop(
     film: Film,
     variance: wp.array2d(dtype=wp.vec3d),  # of samples, of tile_variances

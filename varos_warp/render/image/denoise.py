@@ -6,8 +6,9 @@ The base is then mixed with itself before denoising, by its variance: so it keep
 some pixels around stays as it is. Values of the correction may be negative, and clipping them would brighten the
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
-Geometry guides (albedo, normals) serve where there are textures. B has no water, and they keep its textures and edges;
-its albedo is the mean over its samples, which has edges as smooth as the image, unless an exposure blurs it.
+With the field the base is nearly free of noise, so it guides the correction, with albedo and normals of surfaces as far
+as light comes from them (`correction_guides`). B has no water: albedo and normals keep its textures and edges; its
+albedo is the mean over its samples, which has edges as smooth as the image, unless an exposure blurs it.
 """
 
 import atexit
@@ -49,7 +50,7 @@ def denoise_image(image, method: str) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] of an image, with less noise.
 
     Of an image with a ``correction`` that and the rest, the base, are denoised apart, and what is negative of the sum
-    is cut. ``albedo`` and ``normal`` guide, if the image has them.
+    is cut. ``albedo`` and ``normal`` guide the correction, or the whole, if the image has them.
 
     Args:
         image: `frame.RadianceImage`.
@@ -64,21 +65,40 @@ def denoise_image(image, method: str) -> np.ndarray:
     check_finite(image.correction)
     result = image.radiance - image.correction
     if image.base_variance.any():
-        clean = _part_denoised(result, np.sqrt(image.base_variance), method, image)
+        clean = part_denoised(result, np.sqrt(image.base_variance), method)
         result = mix(clean, result, image.base_variance)
+    guides = {} if image.albedo is None else correction_guides(image.albedo, image.normal, result)
     for sign in (np.float32(1.0), np.float32(-1.0)):
-        result += sign * _part_denoised(sign * image.correction, image.stderr, method, image)
+        result += sign * part_denoised(sign * image.correction, image.stderr, method, **guides)
     return np.maximum(result, np.float32(0.0))
 
 
-def _part_denoised(part: np.ndarray, stderr: np.ndarray, method: str, image) -> np.ndarray:
-    """What is positive of a part of an image, denoised with the image's guides."""
+def part_denoised(part: np.ndarray, stderr: np.ndarray, method: str, **guides) -> np.ndarray:
+    """What is positive of a part of an image, denoised."""
     part = np.maximum(part, np.float32(0.0))
     if not part.any():
         return part
     if available_method(method) == "nlm":
         return _nlm(part, stderr)
-    return _oidn(part, PART_QUALITY, image.albedo, image.normal)
+    return _oidn(part, PART_QUALITY, **guides)
+
+
+def correction_guides(albedo: np.ndarray, normal: np.ndarray, base: np.ndarray) -> dict[str, np.ndarray]:
+    """What guides the denoiser of a correction: as ``albedo`` its mean with the base over itself plus its mean.
+
+    The correction is light of surfaces and water, as the base is, and has the same edges, shadows and textures, as
+    strong as they are seen through the water. Surfaces' albedo alone would draw them at full strength, whatever water
+    is before them. `benchmarks.guides` compares such guides.
+
+    Args:
+        albedo: Of surfaces and water, weighted by the light of each, in [0, 1] (`RadianceImage.albedo`).
+        normal: The same of normals.
+        base: All but the correction, denoised.
+    """
+    light = np.maximum(base, np.float32(0.0))
+    mean = light.mean(0, dtype=np.float64).mean(0).astype(np.float32)
+    shown = np.divide(light, light + mean, out=np.zeros_like(light), where=light > 0.0)
+    return {"albedo": np.float32(0.5) * (albedo + shown), "normal": normal}
 
 
 NEAR, FAR = 3, 11
@@ -128,8 +148,8 @@ QUALITY, PART_QUALITY = "high", "balanced"
 """Of Open Image Denoise: of a whole image, and of a base or correction.
 
 Of corrections both leave the same error within 1 %, the second in half the time; the fast one leaves 7 % more
-(Munkholmen, 1280 x 720, 12 samples). Guides take a fifth off where there are textures, more than dividing by the albedo
-does, and nothing elsewhere. Without the negative part the image would be too bright by 0.2 % in blue (4 samples)."""
+(Munkholmen, 1280 x 720, 12 samples). Without the negative part the image would be too bright by 0.2 % in blue (4
+samples)."""
 
 
 def open_image_denoise():

@@ -4,7 +4,15 @@ import weakref
 
 import warp as wp
 
-from varos_warp.kernels.film.denoise import add_mixed, add_scaled, clip_negative, positive_part, scale_to_unit, subtract
+from varos_warp.kernels.film.denoise import (
+    add_mixed,
+    add_scaled,
+    clip_negative,
+    mix_guide,
+    positive_part,
+    scale_to_unit,
+    subtract,
+)
 from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, open_image_denoise
 from varos_warp.render.launch import Launcher
 
@@ -36,7 +44,7 @@ class DeviceDenoiser:
             radiance: The image.
             correction: What is denoised apart from the rest, the base; may be negative.
             base_variance: Of all but the correction, given with it: what is mixed by.
-            guides: For what is denoised: ``albedo`` in [0, 1] and ``normal``, or neither.
+            guides: Of the correction, or the whole: ``albedo`` in [0, 1] and ``normal``, or neither.
 
         Raises:
             RuntimeError: If Open Image Denoise reports a failure.
@@ -48,13 +56,22 @@ class DeviceDenoiser:
             else:
                 base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
                 self.launcher.run(subtract, radiance.shape, [radiance, correction], [base])
-                self._add_denoised(clean, base, 1.0, PART_QUALITY, guides)
+                self._add_denoised(clean, base, 1.0, PART_QUALITY, {})
                 inputs = [clean, base, base_variance, NEAR, FAR]
                 self.launcher.run(add_mixed, radiance.shape, inputs, [result])
+                guides = self._correction_guides(result, **guides) if guides else guides
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, correction, sign, PART_QUALITY, guides)
             self.launcher.run(clip_negative, result.shape, [], [result])
         return result
+
+    def _correction_guides(self, base, albedo, normal) -> dict:
+        """`denoise.correction_guides`."""
+        albedo, light, total = wp.clone(albedo), wp.empty_like(base), wp.empty(1, dtype=wp.vec3)
+        self.launcher.run(positive_part, base.shape, [base, 1.0], [light])
+        wp.utils.array_sum(light, out=total)
+        self.launcher.run(mix_guide, base.shape, [base, total], [albedo])
+        return {"albedo": albedo, "normal": normal}
 
     def _add_denoised(self, result, noisy, sign: float, quality: str, guides: dict):
         """Add ``sign`` times what is positive of ``sign`` times ``noisy``, denoised, to ``result``."""

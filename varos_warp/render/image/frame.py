@@ -28,9 +28,10 @@ class RadianceImage:
     for one sample."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising B, or both parts of A: what the surface reflects, at the pixel's centre or, for B
-    where nothing blurs it, as the mean over its samples; and the surface's normal at the centre, in the world as in C.
-    Both are zero where nothing is hit, but in that mean the albedo is 1 there."""
+    """Guides for denoising B, or the correction of A with the field: what the surface reflects, at the pixel's centre
+    or, for B where nothing blurs it, as the mean over its samples; and the surface's normal at the centre, in the world
+    as in C. Both are zero where nothing is hit, but in that mean the albedo is 1 there. Of A they count in proportion
+    to the surface's direct light in all but the correction; the water's albedo 1 and no normal count for the rest."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
     spp: float | None = None

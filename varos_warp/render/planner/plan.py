@@ -174,8 +174,8 @@ class Planner:
 
     def made(self, frame: int, camera, spp: int, number: int, denoised: bool) -> Made:
         """Such an image to tell errors by, and what the denoiser makes of it."""
-        image = self.image(frame, camera, spp, number, **({"denoise": self.denoiser} if denoised else {}))
-        return Made(spp, image.radiance, image.denoised)
+        image = self.image(frame, camera, spp, number, denoise=self.denoiser if denoised else "none")
+        return Made(spp, image.radiance, image.denoised if denoised else None)
 
     # ------------------------------------------------------------------------------------------------------ decisions
 
