@@ -32,7 +32,7 @@ from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
 TEMPLATES = {name: ROOT / f"varos_warp/data/templates/{name}.yaml" for name in ("turbid_water", "static_observer")}
-SCENES = [*UNLIKE, *FILES, *TEMPLATES]
+SCENES = [name for name in (*UNLIKE, *FILES, *TEMPLATES) if name != "open_coastal"]  # which has no surfaces
 RESOLUTION = (320, 180)
 SEEDS, SPP, ESTIMATES, ESTIMATE_SPP = 4, (2, 8), 8, 512
 
