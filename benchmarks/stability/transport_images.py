@@ -100,7 +100,7 @@ def _accumulate(samples: wp.array(dtype=float), repeat: int, out: wp.array(dtype
             k += 1
     m = wp.float64(count)
     out[0] = wp.vec3d(sums.direct[0] / m, wp.float64(total) / m, wp.float64(mean))
-    out[1] = wp.vec3d(wp.abs(half_difference(sums.direct, sums.odd, count)[0]))
+    out[1] = wp.vec3d(wp.abs(half_difference(sums.direct, sums.odd, count, 0)[0]))
 
 
 def film_errors(count: int) -> list[float]:

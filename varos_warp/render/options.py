@@ -21,8 +21,9 @@ class RenderOptions:
         InputError: If a name is unknown or a number too low.
     """
 
-    spp: int | None = None
-    """Samples per pixel of A, with the field on average over the image; absent: the scene's, or 64."""
+    spp: float | None = None
+    """Samples per pixel of A; absent: the scene's, or 64. With the field this is the mean over the image, and fractions
+    count; else they are rounded up."""
     spp_b: int | None = None
     """Samples per pixel of B; absent: the scene's."""
     max_scatterings: int | None = None

@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -126,13 +127,13 @@ class RadianceRenderer:
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, contents = shot.options, shot.world.contents
-        film = self.films.black(shot.view.resolution)
+        film, spp = self.films.black(shot.view.resolution), ceil(shot.options.spp)
         layers = (layer in options.layers for layer in LAYERS)
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(*layers, contents.instances, contents.textures, optics_spec(shot.view),
                                        seen.varies)
         before = [shot.world.lit(shot.T_w_v), seen.camera, seen.moments]
-        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], options.spp,
+        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], spp,
                         share=self._share(shot.view))
         return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
 
@@ -146,11 +147,11 @@ class RadianceRenderer:
         before = [scene, seen.camera, seen.moments]
         kinds = kinds_of_samples(self.scene, world.contents, view, options, with_field, seen.varies)
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
-        spp = [kind.to_a_sample * options.spp for kind in kinds]
-        # one sample does not tell its noise, and a single pixel has no other side to decide for it
-        shares = with_field and min(spp) > 1 and tuple(view.resolution) != (1, 1) and not optics_spec(view).dispersion
+        # a row of pixels has no neighbours across corners, by which the other side decides
+        shares = with_field and min(view.resolution) > 1 and not optics_spec(view).dispersion
+        spp = [kind.to_a_sample * (options.spp if shares else ceil(options.spp)) for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
-        first = [first_samples(count) if shares else count for count in spp]
+        first = [first_samples(count) for count in spp] if shares else spp
         share = self._share(view)
 
         def take(samples):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.render.planner.errors import MOST_SPP, ErrorLaw
+from varos_warp.render.planner.errors import MOST_SPP, SAMPLES, ErrorLaw
 
 
 def law(errors, spp=(2, 4, 8)):
@@ -14,7 +14,7 @@ def law(errors, spp=(2, 4, 8)):
 def test_a_power_law_is_followed_within_and_beyond_what_was_tried(samples):
     made = law([0.1 * n**-0.5 for n in (2, 4, 8)])
     np.testing.assert_allclose(made.error(samples), 0.1 * samples**-0.5, rtol=1e-12)
-    assert made.samples(0.1 * (samples - 1e-6) ** -0.5) == samples
+    assert made.samples(0.1 * samples**-0.5) == pytest.approx(samples)
 
 
 def test_errors_that_flatten_ask_for_more_samples_beyond_what_was_tried_only():
@@ -43,4 +43,13 @@ def test_no_error_needs_no_samples():
 def test_a_target_that_no_number_of_samples_reaches_asks_for_the_most(target):
     made = law([0.1, 0.07, 0.05])
     assert made.samples(target) == 1_000_000_000
-    assert made.whole_samples(target) == MOST_SPP
+    assert SAMPLES["field"].rounded(made.samples(target)) == MOST_SPP
+
+
+@pytest.mark.parametrize(("integrator", "needed", "planned"), [
+    ("field", 0.3, 1), ("field", 1.01, 1.125), ("field", 1.125, 1.125), ("field", 3.1, 3.25), ("field", 12.2, 13),
+    ("field", 100.5, 104), ("path", 0.3, 2), ("path", 3.1, 4), ("path", 100.5, 104), ("path", 1e9, MOST_SPP)])
+def test_samples_are_rounded_up_in_steps_of_an_eighth_or_less(integrator, needed, planned):
+    made = SAMPLES[integrator].rounded(needed)
+    assert made == planned
+    assert isinstance(made, int) == (made == int(made))  # 2, not 2.0, in plans

@@ -13,9 +13,9 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import cost
 from varos_warp.render.planner import plan as plan_module
-from varos_warp.render.planner.errors import error
+from varos_warp.render.planner.errors import SAMPLES, error
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera, pixels_tried
-from varos_warp.render.planner.plan import FEWEST_SPP, RARE_COUNTS, SAMPLE_COST, Planner, plan_render
+from varos_warp.render.planner.plan import RARE_COUNTS, SAMPLE_COST, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer, RadianceImage
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -177,7 +177,7 @@ def test_a_tolerance_that_means_nothing_is_bad_input(planned, tolerance):
 
 def test_samples_stay_within_limits_and_the_plan_says_so(planned):
     plan = plan_render(make_scene(tolerance=1.0), planned[1], [POSE])
-    assert plan.spp == FEWEST_SPP
+    assert plan.spp == SAMPLES[plan.integrator].fewest
     assert "no fewer are taken" in plan.reasons[-1]
     assert plan.shortfall is None
 
@@ -202,7 +202,7 @@ def test_a_tolerance_that_cannot_be_had_is_said_first(planned, monkeypatch, tole
 def test_a_scene_without_light_takes_the_fewest_samples():
     dark = make_scene(lights=[])
     plan = plan_render(dark, make_renderer(dark), [POSE])
-    assert plan.spp == FEWEST_SPP
+    assert plan.spp == SAMPLES[plan.integrator].fewest
 
 
 def test_the_noisiest_of_the_poses_rules(planned):

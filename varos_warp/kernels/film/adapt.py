@@ -6,7 +6,7 @@ from varos_warp.kernels.film.film import (
     TILE,
     Film,
     base_difference,
-    half_difference,
+    correction_difference,
     of_tile,
     side_of,
     sums_of,
@@ -32,8 +32,8 @@ def pixel_statistics(
     sums = sums_of(film, row, col)
     count = of_tile(film.count, row, col)
     # one difference for both: base and correction share the image point and the surface's reflectance
-    off = base_difference(sums, count)
-    off += half_difference(sums.correction, sums.odd_correction, count) / wp.sqrt(wp.float64(denoised))
+    off = base_difference(film, sums, row, col)
+    off += correction_difference(film, sums, row, col) / wp.sqrt(wp.float64(denoised))
     mean[row, col] = total_radiance(sums) / wp.float64(count)
     variance[row, col] = wp.cw_mul(off, off) * wp.float64(count)
 

@@ -120,21 +120,30 @@ def side_of(sides: int, row: int, col: int):
 
 
 @wp.func
+def sample_of(film: Film, part: PixelPart, i: int):
+    """Number of the ``i``-th sample of a part's pixel: pixels of side 1 take each even one after the odd one.
+
+    So even where all pixels have one sample only, both halves are there, at neighbours.
+    """
+    return i ^ side_of(film.count.shape[0], part.row, part.col)
+
+
+@wp.func
 def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
     """A pixel's entry of ``numbers`` [side, tile row, tile column]."""
     return numbers[side_of(numbers.shape[0], row, col), row / TILE, col / TILE]
 
 
 @wp.func
-def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int):
+def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int, side: int):
     """Difference of the means of odd and even samples; its square estimates the variance of the mean.
 
-    Infinite for one sample.
+    Infinite for one sample. Pixels of side 1 begin with the odd ones (`sample_of`).
     """
     if count < 2:
         return wp.vec3d(wp.float64(wp.inf))
-    evens = wp.float64((count + 1) / 2)
-    odds = wp.float64(count / 2)
+    evens = wp.float64((count + 1 - side) / 2)
+    odds = wp.float64(count) - evens
     return ((total - odd) / evens - odd / odds) * (wp.sqrt(evens * odds) / (evens + odds))
 
 
@@ -248,9 +257,35 @@ def total_radiance(sums: Sums):
 
 
 @wp.func
-def base_difference(sums: Sums, count: int):
+def base_difference(film: Film, sums: Sums, row: int, col: int):
     """`half_difference` of all but the correction."""
-    return half_difference(total_radiance(sums) - sums.correction, sums.odd - sums.odd_correction, count)
+    if film.sums.shape[0] == CORRECTION_SUMS:
+        return wp.vec3d(wp.float64(0.0))
+    count = of_tile(film.count, row, col)
+    base = total_radiance(sums) - sums.correction
+    return half_difference(base, sums.odd - sums.odd_correction, count, side_of(film.count.shape[0], row, col))
+
+
+@wp.func
+def correction_difference(film: Film, sums: Sums, row: int, col: int):
+    """`half_difference` of the correction; of one sample, of a film with sides, its difference to a neighbour's.
+
+    The correction is smooth, so most of that difference is noise. The neighbour across the corner is of the same side.
+    """
+    count = of_tile(film.count, row, col)
+    sides = film.count.shape[0]
+    if count > 1 or sides == 1:
+        return half_difference(sums.correction, sums.odd_correction, count, side_of(sides, row, col))
+    there = sums_of(film, paired(row, film.sums.shape[1]), paired(col, film.sums.shape[2]))
+    return (sums.correction - there.correction) / wp.sqrt(wp.float64(2.0))
+
+
+@wp.func
+def paired(i: int, size: int):
+    """The other one of the two indices 2k and 2k + 1; of the last, if it is alone, the one before."""
+    if i == size - 1 and i % 2 == 0:
+        return i - 1
+    return i ^ 1
 
 
 @wp.kernel(enable_backward=False)
@@ -308,6 +343,7 @@ def tile_variances(
     """
     tile_row, tile_col = wp.tid()
     height, width = film.sums.shape[1], film.sums.shape[2]
+    sides = film.count.shape[0]
     # for the variance of samples, a tile cut by the image's edge borrows pixels before it
     top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
     left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
@@ -319,15 +355,37 @@ def tile_variances(
         for col in range(left, wp.min((tile_col + 1) * TILE, width)):
             sums = sums_of(film, row, col)
             count = of_tile(film.count, row, col)
-            off = half_difference(total_radiance(sums), sums.odd, count)
+            off = base_difference(film, sums, row, col) + correction_difference(film, sums, row, col)
             squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
             around += wp.float64(1.0)
             if row >= tile_row * TILE and col >= tile_col * TILE:
-                total += off
                 pixels += wp.float64(1.0)
+                if count > 1 or sides == 1:
+                    total += off
     mean = total / pixels
+    if sides == 2 and wp.min(film.count[0, tile_row, tile_col], film.count[1, tile_row, tile_col]) == 1:
+        mean += half_of_sides_apart(film, tile_row, tile_col)
     samples[tile_row, tile_col] = squares / around
     blocks[tile_row, tile_col] += wp.cw_mul(mean, mean)
+
+
+@wp.func
+def half_of_sides_apart(film: Film, tile_row: int, tile_col: int):
+    """Half the difference of the means of a tile's sides, of which slopes of the light leave nothing."""
+    first = wp.vec3d(wp.float64(0.0))
+    second = wp.vec3d(wp.float64(0.0))
+    firsts = wp.float64(0.0)
+    seconds = wp.float64(0.0)
+    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
+        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
+            light = total_radiance(sums_of(film, row, col)) / wp.float64(of_tile(film.count, row, col))
+            if side_of(2, row, col) == 0:
+                first += light
+                firsts += wp.float64(1.0)
+            else:
+                second += light
+                seconds += wp.float64(1.0)
+    return wp.float64(0.5) * (first / firsts - second / wp.max(seconds, wp.float64(1.0)))
 
 
 @wp.func
@@ -398,7 +456,7 @@ def develop(
     correction[row, col] += wp.vec3(sums.correction / n)
     # the sum of the layers as stored, so that they add up to it exactly
     radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    off = base_difference(sums, count)
+    off = base_difference(film, sums, row, col)
     base_variance[row, col] += wp.vec3(wp.cw_mul(off, off))
     before = stderr[row, col]
     variance_here = with_tiles_around(variance, row / TILE, col / TILE) / n

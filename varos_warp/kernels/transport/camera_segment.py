@@ -14,7 +14,7 @@ from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
-from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
+from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
@@ -114,7 +114,8 @@ def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
         height, width = film.sums.shape[1], film.sums.shape[2]
         pixel = pixel_of(film, part)
         sums = Sums()
-        for sample in range(part.begin, part.end):
+        for taken in range(part.begin, part.end):
+            sample = sample_of(film, part, taken)
             in_step()
             if wp.static(spec.varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)

@@ -24,7 +24,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, store
+from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
@@ -268,7 +268,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         i = first + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
-        sample = part.begin
+        taken = part.begin
         sums = Sums()
         L = wp.vec3(0.0)
         weight = float(1.0)
@@ -277,6 +277,7 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
         lights_of = int(0)
         while i < film.parts.shape[0]:
             in_step()
+            sample = sample_of(film, part, taken)
             u = draw(key, pixel, sample, GROUPS * events(path))
             if events(path) == 0:
                 if wp.static(spec.varies):
@@ -320,14 +321,14 @@ def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
                 sums = add_correction(sums, sample, weight * wp.cw_mul(seen, L))
                 L = wp.vec3(0.0)
                 path = Subpath()
-                sample += 1
-                if sample == part.end:
+                taken += 1
+                if taken == part.end:
                     store(film, i, sums)
                     i = next_part(film)
                     if i < film.parts.shape[0]:
                         part = film.parts[i]
                         pixel = pixel_of(film, part)
-                        sample = part.begin
+                        taken = part.begin
                         sums = Sums()
 
     return trace_subpaths

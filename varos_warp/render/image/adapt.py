@@ -19,7 +19,8 @@ from scipy.ndimage import uniform_filter
 DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
 FIRST_SHARE, FEWEST_FIRST = 4, 2
-"""One sample in so many of those of the pixel is taken before anything is decided, but never fewer than the second."""
+"""One sample in so many of those of the pixel is taken before anything is decided, or the first two, but no more than
+half of them: one subpath does for a start, for what they carry is smooth, and neighbours tell its noise."""
 GOLDEN = 0.6180339887
 """Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 64
@@ -27,9 +28,9 @@ MOST_SHARED = 64
 that many."""
 
 
-def first_samples(spp: int) -> int:
+def first_samples(spp: float) -> int:
     """Samples per pixel that are taken before anything is decided."""
-    return min(spp, max(FEWEST_FIRST, spp // FIRST_SHARE))
+    return int(max(1, min(FEWEST_FIRST, spp // 2), spp // FIRST_SHARE))
 
 
 def brightness(mean: np.ndarray) -> np.ndarray:

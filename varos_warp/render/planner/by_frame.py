@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varos_warp.render.planner import errors
-from varos_warp.render.planner.errors import FEWEST_SPP, REACH, ErrorLaw, Made, error, of_others
+from varos_warp.render.planner.errors import REACH, ErrorLaw, Made, Samples, error, of_others
 
 SHARE = 0.07
 """Share of a sequence's samples that trying its poses may cost, about."""
@@ -60,12 +60,12 @@ def tried_frames(count: int, pixels: float) -> list[int]:
 class Need(NamedTuple):
     """What images of a view say of the samples that it needs."""
 
-    spp: int
+    spp: float
     told: bool
     """Whether they tell it."""
 
 
-def need(made: list[Made], target: float, steepest: float) -> Need:
+def need(made: list[Made], target: float, samples: Samples) -> Need:
     """Samples per pixel that keep the relative RMSE below a target in every channel.
 
     Between two numbers of samples as they say, beyond as all do; no more than were enough. Where the images are too
@@ -75,7 +75,7 @@ def need(made: list[Made], target: float, steepest: float) -> Need:
     Args:
         made: Images of the view, those that are denoised with samples in ascending order.
         target: That error.
-        steepest: Exponent of the error in the samples, at the least.
+        samples: Of the integrator.
     """
     tried = [one for one in made if one.denoised is not None]
     counts = [one.spp for one in tried]
@@ -85,27 +85,28 @@ def need(made: list[Made], target: float, steepest: float) -> Need:
     failed = np.flatnonzero(found.max(1) > target)
     enough = int(failed[-1]) + 1 if failed.size else 0  # the first number from which on all are
     near = slice(enough - 1, enough + 1) if 0 < enough < len(counts) else slice(None)
-    needed = ErrorLaw(counts[near], found[near], steepest=steepest).whole_samples(target)
+    needed = ErrorLaw(counts[near], found[near], samples.steepest).samples(target)
     most = counts[enough] if enough < len(counts) else REACH * counts[-1]
     told = not vague[-1] or upper[-1].max() <= target
-    least = counts[0] // REACH if told else counts[-1]
-    return Need(max(least, min(needed, most)), told)
+    least = counts[0] / REACH if told else counts[-1]
+    return Need(samples.rounded(max(least, min(needed, most))), told)
 
 
-def trial(image: Callable[[int, int, bool], Made], spp: int) -> list[Made]:
+def trial(image: Callable[[float, int, bool], Made], spp: float, samples: Samples) -> list[Made]:
     """A few images of a view.
 
     Args:
         image: Makes one, from its samples per pixel, the number of its random numbers, and whether to denoise it.
         spp: About what it may need.
+        samples: Of the integrator.
     """
-    counts = [max(FEWEST_SPP, spp // fewer) for fewer in FEWER]
+    counts = [samples.rounded(spp / fewer) for fewer in FEWER]
     return [image(count, k, count not in counts[:k]) for k, count in enumerate(counts)]
 
 
-def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[Place, int], target: float,
-                   steepest: float) -> dict[Place, int]:
-    """Samples per pixel that each view needs; ``target`` and ``steepest`` as in `need`.
+def samples_needed(image: Callable[[Place, float, int, bool], Made], views: dict[Place, float], target: float,
+                   samples: Samples) -> dict[Place, float]:
+    """Samples per pixel that each view needs; ``target`` and ``samples`` as in `need`.
 
     Args:
         image: Makes an image of a view, the first argument, as in `trial`.
@@ -116,7 +117,7 @@ def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[P
         while waiting or under_way:
             if waiting and len(under_way) <= THREADS:
                 view, spp = waiting.popleft()
-                made = trial(partial(image, view), spp)
+                made = trial(partial(image, view), spp, samples)
             else:
                 view, made, future = under_way.popleft()
                 said = future.result()
@@ -125,36 +126,36 @@ def samples_needed(image: Callable[[Place, int, int, bool], Made], views: dict[P
                     needed[view] = said.spp
                     continue
                 made = [*made, image(view, max(said.spp, most), len(made), said.spp > most)]
-            under_way.append((view, made, pool.submit(need, made, target, steepest)))
+            under_way.append((view, made, pool.submit(need, made, target, samples)))
     return needed
 
 
-def samples_along(image: Callable[[Place, int, int, bool], Made], views: list[Place], worst: tuple[Place, int],
-                  target: float, steepest: float) -> dict[Place, int]:
+def samples_along(image: Callable[[Place, float, int, bool], Made], views: list[Place], worst: tuple[Place, float],
+                  target: float, samples: Samples) -> dict[Place, float]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
-        image: As in `samples_needed`, like ``target`` and ``steepest``.
+        image: As in `samples_needed`, like ``target`` and ``samples``.
         views: The first views.
         worst: The view that is thought to need most, and what it needs.
     """
     place, most = worst
-    first = max(FIRST, most // REACH)
-    needed = {place: most} | samples_needed(image, dict.fromkeys(sorted({*views} - {place}), first), target, steepest)
+    first = max(FIRST, most / REACH)
+    needed = {place: most} | samples_needed(image, dict.fromkeys(sorted({*views} - {place}), first), target, samples)
     for _ in range(HALVINGS):
-        needed |= samples_needed(image, halfway(needed), target, steepest)
+        needed |= samples_needed(image, halfway(needed), target, samples)
     return needed
 
 
-def halfway(needed: dict[Place, int]) -> dict[Place, int]:
+def halfway(needed: dict[Place, float]) -> dict[Place, float]:
     """Views between neighbours that are unlike, and about what they may need."""
     unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
               for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
     chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
-    return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], (needed[a] + needed[b]) // 2) for a, b in chosen}
+    return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], 0.5 * (needed[a] + needed[b])) for a, b in chosen}
 
 
-def knots(needed: dict[Place, int]) -> dict[str, list[list[int]]]:
+def knots(needed: dict[Place, float]) -> dict[str, list[list[float]]]:
     """Pairs of a frame and its samples, between which they change in proportion."""
     given = {}
     for (camera, frame), spp in sorted(needed.items()):
@@ -168,20 +169,20 @@ def knots(needed: dict[Place, int]) -> dict[str, list[list[int]]]:
     return given
 
 
-def extent(given: dict[str, list[list[int]]]) -> tuple[int, int]:
+def extent(given: dict[str, list[list[float]]]) -> tuple[float, float]:
     """The fewest and the most samples of all cameras' frames (`knots`)."""
     counts = [spp for pairs in given.values() for _, spp in pairs]
     return min(counts), max(counts)
 
 
-def spp_of(plan: dict[str, Any], camera: str, frame: int) -> int:
+def spp_of(plan: dict[str, Any], camera: str, frame: int) -> float:
     """Samples per pixel of A of one frame by a plan, as `Plan.to_dict` has it."""
     given = (plan.get("spp_by_frame") or {}).get(camera)
     if not given:
         return plan["spp"]
     after = bisect_right(given, frame, key=lambda pair: pair[0])
     (start, spp), (end, next_spp) = given[after - 1], given[min(after, len(given) - 1)]
-    return spp - (spp - next_spp) * (frame - start) // max(end - start, 1)  # rounded up, in whole numbers everywhere
+    return spp + (next_spp - spp) * (frame - start) / max(end - start, 1)
 
 
 def frame_options(plan: dict[str, Any], camera: str, frame: int) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
     return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
 
-def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, int]):
+def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, float]):
     """Images of one view, as a run renders them, but for the samples, and for F as if nothing went on."""
     how = of_scene(scene) | plan.options | samples
     if "F" in letters:
@@ -58,9 +58,9 @@ def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: s
     return frames.render(frame, view, letters, **how)
 
 
-def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, int]:
+def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, float]:
     """Samples per pixel of an average frame, as options."""
-    return {"spp": round(mean_spp(plan.to_dict(), camera.id, count)), "spp_b": scene.render.spp_b}
+    return {"spp": mean_spp(plan.to_dict(), camera.id, count), "spp_b": scene.render.spp_b}
 
 
 def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
@@ -76,7 +76,7 @@ def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) ->
     samples = _samples(scene, camera, len(frames), plan)
     taken = {"A": samples["spp"], "P": samples["spp"], "B": samples["spp_b"]}.get(letters, 1)
     factor = min(1.0, MOST_COSTED / taken)
-    few = {key: max(1, round(factor * count)) for key, count in samples.items()}
+    few = {"spp": max(1, factor * samples["spp"]), "spp_b": max(1, round(factor * samples["spp_b"]))}
 
     def measured(view: Camera, frame: int) -> tuple[float, float]:
         """Seconds of rendering an image of as many samples as an average frame, and of denoising it."""

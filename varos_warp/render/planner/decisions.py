@@ -53,14 +53,14 @@ class Decision:
 class Plan:
     """What to render with, and why."""
 
-    spp: int
+    spp: float
     """Samples per pixel of A, of the frames that need most."""
     max_scatterings: int | None
     """Most scatterings in the water on a path; None: no bound."""
     max_bounces: int | None = None
     """Most reflections on surfaces; None: no bound."""
     integrator: str = "auto"
-    spp_by_frame: dict[str, list[list[int]]] | None = None
+    spp_by_frame: dict[str, list[list[float]]] | None = None
     """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
     ``spp``."""
     decisions: list[Decision] = field(default_factory=list)

@@ -50,7 +50,7 @@ def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
 class Made(NamedTuple):
     """An image of a view, by which errors are told: its own, if it is denoised, and those of others."""
 
-    spp: int
+    spp: float
     """Samples per pixel."""
     radiance: np.ndarray
     """As it is sampled, without bias [H, W, 3]."""
@@ -176,13 +176,32 @@ def relative(square: np.ndarray, images: Sequence[np.ndarray]) -> np.ndarray:
 # --------------------------------------------------------------------------------------------- errors against samples
 
 
-FEWEST_SPP, MOST_SPP = 2, 4096
-STEEPEST = {"field": -0.75, "path": -0.5, "reference": -0.5}
+MOST_SPP = 4096
 FLATTEST = -0.15
-"""Exponents of the error in the number of samples: the most that a low-discrepancy sequence has shown with the field,
-that of independent samples, which paths keep to, and the least that a denoiser has shown."""
+"""Exponent of the error in the number of samples: the least that a denoiser has shown."""
 REACH = 3
 """Up to so many times more samples than were tried, their error may be extrapolated."""
+
+
+class Samples(NamedTuple):
+    """What an integrator does with samples per pixel."""
+
+    fewest: int
+    """That are ever planned: as many as tell their noise."""
+    step: float
+    """The smallest step between two numbers of them; with the field they are a mean over the image."""
+    steepest: float
+    """Exponent of the error, at the least: by a low-discrepancy sequence, or by independent samples."""
+
+    def rounded(self, spp: float) -> float:
+        """At least so many, in steps of an eighth or less, within what is ever taken."""
+        step = max(self.step, 2.0 ** np.floor(np.log2(max(spp, 1.0))) / 8.0)
+        whole = float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP))
+        return int(whole) if whole.is_integer() else whole
+
+
+SAMPLES = {"field": Samples(1, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}
+"""By integrator."""
 
 
 @dataclass(frozen=True)
@@ -196,10 +215,10 @@ class ErrorLaw:
     There must be two numbers of samples or more.
     """
 
-    spp: list[int]
+    spp: list[float]
     measured: np.ndarray
     """Errors [level, 3]."""
-    steepest: float = STEEPEST["field"]
+    steepest: float = SAMPLES["field"].steepest
     """Exponent, at the least."""
 
     def _fit(self) -> tuple[np.ndarray, np.ndarray]:
@@ -222,17 +241,12 @@ class ErrorLaw:
         found = one * tried**exponent * (float(spp) / tried) ** self._beyond()
         return np.where(self.measured.any(0), found, 0.0)
 
-    def samples(self, target: float) -> int:
-        """The fewest samples whose error is below ``target`` in every channel."""
+    def samples(self, target: float) -> float:
+        """The fewest samples whose error is below ``target`` in every channel, in fractions."""
         one, exponent = self._fit()
         most = self.spp[-1]
         with np.errstate(divide="ignore", over="ignore"):  # no number of samples may be enough
             needed = (target / one) ** (1.0 / exponent)
             farther = most * (target / (one * most**exponent)) ** (1.0 / self._beyond())
         needed = np.where(self.measured.any(0), np.where(needed > most, farther, needed), 0.0)
-        return int(np.ceil(min(needed.max(), 1e9)))
-
-    def whole_samples(self, target: float) -> int:
-        """The same within what is ever taken; many in steps of four."""
-        needed = self.samples(target)
-        return int(np.clip(needed if needed <= 16 else 4 * np.ceil(needed / 4), FEWEST_SPP, MOST_SPP))
+        return float(min(needed.max(), 1e9))

@@ -21,7 +21,7 @@ from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
-from varos_warp.render.planner.errors import FEWEST_SPP, MOST_SPP, REACH, STEEPEST, ErrorLaw, Made
+from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import kind_of
@@ -45,7 +45,7 @@ NOMINAL_SECONDS = {"cpu": 16e-6, "cuda": 40e-9}
 """Time of a sample of a pixel with the field, on two cores or a large GPU; constant for the same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 """`max_seconds_per_frame` where the scene says nothing."""
-FIRST_GUESS = {"field": 2, "path": 4, "reference": 16}
+FIRST_GUESS = {"field": 1, "path": 4, "reference": 16}
 """Samples per pixel of the first test images; if far from what is needed, others are made."""
 LEVELS, ESTIMATE_LEVEL = (1, 2, 4), 8
 """Samples of the test images, and of the estimates that help to tell their errors, as multiples of that guess."""
@@ -104,7 +104,7 @@ class Planner:
             spp = self.choose_samples()
         else:  # nothing else pays for water
             self.decide("A", "none", "it is not among the outputs")
-            spp = render.spp or FEWEST_SPP
+            spp = render.spp or self.samples.fewest
         self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
                     self.decisions)
@@ -163,16 +163,16 @@ class Planner:
         return resolve_integrator(self.integrator, self.render.max_scatterings, lambda: self.no_field)
 
     @property
-    def steepest(self) -> float:
-        """Exponent of the error in the samples, at the least."""
-        return STEEPEST[self.resolved]
+    def samples(self) -> Samples:
+        """Which numbers of samples may be planned, and what they do."""
+        return SAMPLES[self.resolved]
 
-    def image(self, frame: int, camera, spp: int, number: int = 0, **changes):
+    def image(self, frame: int, camera, spp: float, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
         return self.frames.render(frame, camera, "A", seed=pilot.SEED + number, **how).A
 
-    def made(self, frame: int, camera, spp: int, number: int, denoised: bool) -> Made:
+    def made(self, frame: int, camera, spp: float, number: int, denoised: bool) -> Made:
         """Such an image to tell errors by, and what the denoiser makes of it."""
         image = self.image(frame, camera, spp, number, denoise=self.denoiser if denoised else "none")
         return Made(spp, image.radiance, image.denoised if denoised else None)
@@ -225,22 +225,22 @@ class Planner:
 
     # -------------------------------------------------------------------------------------------------------- samples
 
-    def choose_samples(self) -> int:
+    def choose_samples(self) -> float:
         """Samples per pixel, of the frames that need most."""
         asked = self.render.tolerance
         if self.render.spp is not None:
             self.decide("spp", self.render.spp, "given")
             return self.render.spp
         if not self.lit:
-            self.decide("spp", FEWEST_SPP, "no light was found, and no fewer are taken", np.zeros(3))
-            return FEWEST_SPP
+            self.decide("spp", self.samples.fewest, "no light was found, and no fewer are taken", np.zeros(3))
+            return self.samples.fewest
         known = max(self.decisions[-1].error)
         left = asked * np.sqrt(1.0 - min(known / asked, 0.9) ** 2)
         target = left / self.margin
         law = self.error_law(target)
-        spp, needed, most = law.whole_samples(target), law.samples(target), self.most_spp()
-        if max(spp, needed) > most:
-            spp = min(spp, most)
+        needed, most = law.samples(target), self.most_spp()
+        spp = min(self.samples.rounded(needed), most)
+        if needed > most:
             self.tell_shortfall(self.margin * law.error(spp).max(), needed)
         self.decide("spp", spp, self.why_spp(law, needed, left), self.margin * law.error(spp))
         return self.choose_by_frame(spp, target)
@@ -266,16 +266,16 @@ class Planner:
 
     def most_spp(self) -> int:
         """Samples per pixel that an image may take."""
-        return int(np.clip(self.most_seconds / self.seconds(1), FEWEST_SPP, MOST_SPP))
+        return int(np.clip(self.most_seconds / self.seconds(1), self.samples.fewest, MOST_SPP))
 
-    def tell_shortfall(self, error: float, needed: int) -> None:
+    def tell_shortfall(self, error: float, needed: float) -> None:
         """Say first that the tolerance is not kept."""
         error, asked = (f"{100 * share:.2g} %" for share in (error, self.render.tolerance))
         why = (f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
                f"(render.max_seconds_per_frame: {self.most_seconds:g})")
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
-    def choose_by_frame(self, spp: int, target: float) -> int:
+    def choose_by_frame(self, spp: float, target: float) -> float:
         """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
         worst, count = self.worst, len(self.frames)
         # all images have as many pixels as those in which errors were measured
@@ -291,7 +291,7 @@ class Planner:
             return self.made(frame, cameras[name], spp, number, denoised)
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.steepest)
+        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.samples)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
@@ -306,7 +306,7 @@ class Planner:
         for k in range(ROUNDS):
             law = self.measured_law(spp, target, "more samples" if k else "samples")
             needed = law.samples(target)
-            better = min(max(needed // LEVELS[-1], first), MOST_TRIED)
+            better = min(max(int(needed) // LEVELS[-1], first), MOST_TRIED)
             if needed <= REACH * law.spp[-1] or better <= spp:
                 break
             spp = better
@@ -328,11 +328,11 @@ class Planner:
         for k, spp in enumerate(levels):
             for _ in range(IMAGES):
                 make(spp, True)
-            if k == len(levels) - 1 or (k == 1 and first <= FEWEST_SPP):
+            if k == len(levels) - 1 or (k == 1 and first <= self.samples.fewest):
                 found = self.told(levels[:k + 1], made, most, lambda: make(each, False))
                 if found[0].max() <= target:
                     break
-        return ErrorLaw(levels[:len(found)], found, self.steepest)
+        return ErrorLaw(levels[:len(found)], found, self.samples.steepest)
 
     def told(self, counts: list[int], made: list[Made], most: int, add: Callable[[], None]) -> np.ndarray:
         """The worst errors [count, 3] of the denoised images of each number of samples, by all that were made.
@@ -352,10 +352,10 @@ class Planner:
         worst = np.argmax(square / np.maximum(brightness(errors.mean_of(made[0].radiance)), 1e-30) ** 2)
         return bool(unsure[worst] <= errors.PRECISE * square[worst])
 
-    def why_spp(self, law: ErrorLaw, needed: int, left: float) -> str:
+    def why_spp(self, law: ErrorLaw, needed: float, left: float) -> str:
         """The choice in words."""
         channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
         after = f" after {self.denoiser}" if self.denoiser != "none" else ""
         words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
                  f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
-        return f"{words}; no fewer are taken" if needed <= FEWEST_SPP else words
+        return f"{words}; no fewer are taken" if needed <= self.samples.fewest else words
