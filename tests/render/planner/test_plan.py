@@ -187,9 +187,9 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
 def test_a_tolerance_that_cannot_be_had_is_said_first(planned, monkeypatch, tolerance, seconds, spp, asked):
     """64 x 36 pixels; a CPU's samples take 16 microseconds nominally, of paths alone 1.7 times less.
 
-    The pilot may stop at one round of guesses: it finds more to be needed than may be taken in any case.
+    The pilot may stop at few samples: it finds more to be needed than may be taken in any case.
     """
-    monkeypatch.setattr(plan_module, "ROUNDS", 1)
+    monkeypatch.setattr(plan_module, "MOST_TRIED", 8)
     scene = make_scene(camera={"resolution": [64, 36]}, tolerance=tolerance, max_seconds_per_frame=seconds)
     plan = plan_render(scene, planned[1], [POSE])
     assert plan.spp == spp
@@ -274,7 +274,7 @@ def test_errors_of_models_add_up_and_noise_adds_in_squares(planned):
 
 
 def test_planning_tells_how_far_it_is(planned):
-    assert list(dict.fromkeys(name for name, _ in TOLD)) == ["views", "samples"]
+    assert list(dict.fromkeys(name for name, _ in TOLD)) == ["views", "samples", "more samples"]
     for name in ("views", "samples"):
         shares = [share for told, share in TOLD if told == name]
         assert shares == sorted(shares)

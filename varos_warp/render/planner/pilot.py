@@ -15,7 +15,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.sim.clock import times_ns
 
 POSES = 5
-SMALL, SMALL_SPP = 160 * 90, 4
+SMALL, SMALL_SPP = 160 * 90, 2
 """Pixels of an image that tells where the noise is; smaller ones get more samples per pixel, the same in all."""
 PIXELS = 320 * 180
 """Most pixels of a test image of a short sequence. A larger image has more pixels for the same edges and details, so it

@@ -38,25 +38,24 @@ alike."""
 PATHS_PAY = 0.8
 """Paths alone are taken where they need at most this share of the work: two images tell it only so well, and with the
 field there are fewer rare bright samples."""
-COMPARED_SPP, RARE_COUNTS = 8, 2.0
+COMPARED_SPP, RARE_COUNTS = 4, 2.0
 """Samples per pixel of the images by which integrators are compared; and how many times less the work by noise before
 denoising counts than that by noise after it, for a denoiser takes most of it."""
 NOMINAL_SECONDS = {"cpu": 16e-6, "cuda": 40e-9}
 """Time of a sample of a pixel with the field, on two cores or a large GPU; constant for the same reason."""
 MOST_SECONDS = {"cpu": 60.0, "cuda": 5.0}
 """`max_seconds_per_frame` where the scene says nothing."""
-FIRST_GUESS = {"field": 1, "path": 4, "reference": 16}
-"""Samples per pixel of the first test images; if far from what is needed, others are made."""
-LEVELS, ESTIMATE_LEVEL = (1, 2, 4), 8
-"""Samples of the test images, and of the estimates that help to tell their errors, as multiples of that guess."""
+LEVELS, MOST_TRIED = 3, 128
+"""Numbers of samples, each twice the last, whose errors make a law; and the most samples per pixel that are tried. Two
+numbers are enough where the second keeps the tolerance."""
+ESTIMATE_LEVEL = 2
+"""Samples of estimates that help to tell errors, as a multiple of the most that were tried."""
 MOST_ESTIMATES, MOST_ESTIMATING = 16, 512
 """Test images tell each other's errors, and estimates are added until the square of an error is known
 (`errors.PRECISE`), or they are as many as the first, or have as many samples per pixel together as the second."""
 IMAGES = 4
 """Test images of each level. The worst counts: what rare bright samples and a denoiser leave varies from one image to
 the next, and a tolerance is to hold for nearly all."""
-MOST_TRIED, ROUNDS = 32, 3
-"""Most samples per pixel of the first test image, and how often a guess is made."""
 
 
 def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns: Sequence[int] | None = None,
@@ -301,50 +300,50 @@ class Planner:
         return most
 
     def error_law(self, target: float) -> ErrorLaw:
-        """How the error falls with the samples: from images with about as many as are needed."""
-        spp = first = FIRST_GUESS[self.resolved]
-        for k in range(ROUNDS):
-            law = self.measured_law(spp, target, "more samples" if k else "samples")
-            needed = law.samples(target)
-            better = min(max(int(needed) // LEVELS[-1], first), MOST_TRIED)
-            if needed <= REACH * law.spp[-1] or better <= spp:
-                break
-            spp = better
+        """How the error falls with the samples: from test images with twice as many, again and again, until they tell.
+
+        A few of each number tell each other's errors; `errors.Made`.
+        """
+        made, levels, law = [], [], None
+        while law is None or not self.reaches(law, target):
+            levels.append(2 * levels[-1] if levels else self.samples.fewest)
+            for _ in range(IMAGES):
+                self.try_samples(levels[-1], made)
+            if len(levels) > 1:
+                law = self.law_of(levels, made, 1)
+                if self.reaches(law, target):  # as one image of each number says
+                    self.know_error(levels[-1], made)
+                    law = self.law_of(levels, made, IMAGES)
         return law
 
-    def measured_law(self, first: int, target: float, step: str = "samples") -> ErrorLaw:
-        """Errors of test images with a few times ``first`` samples; ``step`` is its name.
+    def try_samples(self, spp: float, made: list[Made], denoised: bool = True) -> None:
+        """Add a test image of the noisiest view."""
+        made.append(self.made(self.worst.frame, self.test_camera, spp, len(made), denoised))
+        done, levels = sum(one.spp for one in made), LEVELS
+        while done > (total := IMAGES * self.samples.fewest * (2**levels - 1)):
+            levels += 1
+        self.progress("samples" if levels == LEVELS else "more samples", done / total)
 
-        Where the fewest samples that are ever taken keep the ``target``, two numbers of them tell enough.
-        """
-        made, levels, each = [], [level * first for level in LEVELS], ESTIMATE_LEVEL * first
-        most = min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))
+    def reaches(self, law: ErrorLaw, target: float) -> bool:
+        """Whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
+        if len(law.spp) < LEVELS:
+            return law.measured[-1].max() <= target
+        return law.samples(target) <= REACH * law.spp[-1] or law.spp[-1] >= MOST_TRIED
 
-        def make(spp: int, denoised: bool):
-            made.append(self.made(self.worst.frame, self.test_camera, spp, len(made), denoised))
-            self.progress(step, sum(one.spp for one in made) / (IMAGES * sum(levels) + most * each))
+    def law_of(self, levels: list[float], made: list[Made], count: int) -> ErrorLaw:
+        """By the worst of ``count`` denoised images of each of the last numbers of samples, and all that were made."""
+        last = levels[-LEVELS:]
+        tried = [[one for one in made if one.spp == spp and one.denoised is not None][:count] for spp in last]
+        return ErrorLaw(last, errors.worst_errors(tried, made), self.samples.steepest)
 
-        self.progress(step, 0.0)
-        for k, spp in enumerate(levels):
-            for _ in range(IMAGES):
-                make(spp, True)
-            if k == len(levels) - 1 or (k == 1 and first <= self.samples.fewest):
-                found = self.told(levels[:k + 1], made, most, lambda: make(each, False))
-                if found[0].max() <= target:
-                    break
-        return ErrorLaw(levels[:len(found)], found, self.samples.steepest)
-
-    def told(self, counts: list[int], made: list[Made], most: int, add: Callable[[], None]) -> np.ndarray:
-        """The worst errors [count, 3] of the denoised images of each number of samples, by all that were made.
-
-        Where they do not tell enough, more images are made by ``add``, ``most`` at the most.
-        """
-        tried = [[one for one in made if one.spp == spp and one.denoised is not None] for spp in counts]
-        for added in range(most):
-            if not added & (added - 1) and self.is_told(tried[-1], made):  # 0, 1, 2, 4 ...: it takes its time
+    def know_error(self, spp: float, made: list[Made]) -> None:
+        """Add estimates until those that were made tell the error of the denoised images with ``spp`` samples."""
+        images = [one for one in made if one.spp == spp and one.denoised is not None]
+        each = ESTIMATE_LEVEL * spp
+        for added in range(min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))):
+            if not added & (added - 1) and self.is_told(images, made):  # 0, 1, 2, 4 ...: it takes its time
                 break
-            add()
-        return errors.worst_errors(tried, made)
+            self.try_samples(each, made, denoised=False)
 
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
         """Whether the square of the error of images is known, by all that were made."""
