@@ -32,6 +32,10 @@ def boxed(extents, centre, reflectance, name):
                 Diffuse(reflectance=[reflectance] * 3))
 
 
+FLOOR_AND_BOX = [boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor"),
+                 boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")]
+
+
 def renderer_of(parts) -> FrameRenderer:
     """The paper's water and lamps."""
     view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 3.6], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
@@ -51,8 +55,7 @@ def renderings(request):
 
 def rendered(integrator):
     """Images of each seed."""
-    floor = boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor")
-    renderer = renderer_of([floor, boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")])
+    renderer = renderer_of(FLOOR_AND_BOX)
     films, keep = [], renderer.films.keep
 
     def kept(film):
@@ -67,7 +70,8 @@ def rendered(integrator):
     # multiple, odd, and of segments direct and single (kernels/film/film.py, sums_of)
     total = np.array([sums[0] + sums[2:4].sum(axis=0) for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
     odd = np.array([sums[1] for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
-    halves = (((total - odd) / ((count + 1) // 2)).sum(axis=1), (odd / (count // 2)).sum(axis=1))
+    evens = (count + 1 - np.indices(SHAPE).sum(0)[..., None] % 2 * (count.max() > count.min())) // 2
+    halves = (((total - odd) / evens).sum(axis=1), (odd / (count - evens)).sum(axis=1))
     return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
                            kinds=total / count, halves=halves,
                            stderr=np.array([image.stderr for image in images], float),
@@ -123,6 +127,24 @@ def test_block_means_differ_by_what_their_errors_say(renderings):
     error = pseudo.std(axis=0, ddof=1) / np.sqrt(SEEDS)
     assert error.max() < 0.25
     assert_plausible(2.0 * stats.t.sf(np.abs(pseudo.mean(axis=0)) / error, SEEDS - 1))
+
+
+def test_errors_of_one_sample_with_the_field_are_what_images_differ_by():
+    """Many pixels have a single subpath then, whose noise neighbours tell. Without the field it is not told."""
+    renderer = renderer_of(FLOOR_AND_BOX)
+    images = [renderer.render(np.eye(4), outputs="A", integrator="field", spp=1, seed=500 + k).A for k in range(96)]
+    radiance, stderr, base_variance = (np.array([getattr(image, name) for image in images], float)
+                                       for name in ("radiance", "stderr", "base_variance"))
+    assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)
+    base = radiance - [image.correction for image in images]
+    assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
+    assert np.isinf(renderer.render(np.eye(4), outputs="A", integrator="path", spp=1).A.stderr).all()
+
+
+def test_fractions_of_a_sample_count_with_the_field_and_are_rounded_up_without():
+    renderer = renderer_of(FLOOR_AND_BOX)
+    taken = [renderer.render(np.eye(4), outputs="A", integrator=name, spp=1.25).A.spp for name in ("field", "path")]
+    assert taken == [pytest.approx(1.25, abs=0.05), 2.0]
 
 
 @pytest.mark.parametrize("renderings", ["path", "field"], indirect=True)

@@ -16,7 +16,8 @@ def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
     part = film.parts[wp.tid()]
     row, col = part.row, part.col
     sums = kernel.Sums()
-    for i in range(part.begin, part.end):
+    for taken in range(part.begin, part.end):
+        i = kernel.sample_of(film, part, taken)
         direct, single, multiple = samples[0, i, row, col], samples[1, i, row, col], samples[2, i, row, col]
         if film.sums.shape[0] == kernel.SUMS:
             sums = kernel.add_sample(sums, i, direct, single, multiple, samples[3, i, row, col])
@@ -241,7 +242,8 @@ def test_the_two_sides_of_tiles_may_take_unlike_numbers_of_samples():
     counts = np.sum(takes, axis=0)
     light = np.float32(samples[:3]).astype(float).sum(axis=0)
     for row, col in ((0, 0), (7, 8), (8, 7), (8, 16), (0, 1)):
-        taken = light[:counts[(row + col) % 2, row // 8, col // 8], row, col]
+        side = (row + col) % 2
+        taken = light[np.arange(counts[side, row // 8, col // 8]) ^ side, row, col]
         np.testing.assert_allclose(radiance[row, col], taken.mean(0), rtol=1e-6)
 
 
@@ -255,6 +257,79 @@ def test_samples_that_are_not_numbers_are_counted_and_black(bad):
     radiance = developed(film)["radiance"]
     assert film.lost.numpy()[0] == 2
     np.testing.assert_allclose(radiance, samples[:3].sum(axis=0).mean(axis=0), rtol=1e-6)
+
+
+# -------------------------------------------------------------------------------------------- one subpath in a pixel
+
+
+def subpaths(samples, counts):
+    """Film of a correction alone, samples [sample, H, W, 3], whose sides take ``counts`` in every tile."""
+    full = np.zeros((4, *samples.shape))
+    full[2] = samples
+    take = np.reshape(counts, (2, 1, 1))
+    return exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS)
+
+
+def test_pixels_of_the_second_side_begin_with_the_other_half():
+    samples = np.arange(1.0, 4.0)[:, None, None, None] * np.ones((3, 8, 8, 3))
+    row, col = np.indices((8, 8))
+    for count, first, second in ((1, 1.0, 2.0), (3, 2.0, 7.0 / 3.0)):  # of samples 0; 1; 0, 1, 2; 1, 0 and one beyond
+        given = np.concatenate([samples, 4.0 * np.ones((1, 8, 8, 3))])
+        sums = subpaths(given, [count, count]).sums.numpy()
+        means = np.where((row + col) % 2, second, first)
+        np.testing.assert_allclose(sums[0], count * means[..., None] * np.ones(3), rtol=1e-12)
+    np.testing.assert_allclose(subpaths(samples, [1, 1]).sums.numpy()[1][..., 0], 2.0 * ((row + col) % 2))
+
+
+@pytest.mark.parametrize("shape", [(96, 120), (97, 121)])
+def test_of_one_subpath_the_squared_error_is_unbiased(shape):
+    """By neighbours, which are of one side; also at an edge with half a pair. Pairs are chi-square of one degree."""
+    samples = 2.0 * np.random.default_rng(4).normal(size=(2, *shape, 3))
+    film = subpaths(samples, [1, 1])
+    pixels = tile_pixels(*shape)[..., None]
+    variance = (tile_variances(film)[0].numpy() * pixels).sum((0, 1)) / np.prod(shape)
+    assert np.abs(variance - 4.0).max() < 4.0 * 4.0 * np.sqrt(4.0 / np.prod(shape))
+    images = developed(film)
+    assert not images["base_variance"].any()  # all is correction
+    assert np.isfinite(images["stderr"]).all()
+
+
+def test_of_one_subpath_slopes_of_the_light_count_as_noise_but_not_in_blocks():
+    """A step of 0.1 to each next column: half its square, too little to matter. Means of the sides are the same."""
+    samples = 0.1 * np.arange(24.0)[None, None, :, None] * np.ones((2, 16, 1, 3))
+    variance, blocks = (image.numpy() for image in tile_variances(subpaths(samples, [1, 1])))
+    np.testing.assert_allclose(variance, 0.5 * 0.1**2, rtol=1e-5)
+    np.testing.assert_allclose(blocks, 0.0, atol=1e-12)
+
+
+def test_what_one_side_is_told_of_noise_is_of_the_other_side_alone():
+    """Noise in one side: the variance of the other's only samples is none."""
+    row, col = np.indices((16, 16))
+    samples = np.random.default_rng(6).normal(size=(2, 16, 16, 3)) * ((row + col) % 2 == 1)[..., None]
+    film = subpaths(samples, [1, 1])
+    mean, variance = (wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "mv")
+    wp.launch(pixel_statistics, dim=mean.shape, inputs=[film, 1.0], outputs=[mean, variance], device="cpu")
+    assert not variance.numpy()[(row + col) % 2 == 0].any()
+    assert variance.numpy()[(row + col) % 2 == 1].min() > 0.0
+
+
+@pytest.mark.parametrize("shared", [0.0, 1.0])
+@pytest.mark.parametrize(("counts", "least", "most"), [((1, 1), 1.0, 1.0), ((1, 3), 1.0, 1.5), ((2, 1), 1.0, 1.5)])
+def test_block_variances_of_one_subpath_are_those_of_block_means(counts, least, most, shared):
+    """As below; where one side has more samples, what these are off by counts twice, so too much is claimed."""
+    rng, films = np.random.default_rng(8), 400
+    estimates, means = [], []
+    for _ in range(films):
+        samples = 5.0 + rng.normal(size=(4, 8, 8, 3))
+        for half in (0, 1):
+            samples[half::2] += shared * rng.normal()
+        film = subpaths(samples, counts)
+        estimates.append(tile_variances(film)[1].numpy()[0, 0])
+        means.append(developed(film)["radiance"].mean((0, 1)))
+    ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
+    unsure = np.exp(4.0 * np.sqrt(4.0 / films))
+    assert least / unsure < ratio.min()
+    assert ratio.max() < most * unsure
 
 
 # ------------------------------------------------------------------------------------------------------------- blocks
