@@ -305,6 +305,7 @@ class Planner:
         A few of each number tell each other's errors; `errors.Made`.
         """
         made, levels, law = [], [], None
+        self.progress("samples", 0.0)
         while law is None or not self.reaches(law, target):
             levels.append(2 * levels[-1] if levels else self.samples.fewest)
             for _ in range(IMAGES):
