@@ -159,7 +159,7 @@ def plan_render(scene, renderer, poses, **options):
     plan = {"spp": scene.render.spp or 8, "max_scatterings": scene.render.max_scatterings,
             "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
     decision = SimpleNamespace(what="spp", choice="8", reason="a test", error=None)
-    words = {"spp_in_words": str(plan["spp"])}
+    words = {"spp_in_words": f"{plan['spp']} samples per pixel"}
     words |= {"error": None, "shortfall": None, "ports": [], "cost": None}
     return SimpleNamespace(**plan, **words, decisions=[decision],
                            to_dict=lambda: plan | {"decisions": [vars(decision)]})

@@ -250,7 +250,7 @@ def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     assert "dataset: 10 frames through 2 cameras, 80 images, about " in text
     assert "with 8 samples per pixel of A; varos-warp plan measures it" in text
     planned = call("info", scene_file, "--set", "render.spp=null").output
-    assert "with 8 samples per pixel of A (a plan may take more: many more in turbid water near a floor)" in planned
+    assert "with 4 samples per pixel of A (a plan may take more: many more in turbid water near a floor)" in planned
     assert " free core" in planned or "on a GPU" in planned
 
 

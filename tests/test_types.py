@@ -11,7 +11,7 @@ import varos_warp
 ROOT = Path(__file__).parents[1]
 USE = ROOT / "tests" / "typed_use.py"
 WRONG = {
-    'spp: int | None = scene.render.spp': 'spp: str = scene.render.spp',
+    'spp: float | None = scene.render.spp': 'spp: str = scene.render.spp',
     'vw.simulate(scene)': 'vw.simulate(path)',
     'simulation.trajectory.T_w_v(0)': 'simulation.course.T_w_v(0)',
     'device="cpu")': 'divice="cpu")',

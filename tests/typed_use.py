@@ -10,7 +10,7 @@ import varos_warp as vw
 def scene_to_image(path: Path) -> np.ndarray:
     """What the README shows."""
     scene = vw.load_scene(path, ["render.spp=4"])
-    spp: int | None = scene.render.spp
+    spp: float | None = scene.render.spp
     simulation = vw.simulate(scene)
     renderer = vw.FrameRenderer(scene, device="cpu")
     T_w_v = simulation.trajectory.T_w_v(0)

@@ -41,7 +41,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     return f"Did you mean '{near[0]}'?" if near else None
 
 
-def counted(count: int, name: str) -> str:
+def counted(count: float, name: str) -> str:
     """A number with what it counts: 1 frame, 2 frames."""
     return f"{count} {name}{'s' * (count != 1)}"
 

@@ -37,7 +37,7 @@ class Choices:
     outputs: Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Types of images to make.")] = None
     tolerance: Annotated[float | None, typer.Option(
         help="Relative error asked of A; the planner chooses the samples.")] = None
-    spp: Annotated[int | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")] = None
+    spp: Annotated[float | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")] = None
     max_scatterings: Annotated[int | None, typer.Option(
         help="Most scatterings in the water on a path of light.")] = None
     max_bounces: Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")] = None

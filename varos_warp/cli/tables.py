@@ -115,7 +115,7 @@ def _place(values: list[float]) -> str:
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else counted(dataset["cores"], "free core")
-    samples = f"{dataset['spp']} samples per pixel of A" + (
+    samples = f"{counted(dataset['spp'], 'sample')} per pixel of A" + (
         " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     made = f"{counted(dataset['frames'], 'frame')}{through}, {counted(dataset['images'], 'image')}"

@@ -57,6 +57,12 @@ def test_a_resolved_scene_reads_back_to_an_equal_scene(tmp_path):
     assert load_scene(tmp_path / "again.yaml") == scene
 
 
+@pytest.mark.parametrize(("given", "kept"), [("8", "8"), ("8.0", "8"), ("1.5", "1.5")])
+def test_samples_may_be_a_fraction_and_are_written_as_people_write_them(tmp_path, given, kept):
+    scene = load_scene(write(tmp_path, SMALL.replace("spp: 8", f"spp: {given}")))
+    assert str(scene.render.spp) == str(scene_to_dict(scene)["render"]["spp"]) == kept
+
+
 @pytest.mark.parametrize("path", [ROOT / "examples/munkholmen/scene.yaml", demo_scene_path(), CONTRACT],
                          ids=["munkholmen", "demo", "contract"])
 def test_the_scenes_that_come_with_us_load_and_read_back(path):

@@ -30,10 +30,10 @@ SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
 START_S = {"cpu": 25.0, "cuda": 25.0}
 """To compile and load: seconds on one device, however many cores."""
-TEST_SPP, COMPARED_SPP = 60, 32
+TEST_SPP, COMPARED_SPP = 20, 16
 """Samples by which the planner often finds the samples of A: of a pixel of all test images; and of the small images by
 which two integrators are compared."""
-USUAL_SPP = 8
+USUAL_SPP = 4
 """Samples of A that the planner often chooses."""
 MOST_FRAMES = 50
 """At which streaks are looked for."""

@@ -70,7 +70,7 @@ def keep_plan(scene, renderer, frames, plan) -> None:
 def _payload(scene, plan) -> dict[str, np.ndarray]:
     """A plan as an array of text, without what it costs on one machine."""
     error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-    samples = [f"{plan.spp_in_words} samples per pixel of A{error}"] * bool({"A", "P"} & set(scene.render.outputs))
+    samples = [f"{plan.spp_in_words} of A{error}"] * bool({"A", "P"} & set(scene.render.outputs))
     told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
     content = {key: value for key, value in plan.to_dict().items() if key != "cost"}
     return {"plan": np.array(json.dumps({"plan": content, "told": told}))}

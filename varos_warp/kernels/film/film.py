@@ -336,10 +336,11 @@ def tile_variances(
     samples: wp.array2d(dtype=wp.vec3d),  # of one sample
     blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels, added
 ):
-    """Estimates of variances; infinite for one sample. A single value of ``blocks`` is a poor estimate; average them.
+    """Estimates of variances; without sides infinite for one sample.
 
-    Half the difference of the two halves of a pixel's samples is distributed like the error of their mean. The error
-    that all pixels of a block share remains in the mean over the block.
+    A single value of ``blocks`` is a poor estimate; average them. Half the difference of the two halves of a pixel's
+    samples is distributed like the error of their mean. The error that all pixels of a block share remains in the mean
+    over the block.
     """
     tile_row, tile_col = wp.tid()
     height, width = film.sums.shape[1], film.sums.shape[2]

@@ -14,7 +14,7 @@ class RadianceImage:
 
     radiance: np.ndarray | None
     stderr: np.ndarray | None
-    """Standard error of the mean; inf for one sample."""
+    """Standard error of the mean; inf for one sample, but with the field, where neighbours tell it."""
     block_error: np.ndarray | None = None
     """Standard error of the means of blocks of 8 x 8 pixels, float32 [H/8, W/8, 3], the last ones cut by the edge.
     What neighbours have in common of their errors counts here, and not in ``stderr``."""

@@ -95,9 +95,9 @@ class Plan:
 
     @property
     def spp_in_words(self) -> str:
-        """Samples per pixel of the frames."""
+        """How many samples per pixel the frames have."""
         least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
-        return f"{least} to {most}" if least < most else str(self.spp)
+        return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
 
     @property
     def options(self) -> dict[str, Any]:
@@ -121,9 +121,9 @@ def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{integrator}{limits}, {plan.spp_in_words} samples per pixel, "
+    words = {"A": f"{integrator}{limits}, {plan.spp_in_words}, "
                   f"denoise {available_method(render.denoise)}",
-             "B": f"no water, uniform ambient light, {render.spp_b} samples per pixel, "
+             "B": f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
                   f"denoise {available_method(render.denoise_b)}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}

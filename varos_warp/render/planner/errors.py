@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from varos_warp.render.image.adapt import DARK, brightness
+from varos_warp.scene.description.block import plain_number
 
 FIREFLY = 3.0
 """A pixel of an estimate is cut to this many times the image there and around it: otherwise one rare bright path would
@@ -196,8 +197,7 @@ class Samples(NamedTuple):
     def rounded(self, spp: float) -> float:
         """At least so many, in steps of an eighth or less, within what is ever taken."""
         step = max(self.step, 2.0 ** np.floor(np.log2(max(spp, 1.0))) / 8.0)
-        whole = float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP))
-        return int(whole) if whole.is_integer() else whole
+        return plain_number(float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP)))
 
 
 SAMPLES = {"field": Samples(1, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}

@@ -320,10 +320,9 @@ class Planner:
     def try_samples(self, spp: float, made: list[Made], denoised: bool = True) -> None:
         """Add a test image of the noisiest view."""
         made.append(self.made(self.worst.frame, self.test_camera, spp, len(made), denoised))
-        done, levels = sum(one.spp for one in made), LEVELS
-        while done > (total := IMAGES * self.samples.fewest * (2**levels - 1)):
-            levels += 1
-        self.progress("samples" if levels == LEVELS else "more samples", done / total)
+        done, often = sum(one.spp for one in made), IMAGES * self.samples.fewest * (2**LEVELS - 1)
+        step = ("samples", done / often) if done <= often else ("more samples", 1.0 - often / done)
+        self.progress(*step)
 
     def reaches(self, law: ErrorLaw, target: float) -> bool:
         """Whether the samples that were tried tell how many keep the target: they are enough, or nearly."""

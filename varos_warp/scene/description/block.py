@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_serializer
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_serializer
 
 SequenceId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
 CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
@@ -23,6 +23,15 @@ UnitRgb = tuple[Unit, Unit, Unit]
 Coefficient = Annotated[float, Field(ge=0.0, le=1e6)]
 """Of scattering or absorption [1/m]: beyond, light ends within a micrometre."""
 CoefficientRgb = tuple[Coefficient, Coefficient, Coefficient]
+
+
+def plain_number(value: float) -> float:
+    """An int where there is no fraction, as people write it: 4 for 4.0."""
+    return int(value) if float(value).is_integer() else value
+
+
+AtLeastOne = Annotated[float, Field(ge=1.0), AfterValidator(plain_number),
+                       PlainSerializer(plain_number, return_type=Any)]
 
 
 def _has_area(value):

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.description.block import Block, NonNegative, Positive
+from varos_warp.scene.description.block import AtLeastOne, Block, NonNegative, Positive
 
 
 class Exposure(Block):
@@ -35,8 +35,9 @@ class Render(Block):
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
     """The planner chooses no more samples of A than take about this long, whatever the tolerance [s]; absent: 60 on a
     CPU, 5 on a GPU."""
-    spp: Annotated[int, Field(ge=1)] | None = Field(default=None, examples=[16])
-    """Samples per pixel of A; absent: the planner's choice."""
+    spp: AtLeastOne | None = Field(default=None, examples=[16])
+    """Samples per pixel of A; absent: the planner's choice. With the field this is a mean over the image, and fractions
+    count; else they are rounded up."""
     spp_b: Annotated[int, Field(ge=1)] = 8
     """Samples per pixel of B (docs/models.md); in the paper (3.2.1) 20, with ``denoise_b: nlm``."""
     max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
