@@ -41,7 +41,7 @@ def check(frames: Frames, plan: Plan, frame: int) -> dict:
         return frames.render(frame, camera, "A", frame=frame, **(plan.options | how)).A
 
     spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
-    made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, denoised_only=True))
+    made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, copied=["denoised"]))
     estimates = [image(spp=ESTIMATE_LEVEL * spp, seed=SEED + k).radiance for k in range(ESTIMATES)]
     found, upper = error([made.denoised], estimates, (0.0, 1.0)).max(1)
     return {"frame": frame, "spp": made.spp, "error": round(float(found), 5),

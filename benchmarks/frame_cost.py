@@ -24,7 +24,7 @@ from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-AS_IN_A_RUN = {"denoise": "oidn", "denoise_b": "oidn", "denoised_only": True}
+AS_IN_A_RUN = {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]}
 REPEATS = 6
 SEED = 9000
 

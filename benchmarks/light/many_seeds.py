@@ -116,7 +116,7 @@ def rate(renderer, built: Built, options) -> dict:
     reference = reference_of(renderer, built, 32 * options.spp)
     spp, told = 2, {}
     while spp <= options.spp:
-        made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", denoised_only=True)
+        made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", copied=["denoised"])
         told[str(spp)] = {"rmse": float(scores.relative_rmse(made["denoised"], reference).max()),
                           "seconds": float(np.median(made["wall"])), "cpu_seconds": float(np.median(made["cpu"]))}
         spp *= 2

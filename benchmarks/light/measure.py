@@ -20,6 +20,7 @@ A row of the table is one integrator in one scene:
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,12 +43,12 @@ HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise
 
 
 def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str, first: int = 1,
-                 denoised_only: bool = False) -> dict:
+                 copied: Sequence[str] | None = None) -> dict:
     """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n].
 
-    ``denoised_only``, as a run copies them: the others are None.
+    With ``copied``, as `RenderOptions` has it, the others are None.
     """
-    how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise, "denoised_only": denoised_only}
+    how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise, "copied": copied}
     renderer.render(built.T_w_v, seed=0, **how)  # compiles, makes tables, learns how to denoise
     made = {"raw": [], "stderr": [], "denoised": [], "cpu": [], "wall": []}
     for seed in range(first, first + seeds):

@@ -346,7 +346,7 @@ def test_a_gpu_gives_the_same_bytes_twice(gpu):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "denoised_only": True},
+@pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]},
                                  {"integrator": "path"}])
 def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how):
     """They have films and lamps of their own, wherever one goes on while the other waits."""

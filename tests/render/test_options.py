@@ -23,7 +23,7 @@ def test_unknown_names_and_numbers_too_low_are_bad_input_that_names_the_option(k
 
 
 def test_an_unknown_option_is_refused_and_those_that_are_there_are_named():
-    with pytest.raises(TypeError, match=r"samples; there are: spp, spp_b,.* denoised_only"):
+    with pytest.raises(TypeError, match=r"samples; there are: spp, spp_b,.* copied"):
         options_of(SCENE, {"spp": 3, "samples": 3})
 
 

@@ -10,6 +10,7 @@ import warp as wp
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
+from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -122,7 +123,10 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
     kernels = kernels_needed(scene, Contents.foretold(scene, device), letters, integrator, device)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)
-    with compiling(KERNELS if getattr(scene.terrain, "preprocess", None) else [], "cpu"), compiling(kernels, device):
+    on_host = list(KERNELS) if getattr(scene.terrain, "preprocess", None) else []
+    if integrator is None and scene.render.spp is None and {*"AP"} & {*letters}:
+        on_host.append(compare_rows)  # for a plan
+    with compiling(on_host, "cpu"), compiling(kernels, device):
         yield
 
 

@@ -38,15 +38,16 @@ class RenderOptions:
     """oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not."""
     denoise_b: str | None = None
     """The same for B."""
-    denoised_only: bool = False
-    """Of what is denoised on a GPU copy ``denoised`` alone to the host: all the rest takes longer than denoising it."""
+    copied: Sequence[str] | None = None
+    """What of A and B to copy to the host, of radiance and denoised, if nothing has to be denoised there; absent: all.
+    On a GPU all the rest takes longer than denoising."""
 
     def __post_init__(self):
         for key, known in (("layers", LAYERS), ("integrator", INTEGRATORS), ("denoise", METHODS),
-                           ("denoise_b", METHODS)):
+                           ("denoise_b", METHODS), ("copied", ("radiance", "denoised"))):
             names = getattr(self, key)
             if names is not None:
-                check_names(key, names if key == "layers" else [field_by_old_name(names)], known)
+                check_names(key, names if key in ("layers", "copied") else [field_by_old_name(names)], known)
         for key, least in (("spp", 1), ("spp_b", 1), ("max_scatterings", 0), ("max_bounces", 0)):
             number = getattr(self, key)
             if number is not None and number < least:

@@ -254,8 +254,9 @@ class RadianceRenderer:
         # what a denoiser works on, still on the device
         apart = ("correction", "base_variance") if kinds else ()
         work = {name: images[name] for name in ("radiance", *apart)} | (guides or {})
-        if shot.options.denoised_only and self._denoises(method):
-            wanted = {"denoised": self._device_denoiser.denoise(**work)}
+        if brief := shot.options.copied and (method == "none" or self._denoises(method)):
+            denoised = images["radiance"] if method == "none" else self._device_denoiser.denoise(**work)
+            wanted = {name: images.get(name, denoised) for name in shot.options.copied}
         else:
             wanted = work | {name: images[name] for name in ("block_error", "stderr", *wanted_layers)}
         kept = [array for film in films for array in (film.lost, film.count)]
@@ -268,10 +269,9 @@ class RadianceRenderer:
         facts = {"lost_samples": lost, "spp": _samples_per_pixel(fetched[1:len(kept):2], shape, kinds or [ALL_ALIKE])}
         for film in films:
             self.films.keep(film)
-        if "block_error" in on_host:
-            on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
-        if "denoised" in on_host:
-            return RadianceImage(None, None, **on_host, **facts)
+        if brief:
+            return RadianceImage(**{"radiance": None, "stderr": None} | on_host | facts)
+        on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}
         return (yield from self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method))
 

@@ -616,10 +616,13 @@ def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
     scene_ = rough_scene({"kind": "rust", "amount": 0.4})
     renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
     how = {"outputs": "AB", "spp": 4, "integrator": integrator, "denoise": "oidn", "denoise_b": "oidn"}
-    whole, brief = (renderer.render(POSE, denoised_only=only, **how) for only in (False, True))
-    for one, other in ((whole.A, brief.A), (whole.B, brief.B)):
-        assert other.radiance is None
-        assert other.spp == one.spp
+    whole, brief, both = (renderer.render(POSE, copied=copied, **how)
+                          for copied in (None, ["denoised"], ["radiance", "denoised"]))
+    for one, other, third in ((whole.A, brief.A, both.A), (whole.B, brief.B, both.B)):
+        assert other.radiance is None is third.stderr
+        assert one.spp == other.spp == third.spp
+        np.testing.assert_array_equal(third.radiance, one.radiance)
+        np.testing.assert_array_equal(third.denoised, other.denoised)
         np.testing.assert_allclose(other.denoised, one.denoised, rtol=2**-11)  # half floats in the network
 
 

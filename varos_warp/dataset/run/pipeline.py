@@ -111,7 +111,7 @@ class Pipeline:
         self.writers: Executor
         keys = (("denoise", "A"), ("denoise_b", "B"))
         on_device = self.renderer.device != "cpu"  # the CPU's part is done beside the next frame
-        self.options = {"denoised_only": not self.store.render.linear_exr} | {
+        self.options = {"copied": None if self.store.render.linear_exr else ["denoised"]} | {
             key: "oidn" for key, letter in keys if on_device and self.store.denoisers[letter] == "oidn"}
 
     def run(self, jobs: Iterable[ImageJob]) -> Rendered:

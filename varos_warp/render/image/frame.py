@@ -10,7 +10,7 @@ from varos_warp.render.image.films import tile_pixels
 
 @dataclass(frozen=True)
 class RadianceImage:
-    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]; None where only ``denoised`` was asked for."""
+    """Linear radiance [W/sr/m^2] before exposure, float32 [H, W, 3]; None where it was not asked for."""
 
     radiance: np.ndarray | None
     stderr: np.ndarray | None

@@ -11,18 +11,19 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import warp as wp
 from scipy.ndimage import uniform_filter
 
+from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.render.image.adapt import DARK, brightness
 from varos_warp.scene.description.block import plain_number
+from varos_warp.scene.launch import launch_rows, upload
 
 FIREFLY = 3.0
 """A pixel of an estimate is cut to this many times the image there and around it: otherwise one rare bright path would
 decide, and a pilot of few samples cannot measure those. In the mean of the image the pixel counts in full."""
 AROUND = 9
 """Side [pixels] of what is around."""
-BAND = 64
-"""Rows, of all estimates together, that are compared at a time."""
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
@@ -153,19 +154,17 @@ def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: n
                   ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and deviation [2, 3] of the squares of what is wrong, by estimates without fireflies; and their means.
 
-    In bands of rows: what lies in the cache takes a fraction of the time.
+    On the CPU whatever the renderer's device: its kernel lets other threads render meanwhile.
     """
+    rows, pixels = len(image), image[..., 0].size
     around = uniform_filter(image, (AROUND, AROUND, 1))
-    sums, means = np.zeros((2, 3)), np.zeros((len(estimates), 3))
-    for rows in np.array_split(np.arange(len(image)), -(-len(image) * len(estimates) // BAND)):
-        here = image[rows].astype(np.float64)
-        limit = FIREFLY * np.maximum(np.maximum(here, around[rows]), DARK * level)
-        sane = np.clip([estimate[rows] for estimate in estimates], -limit, limit)
-        square = off_squared(here, sane, weights)
-        sums += square.sum(0).sum(0), (square**2).sum(0).sum(0)
-        means += sane.sum(1).sum(1)
-    mean, mean_square = sums / image[..., 0].size
-    return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), means / image[..., 0].size
+    squares = wp.zeros((2, rows), dtype=wp.vec3d, device="cpu")
+    sane = wp.zeros((len(estimates), rows), dtype=wp.vec3d, device="cpu")
+    images = [upload(part, wp.vec3, "cpu") for part in (image, around, np.stack(estimates))]
+    known = [*images, upload(weights, wp.float64, "cpu"), FIREFLY, wp.vec3d(*(DARK * level))]
+    launch_rows(compare_rows, (rows,), known, [squares, sane], "cpu")
+    mean, mean_square = squares.numpy().sum(1) / pixels
+    return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), sane.numpy().sum(1) / pixels
 
 
 def relative(square: np.ndarray, images: Sequence[np.ndarray]) -> np.ndarray:

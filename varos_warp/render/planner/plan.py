@@ -173,7 +173,8 @@ class Planner:
 
     def made(self, frame: int, camera, spp: float, number: int, denoised: bool) -> Made:
         """Such an image to tell errors by, and what the denoiser makes of it."""
-        image = self.image(frame, camera, spp, number, denoise=self.denoiser if denoised else "none")
+        copied = ["radiance", "denoised"] if denoised else ["radiance"]
+        image = self.image(frame, camera, spp, number, denoise=self.denoiser if denoised else "none", copied=copied)
         return Made(spp, image.radiance, image.denoised if denoised else None)
 
     # ------------------------------------------------------------------------------------------------------ decisions
