@@ -7,19 +7,24 @@ they give up control until the numbers are there, and another frame's can go on 
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
 import numpy as np
 import warp as wp
 
+from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import TILE_ROWS, block_dim, launch_rows, load_kernel, usable_cores
 
+AT_ONCE = {"cpu": 1, "cuda": 3}
+"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 
 T = TypeVar("T")
+U = TypeVar("U")
 Steps = Generator[wp.Event, None, T]
 """Work that gives the event to wait for whenever it needs to; what it returns in the end is a T."""
 
@@ -38,6 +43,16 @@ def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
             except StopIteration as end:
                 return end.value
         wp.synchronize_event(event)
+
+
+def at_once(device: str, function: Callable[..., U], *items: Iterable) -> Iterator[U]:
+    """``map`` for functions that render, with as many threads as images may be under way."""
+    count = AT_ONCE[kind_of(device)]
+    if count == 1:
+        yield from map(function, *items)
+        return
+    with ThreadPoolExecutor(count, "render") as pool:
+        yield from pool.map(function, *items)
 
 
 class Launcher:

@@ -21,6 +21,7 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
+from varos_warp.render.launch import AT_ONCE
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
@@ -28,8 +29,6 @@ from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns
 
-AT_ONCE = {"cpu": 1, "cuda": 3}
-"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
 GIVE_UP = 3
 """Jobs in a row that cannot be made: something is broken for all of them."""
 

@@ -6,9 +6,7 @@ unlike even so. As always, what a frame takes follows from the scene alone, not 
 """
 
 from bisect import bisect_right
-from collections import deque
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from functools import partial
 from heapq import nlargest
 from itertools import pairwise
@@ -34,8 +32,6 @@ FIRST = 4
 BEYOND, MOST_IMAGES = 1.5, 6
 """Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
 its images do not tell, up to six."""
-THREADS = 2
-"""Threads that compare images while others are rendered."""
 
 PLANNED = ("max_scatterings", "max_bounces", "integrator")
 """Options that a plan says for all frames alike."""
@@ -104,46 +100,38 @@ def trial(image: Callable[[float, int, bool], Made], spp: float, samples: Sample
     return [image(count, k, count not in counts[:k]) for k, count in enumerate(counts)]
 
 
-def samples_needed(image: Callable[[Place, float, int, bool], Made], views: dict[Place, float], target: float,
-                   samples: Samples) -> dict[Place, float]:
-    """Samples per pixel that each view needs; ``target`` and ``samples`` as in `need`.
-
-    Args:
-        image: Makes an image of a view, the first argument, as in `trial`.
-        views: The views, and what they may need, `FEWER[0]` at least.
-    """
-    needed, waiting, under_way = {}, deque(views.items()), deque()
-    with ThreadPoolExecutor(THREADS) as pool:  # on a GPU comparing takes as long as rendering
-        while waiting or under_way:
-            if waiting and len(under_way) <= THREADS:
-                view, spp = waiting.popleft()
-                made = trial(partial(image, view), spp, samples)
-            else:
-                view, made, future = under_way.popleft()
-                said = future.result()
-                most = max(one.spp for one in made)
-                if len(made) == MOST_IMAGES or (said.told and said.spp <= BEYOND * most):
-                    needed[view] = said.spp
-                    continue
-                made = [*made, image(view, max(said.spp, most), len(made), said.spp > most)]
-            under_way.append((view, made, pool.submit(need, made, target, samples)))
-    return needed
+def samples_needed(image: Callable[[float, int, bool], Made], spp: float, target: float, samples: Samples) -> float:
+    """Samples per pixel that a view needs; arguments as of `trial` and `need`."""
+    made = trial(image, spp, samples)
+    while True:
+        said, most = need(made, target, samples), max(one.spp for one in made)
+        if len(made) == MOST_IMAGES or (said.told and said.spp <= BEYOND * most):
+            return said.spp
+        made.append(image(max(said.spp, most), len(made), said.spp > most))
 
 
 def samples_along(image: Callable[[Place, float, int, bool], Made], views: list[Place], worst: tuple[Place, float],
-                  target: float, samples: Samples) -> dict[Place, float]:
+                  target: float, samples: Samples, each: Callable[..., Iterable] = map) -> dict[Place, float]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
-        image: As in `samples_needed`, like ``target`` and ``samples``.
+        image: Makes an image of a view, the first argument, as in `trial`.
         views: The first views.
         worst: The view that is thought to need most, and what it needs.
+        target: As in `need`, like ``samples``.
+        samples: Of the integrator.
+        each: Applies a function to several views, as ``map`` does; perhaps at once.
     """
     place, most = worst
-    first = max(FIRST, most / REACH)
-    needed = {place: most} | samples_needed(image, dict.fromkeys(sorted({*views} - {place}), first), target, samples)
-    for _ in range(HALVINGS):
-        needed |= samples_needed(image, halfway(needed), target, samples)
+    needed, first = {place: most}, max(FIRST, most / REACH)
+    tried = dict.fromkeys(sorted({*views} - {place}), first)
+
+    def one(view, spp):
+        return samples_needed(partial(image, view), spp, target, samples)
+
+    for _ in range(HALVINGS + 1):
+        needed |= zip(tried, each(one, tried, tried.values()), strict=True)
+        tried = halfway(needed)
     return needed
 
 

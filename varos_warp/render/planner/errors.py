@@ -24,6 +24,8 @@ FIREFLY = 3.0
 decide, and a pilot of few samples cannot measure those. In the mean of the image the pixel counts in full."""
 AROUND = 9
 """Side [pixels] of what is around."""
+COMPARED_ROWS = 96
+"""Of a tile in which images are compared: enough tiles for some cores, and few launches."""
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
@@ -162,7 +164,7 @@ def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: n
     sane = wp.zeros((len(estimates), rows), dtype=wp.vec3d, device="cpu")
     images = [upload(part, wp.vec3, "cpu") for part in (image, around, np.stack(estimates))]
     known = [*images, upload(weights, wp.float64, "cpu"), FIREFLY, wp.vec3d(*(DARK * level))]
-    launch_rows(compare_rows, (rows,), known, [squares, sane], "cpu")
+    launch_rows(compare_rows, (rows,), known, [squares, sane], "cpu", rows=COMPARED_ROWS)
     mean, mean_square = squares.numpy().sum(1) / pixels
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), sane.numpy().sum(1) / pixels
 

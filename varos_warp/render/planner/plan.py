@@ -6,9 +6,9 @@ nothing that is chosen depends on them, so machines that share the work choose a
 made, and what is behind the numbers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method
+from varos_warp.render.launch import at_once
 from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
@@ -171,6 +172,11 @@ class Planner:
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
         return self.frames.render(frame, camera, "A", seed=pilot.SEED + number, **how).A
 
+    @property
+    def at_once(self) -> Callable[..., Iterator]:
+        """``map`` for functions that render."""
+        return partial(at_once, self.renderer.device)
+
     def made(self, frame: int, camera, spp: float, number: int, denoised: bool) -> Made:
         """Such an image to tell errors by, and what the denoiser makes of it."""
         copied = ["radiance", "denoised"] if denoised else ["radiance"]
@@ -291,7 +297,8 @@ class Planner:
             return self.made(frame, cameras[name], spp, number, denoised)
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.samples)
+        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.samples,
+                                        self.at_once)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
@@ -309,8 +316,7 @@ class Planner:
         self.progress("samples", 0.0)
         while law is None or not self.reaches(law, target):
             levels.append(2 * levels[-1] if levels else self.samples.fewest)
-            for _ in range(IMAGES):
-                self.try_samples(levels[-1], made)
+            self.try_samples(levels[-1], made, IMAGES)
             if len(levels) > 1:
                 law = self.law_of(levels, made, 1)
                 if self.reaches(law, target):  # as one image of each number says
@@ -318,12 +324,15 @@ class Planner:
                     law = self.law_of(levels, made, IMAGES)
         return law
 
-    def try_samples(self, spp: float, made: list[Made], denoised: bool = True) -> None:
-        """Add a test image of the noisiest view."""
-        made.append(self.made(self.worst.frame, self.test_camera, spp, len(made), denoised))
-        done, often = sum(one.spp for one in made), IMAGES * self.samples.fewest * (2**LEVELS - 1)
-        step = ("samples", done / often) if done <= often else ("more samples", 1.0 - often / done)
-        self.progress(*step)
+    def try_samples(self, spp: float, made: list[Made], count: int, denoised: bool = True) -> None:
+        """Add test images of the noisiest view."""
+        frame, camera, often = self.worst.frame, self.test_camera, IMAGES * self.samples.fewest * (2**LEVELS - 1)
+        numbers = range(len(made), len(made) + count)
+        for one in self.at_once(lambda number: self.made(frame, camera, spp, number, denoised), numbers):
+            made.append(one)
+            done = sum(one.spp for one in made)
+            step = ("samples", done / often) if done <= often else ("more samples", 1.0 - often / done)
+            self.progress(*step)
 
     def reaches(self, law: ErrorLaw, target: float) -> bool:
         """Whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
@@ -340,11 +349,12 @@ class Planner:
     def know_error(self, spp: float, made: list[Made]) -> None:
         """Add estimates until those that were made tell the error of the denoised images with ``spp`` samples."""
         images = [one for one in made if one.spp == spp and one.denoised is not None]
-        each = ESTIMATE_LEVEL * spp
-        for added in range(min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))):
-            if not added & (added - 1) and self.is_told(images, made):  # 0, 1, 2, 4 ...: it takes its time
-                break
-            self.try_samples(each, made, denoised=False)
+        each, added = ESTIMATE_LEVEL * spp, 0
+        most = min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))
+        while added < most and not self.is_told(images, made):  # which takes its time: after 0, 1, 2, 4 ...
+            more = min(max(added, 1), most - added)
+            self.try_samples(each, made, more, denoised=False)
+            added += more
 
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
         """Whether the square of the error of images is known, by all that were made."""
