@@ -1,6 +1,6 @@
 """What can be asked of the images of a frame, and the integrator that serves."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -61,6 +61,19 @@ OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integra
 def of_scene(scene: Scene) -> dict[str, Any]:
     """What a scene says of them."""
     return {key: getattr(scene.render, key) for key in OF_SCENE}
+
+
+def of_run(device: str, denoisers: Mapping[str, str | None], linear_exr: bool) -> dict[str, Any]:
+    """Those of a run's images: a GPU denoises what it rendered, and what is not written stays there.
+
+    Args:
+        device: ``cpu`` or ``cuda:N``; a CPU denoises beside the next frame.
+        denoisers: Of A and B.
+        linear_exr: Whether A is written before denoising, too.
+    """
+    there = {key: "oidn" for key, letter in (("denoise", "A"), ("denoise_b", "B"))
+             if device != "cpu" and denoisers[letter] == "oidn"}
+    return there | {"copied": None if linear_exr else ["denoised"]}
 
 
 def options_of(scene: Scene, given: dict[str, Any]) -> RenderOptions:

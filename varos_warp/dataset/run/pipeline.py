@@ -23,6 +23,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.launch import AT_ONCE
 from varos_warp.render.moments import Motion, NextFrame
+from varos_warp.render.options import of_run
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
 from varos_warp.scene.device import kind_of
@@ -108,10 +109,7 @@ class Pipeline:
         self.noting = threading.Lock()
         self.in_a_row, self.last_done = 0, 0.0
         self.writers: Executor
-        keys = (("denoise", "A"), ("denoise_b", "B"))
-        on_device = self.renderer.device != "cpu"  # the CPU's part is done beside the next frame
-        self.options = {"copied": None if self.store.render.linear_exr else ["denoised"]} | {
-            key: "oidn" for key, letter in keys if on_device and self.store.denoisers[letter] == "oidn"}
+        self.options = of_run(self.renderer.device, self.store.denoisers, self.store.render.linear_exr)
 
     def run(self, jobs: Iterable[ImageJob]) -> Rendered:
         """Render and write images.

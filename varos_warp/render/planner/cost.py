@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from varos_warp.render.image.denoise import available_method, denoise_image
+from varos_warp.render.launch import at_once
 from varos_warp.render.moments import NextFrame
-from varos_warp.render.options import of_scene
+from varos_warp.render.options import of_run, of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import Frames, pilot_camera
@@ -19,16 +20,15 @@ from varos_warp.scene.launch import usable_cores
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
-COSTED_POSES = 3
-"""Frames of which the mean counts on a CPU: views take unlike times, by what they see."""
+COSTED_POSES = {"cpu": 3, "cuda": 9}
+"""Frames of which the mean counts: views take unlike times, by what they see; and on a GPU some are made at once."""
 
 
 def sequence_cost(scene: Scene, frames: Frames, plan) -> dict[str, Any]:
     """Seconds that rendering by a `Plan` takes on this device.
 
-    From frames along the sequence, with the samples of an average frame. On a CPU with denoising, for the same cores do
-    it, and as if nothing else ran there; writing takes a few per cent more. On a GPU without, from the one in the
-    middle.
+    From frames along the sequence, with the samples of an average frame and with denoising; writing takes a few per
+    cent more. On a CPU as if nothing else ran there; on a GPU several at once, as in a run.
     """
     asked = scene.render.outputs
     groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
@@ -52,7 +52,9 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
 
 def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, float]):
     """Images of one view, as a run renders them, but for the samples, and for F as if nothing went on."""
-    how = of_scene(scene) | plan.options | samples
+    render = scene.render
+    denoisers = {"A": available_method(render.denoise), "B": available_method(render.denoise_b)}
+    how = of_scene(scene) | of_run(frames.renderer.device, denoisers, render.linear_exr) | plan.options | samples
     if "F" in letters:
         how["following"] = NextFrame(frames.poses[frame], motion=frames.motion_at(frame))
     return frames.render(frame, view, letters, **how)
@@ -65,10 +67,14 @@ def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, float]
 
 def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
     """Seconds for one image: of its own size, for a GPU is not full with a small one."""
-    samples, middle = _samples(scene, camera, len(frames), plan), len(frames) // 2
-    fewest = dict.fromkeys(samples, 1)
-    _rendered(scene, frames, middle, pilot_camera(camera, pilot.PIXELS // 4), letters, plan, fewest)  # compiles
-    return timed(frames.renderer, lambda: _rendered(scene, frames, middle, camera, letters, plan, samples))[1]
+    samples, places = _samples(scene, camera, len(frames), plan), _places(len(frames), "cuda")
+    _rendered(scene, frames, places[0], camera, letters, plan, samples)  # compiles, and learns how to denoise
+
+    def rendered(frame: int):
+        return _rendered(scene, frames, frame, camera, letters, plan, samples)
+
+    made, seconds = timed(frames.renderer, lambda: list(at_once(frames.renderer.device, rendered, places)))
+    return seconds / len(made)
 
 
 def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
@@ -84,7 +90,7 @@ def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) ->
         return rendering / factor, _core_seconds(lambda: _denoise(scene, image, letters))[1]
 
     large, small = (pilot_camera(camera, pixels) for pixels in (pilot.PIXELS, pilot.PIXELS // 4))
-    places = [(2 * k + 1) * len(frames) // (2 * COSTED_POSES) for k in range(COSTED_POSES)]
+    places = _places(len(frames), "cpu")
     measured(small, places[0])  # compiles, and solves for the field
     at_large = np.mean([measured(large, frame) for frame in places], axis=0)
     if large.resolution == camera.resolution:
@@ -93,6 +99,11 @@ def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) ->
     pixels = [np.prod(view.resolution) for view in (camera, large, small)]
     a_pixel = np.maximum(at_large - at_small, 0.0) / (pixels[1] - pixels[2])
     return float((at_large + a_pixel * (pixels[0] - pixels[1])).sum())
+
+
+def _places(count: int, kind: str) -> list[int]:
+    """Frames of ``count``, evenly spread, by which a device of a kind is measured."""
+    return [(2 * k + 1) * count // (2 * COSTED_POSES[kind]) for k in range(COSTED_POSES[kind])]
 
 
 def _denoise(scene: Scene, image, letters: str) -> None:
