@@ -37,6 +37,10 @@ SEGMENT_COST = 0.17
 H100, 0.33 on a CPU (Munkholmen)."""
 
 
+COLOUR_CYCLE = 6
+"""Where each channel has its own rays, samples are a multiple of this, and all channels have equally many."""
+
+
 class SampleKind(NamedTuple):
     """One kind of samples whose sum is an image."""
 
@@ -68,6 +72,14 @@ def kinds_of_samples(scene: Scene, contents: Contents, view: Camera, options: Re
     if subpaths := spec.subpaths():
         kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
     return kinds
+
+
+def sample_step(view: Camera, with_field: bool) -> int:
+    """What samples per pixel of A are a multiple of; 0 if tiles take unlike numbers, whose mean may be any fraction."""
+    if optics_spec(view).dispersion:
+        return COLOUR_CYCLE
+    # a row of pixels has no neighbours across corners, by which the other side decides
+    return 0 if with_field and min(view.resolution) > 1 else 1
 
 
 def is_dark(scene: Scene, contents: Contents) -> bool:

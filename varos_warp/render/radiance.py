@@ -25,7 +25,7 @@ from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
-from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples
+from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, sample_step
 from varos_warp.render.launch import Steps
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
@@ -49,9 +49,6 @@ VIRTUAL_GROUPS = 32
 light of two and more reflections tells, and that falls with its square."""
 MOMENTS_SEED = 7
 """Tells the random numbers of places on disks from others."""
-
-COLOUR_CYCLE = 6
-"""Where each channel has its own rays, samples are a multiple of this, and all channels have equally many."""
 
 
 class Shot(NamedTuple):
@@ -90,12 +87,11 @@ class RadianceRenderer:
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
-        view = shot.view
-        if optics_spec(view).dispersion:
-            spp = -(-shot.options.spp // COLOUR_CYCLE) * COLOUR_CYCLE
-            shot = shot._replace(options=replace(shot.options, spp=spp))
-        options = shot.options
+        view, options = shot.view, shot.options
         integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
+        if step := sample_step(view, integrator == "field"):
+            options = replace(options, spp=step * ceil(options.spp / step))
+            shot = shot._replace(options=options)
         if is_dark(self.scene, self.world.contents):
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
@@ -127,7 +123,7 @@ class RadianceRenderer:
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
         options, contents = shot.options, shot.world.contents
-        film, spp = self.films.black(shot.view.resolution), ceil(shot.options.spp)
+        film, spp = self.films.black(shot.view.resolution), shot.options.spp
         layers = (layer in options.layers for layer in LAYERS)
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(*layers, contents.instances, contents.textures, optics_spec(shot.view),
@@ -147,9 +143,8 @@ class RadianceRenderer:
         before = [scene, seen.camera, seen.moments]
         kinds = kinds_of_samples(self.scene, world.contents, view, options, with_field, seen.varies)
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
-        # a row of pixels has no neighbours across corners, by which the other side decides
-        shares = with_field and min(view.resolution) > 1 and not optics_spec(view).dispersion
-        spp = [kind.to_a_sample * (options.spp if shares else ceil(options.spp)) for kind in kinds]
+        shares = sample_step(view, with_field) == 0
+        spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) for count in spp] if shares else spp
         share = self._share(view)

@@ -294,6 +294,22 @@ def test_of_one_subpath_the_squared_error_is_unbiased(shape):
     assert np.isfinite(images["stderr"]).all()
 
 
+@pytest.mark.parametrize("many", [2, 3, 64])
+def test_of_one_subpath_at_a_lone_edge_next_to_tiles_with_more_the_squared_error_is_unbiased(many):
+    """The last row pairs with pixels of other tiles, which have ``many``; the light is the same everywhere."""
+    shape = (9, 400)
+    samples = 5.0 + 2.0 * np.random.default_rng(9).normal(size=(many + 1, *shape, 3))
+    take = np.full((2, 2, 50), many)
+    take[:, 1] = 1
+    full = np.zeros((4, *samples.shape))
+    full[2] = samples
+    film = exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS, lot=200_000)
+    mean, variance = (wp.empty(shape, dtype=wp.vec3d, device="cpu") for _ in "mv")
+    wp.launch(pixel_statistics, dim=shape, inputs=[film, 1.0], outputs=[mean, variance], device="cpu")
+    last = variance.numpy()[8]
+    assert np.abs(last.mean(0) - 4.0).max() < 4.0 * 4.0 * np.sqrt(2.0 / len(last))
+
+
 def test_of_one_subpath_slopes_of_the_light_count_as_noise_but_not_in_blocks():
     """A step of 0.1 to each next column: half its square, too little to matter. Means of the sides are the same."""
     samples = 0.1 * np.arange(24.0)[None, None, :, None] * np.ones((2, 16, 1, 3))

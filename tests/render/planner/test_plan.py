@@ -11,6 +11,7 @@ from physics.rig import VAROS_LAMPS, VAROS_WATER
 from varos_warp.dataset.run.planning import plan_sequence
 from varos_warp.errors import InputError
 from varos_warp.render.image.adapt import brightness
+from varos_warp.render.kinds import sample_step
 from varos_warp.render.planner import cost
 from varos_warp.render.planner import plan as plan_module
 from varos_warp.render.planner.errors import SAMPLES, error
@@ -180,6 +181,18 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
     assert plan.spp == SAMPLES[plan.integrator].fewest
     assert "no fewer are taken" in plan.reasons[-1]
     assert plan.shortfall is None
+
+
+@pytest.mark.parametrize(("camera", "fewest", "step"), [
+    ({}, 1, 0.125), ({"resolution": [48, 1]}, 2, 1.0),
+    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": [1.331, 1.335, 1.342]}, 6, 6.0)])
+def test_samples_are_planned_in_steps_that_the_camera_takes(camera, fewest, step):
+    """A port parts colours if the water has an index for each; then samples come in sixes."""
+    scene = make_scene(camera=camera, integrator="field")
+    poses = Frames.of(scene, None, [POSE], None, None)
+    samples = Planner(scene, poses).samples
+    assert (samples.fewest, samples.step) == (fewest, step)
+    assert sample_step(scene.vehicle.cameras[0], True) == (step if step >= 1 else 0)
 
 
 @pytest.mark.parametrize(("tolerance", "seconds", "spp", "asked"), [

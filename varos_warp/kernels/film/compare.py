@@ -18,7 +18,7 @@ def compare_rows(
     firefly: wp.float64,
     dark: wp.vec3d,
     first: int,
-    # out
+    # in and out, 0 at first
     squares: wp.array2d(dtype=wp.vec3d),  # [2, row]: sum of the squares of what is wrong, and of their squares
     sane: wp.array2d(dtype=wp.vec3d),  # [estimate, row]: its sum without fireflies
 ):

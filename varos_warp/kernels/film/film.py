@@ -276,8 +276,10 @@ def correction_difference(film: Film, sums: Sums, row: int, col: int):
     sides = film.count.shape[0]
     if count > 1 or sides == 1:
         return half_difference(sums.correction, sums.odd_correction, count, side_of(sides, row, col))
-    there = sums_of(film, paired(row, film.sums.shape[1]), paired(col, film.sums.shape[2]))
-    return (sums.correction - there.correction) / wp.sqrt(wp.float64(2.0))
+    other_row, other_col = paired(row, film.sums.shape[1]), paired(col, film.sums.shape[2])
+    there = sums_of(film, other_row, other_col).correction
+    n = wp.float64(of_tile(film.count, other_row, other_col))  # 1, but beyond a row or column that is alone
+    return (sums.correction - there / n) / wp.sqrt(wp.float64(1.0) + wp.float64(1.0) / n)
 
 
 @wp.func

@@ -19,8 +19,9 @@ from scipy.ndimage import uniform_filter
 DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
 FIRST_SHARE, FEWEST_FIRST = 4, 2
-"""One sample in so many of those of the pixel is taken before anything is decided, or the first two, but no more than
-half of them: one subpath does for a start, for what they carry is smooth, and neighbours tell its noise."""
+"""One sample in so many of those of the pixel is taken before anything is decided, or the first two if these are no
+more than half of them, or the first one: one subpath does for a start, for what they carry is smooth, and neighbours
+tell its noise."""
 GOLDEN = 0.6180339887
 """Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 64

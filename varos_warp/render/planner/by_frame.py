@@ -118,7 +118,7 @@ def samples_along(image: Callable[[Place, float, int, bool], Made], views: list[
         image: Makes an image of a view, the first argument, as in `trial`.
         views: The first views.
         worst: The view that is thought to need most, and what it needs.
-        target: As in `need`, like ``samples``.
+        target: As in `need`.
         samples: Of the integrator.
         each: Applies a function to several views, as ``map`` does; perhaps at once.
     """
@@ -140,7 +140,7 @@ def halfway(needed: dict[Place, float]) -> dict[Place, float]:
     unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
               for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
     chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
-    return {(a[0], (a[1] + b[1]) // 2): max(FEWER[0], 0.5 * (needed[a] + needed[b])) for a, b in chosen}
+    return {(a[0], (a[1] + b[1]) // 2): max(FIRST, 0.5 * (needed[a] + needed[b])) for a, b in chosen}
 
 
 def knots(needed: dict[Place, float]) -> dict[str, list[list[float]]]:

@@ -195,9 +195,13 @@ class Samples(NamedTuple):
     steepest: float
     """Exponent of the error, at the least: by a low-discrepancy sequence, or by independent samples."""
 
+    def in_multiples(self, step: int) -> "Samples":
+        """Where all pixels take equally many, in multiples of ``step``: one alone would not tell its noise."""
+        return self._replace(fewest=max(step, 2), step=float(step)) if step else self
+
     def rounded(self, spp: float) -> float:
-        """At least so many, in steps of an eighth or less, within what is ever taken."""
-        step = max(self.step, 2.0 ** np.floor(np.log2(max(spp, 1.0))) / 8.0)
+        """At least so many, in steps of about an eighth or less, within what is ever taken."""
+        step = self.step * np.ceil(2.0 ** np.floor(np.log2(max(spp, 1.0))) / 8.0 / self.step)
         return plain_number(float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP)))
 
 

@@ -16,6 +16,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method
+from varos_warp.render.kinds import sample_step
 from varos_warp.render.launch import at_once
 from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
@@ -165,7 +166,8 @@ class Planner:
     @property
     def samples(self) -> Samples:
         """Which numbers of samples may be planned, and what they do."""
-        return SAMPLES[self.resolved]
+        cameras, with_field = self.scene.vehicle.cameras, self.resolved == "field"
+        return SAMPLES[self.resolved].in_multiples(max(sample_step(camera, with_field) for camera in cameras))
 
     def image(self, frame: int, camera, spp: float, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
@@ -288,7 +290,7 @@ class Planner:
         pixels = np.prod(self.test_camera.resolution)
         cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
         frames = by_frame.tried_frames(count, pixels / np.prod(worst.camera.resolution))
-        if not frames or spp < by_frame.FEWER[0]:
+        if not frames or spp < by_frame.FIRST:
             return spp
         self.progress("samples by frame", 0.0)
 
