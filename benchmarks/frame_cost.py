@@ -1,7 +1,7 @@
 """Time of a frame on a GPU, kernel by kernel, and the error that its samples leave.
 
     python -m benchmarks.frame_cost [--scene examples/munkholmen/scene.yaml] [--device cuda:0] [--frames 60,150]
-        [--spp 2,4,8,12,16,24] [--spp-b 2,4,6,8,20] [-o benchmarks/results/frame_cost.json]
+        [--spp 1,2,3.25,8,16] [--spp-b 2,4,6,8,20] [-o benchmarks/results/frame_cost.json]
 
 Times are for A, for B, and for C, D and S separately, as in a run: denoised on the device, with the results copied to
 the host. The first rendering of each kind, which compiles, is not counted. Errors are relative RMSE per channel after
@@ -54,7 +54,7 @@ def kernel_name(timed: str) -> str:
     return head if head and len(tail) == 8 and all(c in "0123456789abcdef" for c in tail) else name
 
 
-def errors(renderer, pose, letter: str, counts: list[int], estimate_spp: int) -> list[dict]:
+def errors(renderer, pose, letter: str, counts: list[float], estimate_spp: int) -> list[dict]:
     """Error of images of one pose with so many samples."""
     key, method = ("spp", "denoise") if letter == "A" else ("spp_b", "denoise_b")
 
@@ -74,12 +74,13 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--frames", default="60,150", help="Whose errors are measured.")
-    parser.add_argument("--spp", default="2,4,8,12,16,24")
+    parser.add_argument("--spp", default="1,2,3.25,8,16")
     parser.add_argument("--spp-b", default="2,4,6,8,20")
     parser.add_argument("--estimate-spp", type=int, default=768)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
     options = parser.parse_args()
-    numbers = {name: [int(n) for n in getattr(options, name).split(",")] for name in ("frames", "spp", "spp_b")}
+    numbers = {name: [kind(n) for n in getattr(options, name).split(",")]
+               for name, kind in (("frames", int), ("spp", float), ("spp_b", int))}
     scene = load_scene(options.scene)
     simulation = simulate(scene)
     poses = list(simulation.frames.poses())
