@@ -1,5 +1,7 @@
 """Taking samples in parts: every sample once, whatever the size of the image, of its parts and of their lists."""
 
+import weakref
+
 import numpy as np
 import pytest
 import warp as wp
@@ -81,15 +83,26 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
 
 
 def test_films_are_black_when_they_are_used_again():
+    """As on a GPU."""
     made = Films(Launcher("cpu"))
+    made.keeps = True
     film = made.black((5, 3))
     made.take(film, count_samples, [], [], 2)
+    sums = film.sums
     made.keep(film)
     again = made.black((5, 3))
-    assert again.sums is film.sums
+    assert again.sums is sums
     assert not again.sums.numpy().any()
     assert not again.count.numpy().any()
-    assert made.black((5, 3)).sums is not film.sums
+    assert made.black((5, 3)).sums is not sums
+
+
+def test_a_cpu_lets_go_of_sums():
+    made = Films(Launcher("cpu"))
+    film = made.black((5, 3))
+    gone = weakref.ref(film.sums)
+    made.keep(film)
+    assert gone() is None
 
 
 def test_parts_are_fewer_where_their_numbers_would_not_fit():
@@ -102,8 +115,10 @@ def test_parts_are_fewer_where_their_numbers_would_not_fit():
 
 def test_sums_serve_images_of_either_kind_of_tiles():
     made = Films(Launcher("cpu"))
+    made.keeps = True
     film = made.black((20, 12), adapts=True)
+    sums = film.sums
     made.keep(film)
     again = made.black((20, 12))
-    assert again.sums.ptr == film.sums.ptr
+    assert again.sums is sums
     assert (len(film.count), len(again.count)) == (2, 1)

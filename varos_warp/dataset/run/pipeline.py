@@ -6,6 +6,9 @@ OpenEXR 3.5), so threads do, and nothing is copied to other processes. At most `
 and the disk, which bounds the memory whichever the length of the sequence.
 """
 
+import contextlib
+import ctypes
+import sys
 import threading
 import time
 import traceback
@@ -32,6 +35,21 @@ from varos_warp.sim.clock import frame_time_ns
 
 GIVE_UP = 3
 """Jobs in a row that cannot be made: something is broken for all of them."""
+
+
+M_MMAP_THRESHOLD, LARGE = -3, 1 << 20
+"""Number of a parameter of glibc, and its value [bytes]."""
+
+
+def give_back_large_arrays() -> None:
+    """Have glibc give large arrays back to the system when they are freed.
+
+    It would come to keep most of them for later, in pieces that then do not fit: a run of 1280 x 720 on two cores takes
+    a sixth more memory so, and no less time.
+    """
+    if sys.platform == "linux":
+        with contextlib.suppress(AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
 
 
 def room(cores: int) -> int:

@@ -17,7 +17,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
 from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.run.pipeline import Pipeline, Rendered
+from varos_warp.dataset.run.pipeline import Pipeline, Rendered, give_back_large_arrays
 from varos_warp.dataset.run.workers import device_of_worker, run_in_workers
 from varos_warp.dataset.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.write import folder
@@ -352,6 +352,8 @@ class _Run:
             for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
                 self.say(warning)
             self.renderer = FrameRenderer(self.scene, self.device, parts)
+        if self.renderer.device == "cpu":
+            give_back_large_arrays()
         if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
                              key="render.outputs", value="S", remedy="Leave out S, or scatter fewer.")

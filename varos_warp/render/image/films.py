@@ -31,7 +31,7 @@ MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 """Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
-MOST_PARTS = {"cpu": 1 << 18, "cuda": 1 << 22}
+MOST_PARTS = {"cpu": 1 << 16, "cuda": 1 << 22}
 """Parts at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
 visited."""
 PIXEL_TILE = 1 << 16
@@ -47,6 +47,7 @@ class Films:
         self.launcher, self.device = launcher, launcher.device
         self._unused: dict[tuple, list[wp.array]] = defaultdict(list)
         """Sums by their shape: those of A serve B, too."""
+        self.keeps = self.device != "cpu"
         processors = wp.get_device(self.device).sm_count
         self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
@@ -70,8 +71,10 @@ class Films:
         return film
 
     def keep(self, film: Film):
-        """Take a film's sums back for another image."""
-        self._unused[film.sums.shape].append(film.sums)
+        """Take a film's sums back for another image; a CPU lets go of them, for a denoiser wants the memory."""
+        if self.keeps:
+            self._unused[film.sums.shape].append(film.sums)
+        film.sums = None
 
     def buffer(self, *shape: int) -> wp.array:
         """Sums, or anything else with a float64 for each channel."""
