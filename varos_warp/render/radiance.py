@@ -39,7 +39,8 @@ from varos_warp.scene.optics.shutter import lit_of_rows
 DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
 """Where images are denoised, samples are shared out as if that took away all but one part in so many of the
 correction's variance, in an image of so many pixels or fewer. In larger ones it is more, for more pixels show the
-same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels."""
+same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels. In B it does not:
+shade varies more, and with a larger number the worst blocks become worse."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
@@ -160,12 +161,14 @@ class RadianceRenderer:
             after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
             self.films.take(film, kind.kernel, before, after, samples, queued=kind.subpaths, share=share)
 
+        denoised = 1.0
+        if (options.denoise or self.scene.render.denoise) != "none":
+            denoised = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
         shares = sample_step(view, with_field) == 0
-        denoised = (options.denoise or self.scene.render.denoise) != "none"
         return (yield from self._exposed(view, kinds, options.spp, take, shares, denoised))
 
     def _exposed(self, view: Camera, kinds: Sequence[SampleKind], spp: float,
-                 take: Callable[[SampleKind, Film, int | float | np.ndarray], None], shares: bool, denoised: bool
+                 take: Callable[[SampleKind, Film, int | float | np.ndarray], None], shares: bool, denoised: float
                  ) -> Steps[list[Film]]:
         """Films with samples of each kind.
 
@@ -175,7 +178,7 @@ class RadianceRenderer:
             spp: Samples per pixel.
             take: Takes more samples of a kind.
             shares: Whether a few are taken first, and all others where these are noisy.
-            denoised: Whether a denoiser takes most of the noise of the correction.
+            denoised: A denoiser is assumed to take all but one part in so many of the correction's variance.
         """
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         samples = [kind.to_a_sample * spp for kind in kinds]
@@ -183,8 +186,7 @@ class RadianceRenderer:
         for given in zip(kinds, films, first, strict=True):
             take(*given)
         if first != samples:
-            taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
-            statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
+            statistics = yield from self.films.tile_statistics(films, denoised)
             more = share_out(other_noise(*statistics), first, samples, [kind.cost for kind in kinds])
             for given in zip(kinds, films, more, strict=True):
                 take(*given)
@@ -233,7 +235,7 @@ class RadianceRenderer:
 
         by = method or self.scene.render.denoise_b
         films = yield from self._exposed(shot.view, [ALL_ALIKE], shot.options.spp_b, take, min(resolution) > 1,
-                                         by != "none")
+                                         1.0 if by == "none" else DENOISED)
         images, guides = self._developed(films), {}
         if by == "oidn":
             guides = shot.guides()
