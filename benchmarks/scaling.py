@@ -57,12 +57,18 @@ def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, co
     for count in counts:
         rows.append(measure(scene, frames, count, device, folder / str(count), step))
         result = {"machine": machine(resolve_device(device)), "scene": scene.name, "frames": frames,
-                  "same_bytes": len({row["checksums"] for row in rows}) == 1,
+                  "differ": differ([row["checksums"] for row in rows]),
                   "resolution": scene.vehicle.cameras[0].resolution, "outputs": scene.render.outputs,
                   "runs": [compared(row, rows) for row in rows]}
         say(json.dumps({key: value for key, value in result["runs"][-1].items() if key != "stages"}))
         keep(result)
     return result
+
+
+def differ(checksums: list[str]) -> list[str]:
+    """Names of files whose bytes are not the same in all datasets, by the text of their checksums."""
+    lines = [{*text.splitlines()} for text in checksums]
+    return sorted({line.split(maxsplit=1)[1] for line in set.union(*lines) - set.intersection(*lines)})
 
 
 def compared(row: dict, rows: list[dict]) -> dict:
