@@ -32,7 +32,7 @@ from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
 from varos_warp.scene.description.optics import has_lens
-from varos_warp.scene.device import resolve_device
+from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
 from varos_warp.scene.optics.camera import camera_model
@@ -362,7 +362,7 @@ class _Run:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""
         self.choose_denoisers()
         here = {"name": self.renderer.device, "model": self.renderer.device_name}
-        self.recorded_device = self.recorded_device or here
+        self.recorded_device = self.recorded_device or here | {"name": kind_of(here["name"])}  # of several, any
         words, first = ("{name} ({model})".format_map(device) for device in (here, self.recorded_device))
         self.summary.device = words
         if here["model"] != self.recorded_device["model"]:
