@@ -30,7 +30,8 @@ def camera_scene(position=(0, 0, 0), pixels=24, **view):
 
 def clear(parts, scene, spp=64, seed=3):
     """Image B."""
-    return FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), outputs="B", spp_b=spp, seed=seed).B
+    return FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), outputs="B", spp_b=spp, seed=seed,
+                                                             denoise_b="none").B
 
 
 def sphere(radius=1.0, inside_out=False, subdivisions=4, centre=(0, 0, 0)):
