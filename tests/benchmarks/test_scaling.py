@@ -13,7 +13,8 @@ def test_efficiency_is_the_gain_over_one_worker_and_differing_bytes_are_told(tmp
     def measure(scene, frames, workers, device, out, step=1):
         calls.append((frames, workers))
         return {"workers": workers, "frames_per_s": rates[workers],
-                "until_first_image_s": 8.0, "expose_and_checksums_s": 2.0, "stages": {}, "checksums": f"{workers == 4}  A/000.png\nb  B/000.png\n"}
+                "until_first_image_s": 8.0, "expose_and_checksums_s": 2.0, "stages": {},
+                "checksums": f"{workers == 4}  A/000.png\nb  B/000.png\n"}
 
     monkeypatch.setattr(scaling, "measure", measure)
     result = scaling.scaling(make_scene(), 50, [0, 1, 2, 4], "cpu", tmp_path, say=lambda line: None)
