@@ -39,7 +39,7 @@ def at_rest(offset_ns):
 def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator):
     renderer, how = made()
     announced = needed(renderer, "ABCDS", integrator)
-    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=4, integrator=integrator, denoise_b="oidn", **how)
+    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
     assert announced == {kernel.module for kernel in renderer.launcher._loaded}
 
 

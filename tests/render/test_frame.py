@@ -156,12 +156,8 @@ def test_bounds_leave_out_what_they_say(renderer, bounds, empty):
 
 @pytest.mark.parametrize(("output", "layers"), [("A", ("direct",)), ("A", ("single",)), ("A", ("direct", "single")),
                                                 ("B", None)])
-def test_the_standard_error_is_that_of_repeated_renders(renderer, output, layers, monkeypatch):
-    """What 32 images say of themselves against how they differ, averaged alike over the pixels around.
-
-    With equally many samples of all pixels; test_stderr.py has those that are shared out.
-    """
-    monkeypatch.setattr(radiance, "share_out", evenly)
+def test_the_standard_error_is_that_of_repeated_renders(renderer, output, layers):
+    """What 32 images say of themselves against how they differ, averaged alike over the pixels around."""
     how = {"spp": 16, "spp_b": 16, "integrator": "path"} | ({"layers": layers} if layers else {})
     images = [getattr(renderer.render(POSE, outputs=output, seed=s, **how), output) for s in range(32)]
     values, stderr = (np.array([getattr(image, name) for image in images], float) for name in ("radiance", "stderr"))

@@ -180,12 +180,3 @@ def test_paths_have_the_mean_of_the_field_in_open_water():
     error = np.sqrt(sum(variance))
     assert np.all(error < 5e-3 * means[0])
     assert np.all(np.abs(means[0] - means[1]) < 4.0 * error + BIAS * means[0])
-
-
-@pytest.mark.parametrize("spp", [3, 8])
-def test_images_b_differ_by_what_their_standard_errors_say(spp):
-    """Where samples are shared out, some tiles get odd numbers of them: pixels of side 1 begin with the odd sample."""
-    renderer = renderer_of(FLOOR_AND_BOX)
-    images = [renderer.render(np.eye(4), outputs="B", seed=300 + k, spp_b=spp).B for k in range(SEEDS)]
-    radiance, stderr = (np.array([getattr(image, name) for image in images], float) for name in ("radiance", "stderr"))
-    assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)

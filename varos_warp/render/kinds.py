@@ -19,7 +19,6 @@ from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.segment import PathSpec
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
 from varos_warp.render.field.open_water import along_camera, unavailable
-from varos_warp.render.image.adapt import first_samples
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
@@ -54,10 +53,6 @@ class SampleKind(NamedTuple):
     """Subpaths, or segments of the camera."""
     sums: int = film.SUMS
     """Of each pixel of the film."""
-
-    def first(self, samples: float) -> int:
-        """How many of so many are taken first; subpaths alone in their pixels tell their noise by those around."""
-        return first_samples(samples, 1 if self.sums == film.CORRECTION_SUMS else 2)
 
 
 ALL_ALIKE = SampleKind(None, 1, 1.0, False)
@@ -167,7 +162,7 @@ def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOpt
 
 def _of_ambient(scene: Scene, contents: Contents, view: Camera) -> list[wp.Kernel]:
     spec = contents.instances, contents.textures, optics_spec(view), view.shutter is not None
-    kernels = [make_ambient_kernel(*spec), average_tiles]
+    kernels = [make_ambient_kernel(*spec)]
     if scene.render.denoise_b == "oidn":
         kernels.append(make_guides_kernel(*spec))
     return kernels

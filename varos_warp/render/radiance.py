@@ -21,7 +21,7 @@ from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.render.field.open_water import OpenWater, unavailable
-from varos_warp.render.image.adapt import other_noise, share_out
+from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
@@ -37,10 +37,9 @@ from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
 
 DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
-"""Where images are denoised, samples are shared out as if that took away all but one part in so many of the
-correction's variance, in an image of so many pixels or fewer. In larger ones it is more, for more pixels show the
-same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels. In B it does not:
-shade varies more, and with a larger number the worst blocks become worse."""
+"""With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
+the correction's variance, in an image of so many pixels or fewer. In larger ones it is more, for more pixels show the
+same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
@@ -147,7 +146,7 @@ class RadianceRenderer:
 
     def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, seen: Seen, kinds: list[SampleKind]
                     ) -> Steps[list[Film]]:
-        """The exposed films of A; what else it takes is let go with this function, before the image is denoised."""
+        """Films with the samples of A; what else it takes is let go with this function, before the image is denoised."""
         view, options = shot.view, shot.options
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
@@ -155,41 +154,24 @@ class RadianceRenderer:
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
         before = [scene, seen.camera, seen.moments]
         lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
+        shares = sample_step(view, with_field) == 0
+        spp = [kind.to_a_sample * options.spp for kind in kinds]
+        films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
+        first = [first_samples(count) for count in spp] if shares else spp
         share = self._share(view)
 
-        def take(kind, film, samples):
-            after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
-            self.films.take(film, kind.kernel, before, after, samples, queued=kind.subpaths, share=share)
+        def take(samples):
+            for kind, film, count in zip(kinds, films, samples, strict=True):
+                after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
+                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths, share=share)
 
-        denoised = 1.0
-        if (options.denoise or self.scene.render.denoise) != "none":
-            denoised = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
-        shares = sample_step(view, with_field) == 0
-        return (yield from self._exposed(view, kinds, options.spp, take, shares, denoised))
-
-    def _exposed(self, view: Camera, kinds: Sequence[SampleKind], spp: float,
-                 take: Callable[[SampleKind, Film, int | float | np.ndarray], None], shares: bool, denoised: float
-                 ) -> Steps[list[Film]]:
-        """Films with samples of each kind.
-
-        Args:
-            view: The camera.
-            kinds: Of samples.
-            spp: Samples per pixel.
-            take: Takes more samples of a kind.
-            shares: Whether a few are taken first, and all others where these are noisy.
-            denoised: A denoiser is assumed to take all but one part in so many of the correction's variance.
-        """
-        films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
-        samples = [kind.to_a_sample * spp for kind in kinds]
-        first = [kind.first(count) for kind, count in zip(kinds, samples, strict=True)] if shares else samples
-        for given in zip(kinds, films, first, strict=True):
-            take(*given)
-        if first != samples:
-            statistics = yield from self.films.tile_statistics(films, denoised)
-            more = share_out(other_noise(*statistics), first, samples, [kind.cost for kind in kinds])
-            for given in zip(kinds, films, more, strict=True):
-                take(*given)
+        take(first)
+        if first != spp:
+            # by the noise of the first, of which a denoiser takes most
+            denoised = (options.denoise or self.scene.render.denoise) != "none"
+            taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
+            statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
+            take(share_out(other_noise(*statistics), first, spp, [kind.cost for kind in kinds]))
         return films
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
@@ -225,23 +207,19 @@ class RadianceRenderer:
         if not world.contents.surfaces:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
+        film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         contents = world.contents
         kernel = make_ambient_kernel(contents.instances, contents.textures, optics_spec(shot.view), seen.varies)
         before = [world.data, seen.camera, seen.moments]
-
-        def take(kind, film, samples):
-            self.films.take(film, kernel, before, [wp.uint32(shot.key)], samples)
-
-        by = method or self.scene.render.denoise_b
-        films = yield from self._exposed(shot.view, [ALL_ALIKE], shot.options.spp_b, take, min(resolution) > 1,
-                                         1.0 if by == "none" else DENOISED)
-        images, guides = self._developed(films), {}
-        if by == "oidn":
+        self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
+        images = self._developed([film])
+        guides = {}
+        if (method or self.scene.render.denoise_b) == "oidn":
             guides = shot.guides()
             if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
                 guides = guides | {"albedo": images["direct"]}
-        return (yield from self._fetched(films, images, shot, (), method, guides))
+        return (yield from self._fetched([film], images, shot, (), method, guides))
 
     def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
                      lit: bool) -> dict[str, wp.array]:

@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
-from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sample_of, store
+from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import draw
@@ -91,14 +91,13 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
         """Radiance of each pixel through a pinhole; no port takes any of it.
 
         What open surfaces would show is the layer ``direct``, which guides a denoiser with all edges and textures as
-        smooth as in the image; the rest is ``multiple``, and the correction, for that noise a denoiser takes.
+        smooth as in the image; the rest is ``multiple``.
         """
         i = first + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         sums = Sums()
-        for taken in range(part.begin, part.end):
-            sample = sample_of(film, part, taken)
+        for sample in range(part.begin, part.end):
             u = draw(key, pixel, sample, 0)
             if wp.static(varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)
@@ -109,7 +108,7 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
                 continue
             found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, key, pixel, sample)
             rest = found.L - found.open
-            sums = add_sample(sums, sample, found.open, wp.vec3(0.0), rest, rest)
+            sums = add_sample(sums, sample, found.open, wp.vec3(0.0), rest, wp.vec3(0.0))
         store(film, i, sums)
 
     return trace_ambient

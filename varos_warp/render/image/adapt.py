@@ -20,7 +20,8 @@ DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
 FIRST_SHARE, FEWEST_FIRST = 4, 2
 """One sample in so many of those of the pixel is taken before anything is decided, or the first two if these are no
-more than half of them."""
+more than half of them, or the first one: one subpath does for a start, for what they carry is smooth, and neighbours
+tell its noise."""
 GOLDEN = 0.6180339887
 """Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 64
@@ -28,9 +29,9 @@ MOST_SHARED = 64
 that many."""
 
 
-def first_samples(spp: float, fewest: int) -> int:
-    """Samples per pixel that are taken before anything is decided; if there are ``fewest``, so many, to tell noise."""
-    return int(max(min(fewest, spp), min(FEWEST_FIRST, spp // 2), spp // FIRST_SHARE))
+def first_samples(spp: float) -> int:
+    """Samples per pixel that are taken before anything is decided."""
+    return int(max(1, min(FEWEST_FIRST, spp // 2), spp // FIRST_SHARE))
 
 
 def brightness(mean: np.ndarray) -> np.ndarray:
