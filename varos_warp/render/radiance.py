@@ -146,7 +146,7 @@ class RadianceRenderer:
 
     def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, seen: Seen, kinds: list[SampleKind]
                     ) -> Steps[list[Film]]:
-        """Films with the samples of A; what else it takes is let go with this function, before the image is denoised."""
+        """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
         view, options = shot.view, shot.options
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
