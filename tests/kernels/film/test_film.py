@@ -75,6 +75,13 @@ def tile_variances(film):
     return out
 
 
+def statistics(film, denoised=1.0):
+    """Mean and variance of a sample of each pixel, [H, W, 3] each."""
+    out = [wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "mv"]
+    wp.launch(pixel_statistics, dim=out[0].shape, inputs=[film, denoised], outputs=out, device="cpu")
+    return [image.numpy() for image in out]
+
+
 def develop(samples, most):
     """Of samples [layer, sample, H, W, 3], all taken at once."""
     return developed(exposed(samples, most, [samples.shape[1]]))
@@ -135,12 +142,11 @@ def test_the_variance_that_samples_are_shared_out_by_is_of_base_and_correction_t
     samples = samples_of("uniform", 8)
     samples[3] = 0.5 * samples[:3].sum(axis=0)
     film = exposed(samples, 8, [8])
-    mean, variance = (wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "mv")
-    wp.launch(pixel_statistics, dim=mean.shape, inputs=[film, denoised], outputs=[mean, variance], device="cpu")
+    mean, variance = statistics(film, denoised)
     total = np.float32(samples[:3]).astype(float).sum(axis=0)
-    np.testing.assert_allclose(mean.numpy(), total.mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(mean, total.mean(axis=0), rtol=1e-6)
     expected = one_variance(total) * (0.5 + 0.5 / np.sqrt(denoised)) ** 2
-    np.testing.assert_allclose(variance.numpy(), expected, rtol=1e-4, atol=1e-6 * expected.max())
+    np.testing.assert_allclose(variance, expected, rtol=1e-4, atol=1e-6 * expected.max())
 
 
 @pytest.mark.parametrize(("spp", "most"), [(1, 1), (8, 3), (13, 5)])
@@ -263,10 +269,10 @@ def test_samples_that_are_not_numbers_are_counted_and_black(bad):
 
 
 def subpaths(samples, counts):
-    """Film of a correction alone, samples [sample, H, W, 3], whose sides take ``counts`` in every tile."""
+    """Film of a correction alone, samples [sample, H, W, 3], whose sides take ``counts``: two, or two of each tile."""
     full = np.zeros((4, *samples.shape))
     full[2] = samples
-    take = np.reshape(counts, (2, 1, 1))
+    take = np.reshape(counts, (2, 1, 1) if np.ndim(counts) == 1 else np.shape(counts))
     return exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS)
 
 
@@ -301,12 +307,7 @@ def test_of_one_subpath_at_a_lone_edge_next_to_tiles_with_more_the_squared_error
     samples = 5.0 + 2.0 * np.random.default_rng(9).normal(size=(many + 1, *shape, 3))
     take = np.full((2, 2, 50), many)
     take[:, 1] = 1
-    full = np.zeros((4, *samples.shape))
-    full[2] = samples
-    film = exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS, lot=200_000)
-    mean, variance = (wp.empty(shape, dtype=wp.vec3d, device="cpu") for _ in "mv")
-    wp.launch(pixel_statistics, dim=shape, inputs=[film, 1.0], outputs=[mean, variance], device="cpu")
-    last = variance.numpy()[8]
+    last = statistics(subpaths(samples, take))[1][8]
     assert np.abs(last.mean(0) - 4.0).max() < 4.0 * 4.0 * np.sqrt(2.0 / len(last))
 
 
@@ -323,10 +324,9 @@ def test_what_one_side_is_told_of_noise_is_of_the_other_side_alone():
     row, col = np.indices((16, 16))
     samples = np.random.default_rng(6).normal(size=(2, 16, 16, 3)) * ((row + col) % 2 == 1)[..., None]
     film = subpaths(samples, [1, 1])
-    mean, variance = (wp.empty(film.sums.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "mv")
-    wp.launch(pixel_statistics, dim=mean.shape, inputs=[film, 1.0], outputs=[mean, variance], device="cpu")
-    assert not variance.numpy()[(row + col) % 2 == 0].any()
-    assert variance.numpy()[(row + col) % 2 == 1].min() > 0.0
+    _, variance = statistics(film)
+    assert not variance[(row + col) % 2 == 0].any()
+    assert variance[(row + col) % 2 == 1].min() > 0.0
 
 
 @pytest.mark.parametrize("shared", [0.0, 1.0])

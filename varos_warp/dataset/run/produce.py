@@ -362,7 +362,7 @@ class _Run:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""
         self.choose_denoisers()
         here = {"name": self.renderer.device, "model": self.renderer.device_name}
-        self.recorded_device = self.recorded_device or here | {"name": kind_of(here["name"])}  # of several, any
+        self.recorded_device = self.recorded_device or here | {"name": kind_of(here["name"])}  # a worker may be first
         words, first = ("{name} ({model})".format_map(device) for device in (here, self.recorded_device))
         self.summary.device = words
         if here["model"] != self.recorded_device["model"]:

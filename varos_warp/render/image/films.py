@@ -48,6 +48,7 @@ class Films:
         self._unused: dict[tuple, list[wp.array]] = defaultdict(list)
         """Sums by their shape: those of A serve B, too."""
         self.keeps = self.device != "cpu"
+        """Whether sums are kept for other images."""
         processors = wp.get_device(self.device).sm_count
         self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
