@@ -5,14 +5,15 @@ import pytest
 import warp as wp
 from chance import run
 
+from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film import film as kernel
 from varos_warp.kernels.film.adapt import pixel_statistics
 from varos_warp.render.image.films import tile_pixels
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(**LONG_KERNEL)
 def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
-    """Sums as the path tracers keep them; samples [layer, sample, height, width]."""
+    """Sums as the path tracers keep them, compiled as they are; samples [layer, sample, height, width]."""
     part = film.parts[wp.tid()]
     row, col = part.row, part.col
     sums = kernel.Sums()

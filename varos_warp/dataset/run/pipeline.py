@@ -13,7 +13,7 @@ import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -50,6 +50,22 @@ def give_back_large_arrays() -> None:
     if sys.platform == "linux":
         with contextlib.suppress(AttributeError):  # another C library
             ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
+
+
+SWITCH_S = 5e-4
+"""How long one thread may keep Python's lock that another waits for [s]. With Python's own 5 ms those that encode keep
+those that render from a GPU: Munkholmen's frames take 8 % longer on an H200."""
+
+
+@contextlib.contextmanager
+def taking_turns() -> Iterator[None]:
+    """A ``with`` statement during which threads wait for each other no longer than that."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 def room(cores: int) -> int:
@@ -138,7 +154,7 @@ class Pipeline:
         """
         cores, under_way = usable_cores(), deque()
         at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
-        with (self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
+        with (taking_turns(), self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
               _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool):
             for job in jobs:
                 if len(under_way) >= room(cores):
