@@ -50,7 +50,7 @@ def fade(x: float):
 
 @wp.func
 def slope(h: wp.uint32, offset: wp.vec3):
-    """A gradient times an ``offset``: by the hash, one of the twelve from a cube's centre to the middles of its edges."""
+    """A gradient times an ``offset``: by the hash, one of twelve, from a cube's centre to the middles of its edges."""
     along = ((h >> wp.uint32(16)) * wp.uint32(3)) >> wp.uint32(16)  # the axis of the edge
     a = wp.where(along == wp.uint32(0), offset[1], offset[0])
     b = wp.where(along == wp.uint32(2), offset[1], offset[2])
