@@ -6,22 +6,16 @@ wp.set_module_options({"enable_backward": False})
 
 
 STRIDE_I, STRIDE_J = wp.constant(wp.uint32(2654435761)), wp.constant(wp.uint32(2246822519))
-STRIDE_K = wp.constant(wp.uint32(3266489917))
 MIX_1, MIX_2 = wp.constant(wp.uint32(2146121005)), wp.constant(wp.uint32(2221713035))
 
 
 @wp.func
-def mixed(h: wp.uint32):
-    """All bits of a word mixed with each other (Wellons' lowbias32)."""
+def cell_hash(seed: wp.uint32, i: int, j: int):
+    """32 random bits for a cell (Wellons' lowbias32 of its indices times large odd constants)."""
+    h = seed + wp.uint32(i) * STRIDE_I + wp.uint32(j) * STRIDE_J
     h = (h ^ (h >> wp.uint32(16))) * MIX_1
     h = (h ^ (h >> wp.uint32(15))) * MIX_2
     return h ^ (h >> wp.uint32(16))
-
-
-@wp.func
-def cell_hash(seed: wp.uint32, i: int, j: int):
-    """32 random bits for a cell: its indices times large odd constants, mixed."""
-    return mixed(seed + wp.uint32(i) * STRIDE_I + wp.uint32(j) * STRIDE_J)
 
 
 @wp.func
@@ -42,42 +36,6 @@ def band(cycles: float):
     return wp.clamp(2.0 - 4.0 * cycles, 0.0, 1.0)
 
 
-@wp.func
-def fade(x: float):
-    """From 0 to 1 with two derivatives of 0 at both ends."""
-    return x * x * x * (x * (6.0 * x - 15.0) + 10.0)
-
-
-@wp.func
-def slope(h: wp.uint32, offset: wp.vec3):
-    """A gradient times an ``offset``: by the hash, one of twelve, from a cube's centre to the middles of its edges."""
-    along = ((h >> wp.uint32(16)) * wp.uint32(3)) >> wp.uint32(16)  # the axis of the edge
-    a = wp.where(along == wp.uint32(0), offset[1], offset[0])
-    b = wp.where(along == wp.uint32(2), offset[1], offset[2])
-    return wp.where((h & wp.uint32(1)) == wp.uint32(0), a, -a) + wp.where((h & wp.uint32(2)) == wp.uint32(0), b, -b)
-
-
-@wp.func
-def gradient_noise(seed: wp.uint32, p: wp.vec3):
-    """Noise with cells of width 1, roughly in [-1, 1] (Perlin 2002, "Improving Noise").
-
-    ``wp.noise`` draws and normalises a vector at every corner: the same look and variance, in twice the time.
-    """
-    cell = wp.vec3(wp.floor(p[0]), wp.floor(p[1]), wp.floor(p[2]))
-    x = p - cell
-    corner = seed + wp.uint32(int(cell[0])) * STRIDE_I + wp.uint32(int(cell[1])) * STRIDE_J
-    corner += wp.uint32(int(cell[2])) * STRIDE_K
-    w = wp.vec3(fade(x[0]), fade(x[1]), fade(x[2]))
-    total = float(0.0)
-    for k in range(2):
-        for j in range(2):
-            h = corner + wp.uint32(j) * STRIDE_J + wp.uint32(k) * STRIDE_K
-            near = slope(mixed(h), x - wp.vec3(0.0, float(j), float(k)))
-            far = slope(mixed(h + STRIDE_I), x - wp.vec3(1.0, float(j), float(k)))
-            total += wp.where(k == 0, 1.0 - w[2], w[2]) * wp.where(j == 0, 1.0 - w[1], w[1]) * wp.lerp(near, far, w[0])
-    return wp.sqrt(0.5) * total
-
-
 @wp.func(inline=False)  # one copy for all callers: a GPU waits for long code
 def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
     """Fractal sum of gradient noise, roughly in [-1, 1]; octaves finer than ``footprint`` fade out."""
@@ -89,7 +47,7 @@ def fbm(seed: wp.uint32, p: wp.vec3, octaves: int, footprint: float):
         share = band(width)
         if share == 0.0:
             break
-        total += share * weight * gradient_noise(seed + wp.uint32(octave), q)
+        total += share * weight * wp.noise(seed + wp.uint32(octave), q)
         # rotated between octaves, so that their lattices do not line up
         q = 2.03 * wp.vec3(0.8 * q[0] - 0.6 * q[1], 0.6 * q[0] + 0.8 * q[1], q[2]) + wp.vec3(17.1, 9.2, 5.3)
         width *= 2.03

@@ -9,7 +9,7 @@ features sharp and is cheap (cf. Mikkelsen 2022, "Practical real-time hex-tiling
 
 import warp as wp
 
-from varos_warp.kernels.world.pattern_noise import band, cell_hash, gradient_noise, high_half, low_half
+from varos_warp.kernels.world.pattern_noise import band, cell_hash, high_half, low_half
 
 wp.set_module_options({"enable_backward": False})
 
@@ -178,7 +178,7 @@ def grit(seed: wp.uint32, q: wp.vec3, footprint: float):
         share = band(cycles * footprint)
         if share == 0.0:
             break
-        total += share * gradient_noise(seed + wp.uint32(octave), cycles * q)
+        total += share * wp.noise(seed + wp.uint32(octave), cycles * q)
         cycles *= 2.0
     return total
 
