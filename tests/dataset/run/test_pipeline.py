@@ -1,6 +1,7 @@
 """Rendering goes on while images are written, but never further ahead than the room there is."""
 
 import gc
+import sys
 import threading
 import time
 import weakref
@@ -11,7 +12,7 @@ import pytest
 from standins import FlatFloorRenderer, make_scene, plan_render
 
 from varos_warp.dataset.layout import Layout
-from varos_warp.dataset.run.pipeline import GIVE_UP, Pipeline, Rendered, room
+from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room, taking_turns
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
 from varos_warp.errors import InputError
@@ -221,3 +222,12 @@ def test_looking_pixels_up_gives_what_computing_each_gives(letter, gain):
     half = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
     half = np.resize(half[~np.isnan(half)], (120, 177, 3))
     np.testing.assert_array_equal(develop(letter, half, gain), OUTPUTS[letter].encode(half, gain))
+
+
+def test_how_long_threads_wait_for_each_other_is_as_before_once_a_run_ends():
+    """Also one that fails: it holds for the whole process."""
+    before = sys.getswitchinterval()
+    with pytest.raises(KeyboardInterrupt), taking_turns():
+        assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+        raise KeyboardInterrupt
+    assert sys.getswitchinterval() == before
