@@ -24,9 +24,9 @@ BLOCK_DIM = 128
 
 CPU_FLAGS = " ".join([wp.config.cpu_compiler_flags or "", "-fno-slp-vectorize", "-menable-no-nans",
                       "-Wno-nan-infinity-disabled"])
-"""For long kernels. Vectorising their scalars costs 5 to 10 % of the time on an EPYC. Minima and maxima that need not
-tell numbers from NaN are one instruction each, and where a ray enters a box follows from such: an eighth of the time.
-``wp.isfinite`` still tells them, as code of a library that is compiled apart."""
+"""For long kernels. Vectorising their scalars costs 5 to 10 % of the time on an EPYC. Rays are tested against boxes by
+minima and maxima, which are one instruction each where they need not provide for NaN: an eighth of the time.
+``wp.isfinite`` still finds it, as code of a library that is compiled apart."""
 
 LONG_KERNEL = {
     "module": "unique",

@@ -12,7 +12,7 @@ import pytest
 from standins import FlatFloorRenderer, make_scene, plan_render
 
 from varos_warp.dataset.layout import Layout
-from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room, taking_turns
+from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
 from varos_warp.errors import InputError
@@ -226,12 +226,18 @@ def test_looking_pixels_up_gives_what_computing_each_gives(letter, gain):
 
 def test_how_long_threads_wait_for_each_other_is_as_before_once_a_run_ends():
     """Also one that fails: it holds for the whole process."""
-    def run():
-        with taking_turns():
-            assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
-            raise KeyboardInterrupt
+    during = []
+
+    class Noting(Renderer):
+        def render(self, *args, **options):
+            during.append(sys.getswitchinterval())
+            return super().render(*args, **options)
+
+    def stop():
+        raise KeyboardInterrupt
 
     before = sys.getswitchinterval()
     with pytest.raises(KeyboardInterrupt):
-        run()
+        go(Noting(), Writer(), done=stop)
+    assert during == [pytest.approx(SWITCH_S)]
     assert sys.getswitchinterval() == before
