@@ -14,6 +14,7 @@ from spread import absolute, assert_honest, evenly, relative
 from varos_warp.errors import InputError
 from varos_warp.render import launch as launch_module
 from varos_warp.render import radiance
+from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.image.films import MOST_PARTS
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
@@ -333,6 +334,16 @@ def test_threads_that_take_part_after_part_give_the_same_bytes(monkeypatch, devi
     monkeypatch.setattr(renderer.films, "_resident", 50)
     monkeypatch.setitem(MOST_PARTS, kind_of(device), 500)
     assert_same_bytes(renderer.render(POSE, outputs="A", spp=12), expected)
+
+
+def test_of_an_image_to_be_denoised_later_only_what_that_takes_is_kept(renderer):
+    """A run on a CPU denoises beside the next frame: the rest would fill memory."""
+    whole, kept = (renderer.render(POSE, outputs="AB", spp=4, copied=copied) for copied in (None, ["denoised"]))
+    for one, other in ((whole.A, kept.A), (whole.B, kept.B)):
+        assert other.layers == {}
+        assert other.block_error is None
+        for method in ("nlm", available_method("oidn")):
+            np.testing.assert_array_equal(denoise_image(other, method), denoise_image(one, method))
 
 
 @pytest.mark.gpu

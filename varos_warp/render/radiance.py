@@ -260,7 +260,8 @@ class RadianceRenderer:
             denoised = images["radiance"] if method == "none" else self._device_denoiser.denoise(**work)
             wanted = {name: images.get(name, denoised) for name in shot.options.copied}
         else:
-            wanted = work | {name: images[name] for name in ("block_error", "stderr", *wanted_layers)}
+            told = () if shot.options.copied else ("block_error", *wanted_layers)
+            wanted = work | {name: images[name] for name in ("stderr", *told)}
         kept = [array for film in films for array in (film.lost, film.count)]
         fetched = yield from self.launcher.fetch(*kept, *wanted.values())
         on_host = dict(zip(wanted, fetched[len(kept):], strict=True))
@@ -273,8 +274,9 @@ class RadianceRenderer:
             self.films.keep(film)
         if brief:
             return RadianceImage(**{"radiance": None, "stderr": None} | on_host | facts)
-        on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
-        layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in wanted_layers}
+        if "block_error" in on_host:
+            on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
+        layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
         return (yield from self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method))
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
