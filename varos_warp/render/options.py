@@ -39,8 +39,8 @@ class RenderOptions:
     denoise_b: str | None = None
     """The same for B."""
     copied: Sequence[str] | None = None
-    """What of A and B to keep on the host, of radiance and denoised, and what a denoiser takes that works there; or
-    all, if absent. On a GPU, copying the rest takes longer than denoising; on a CPU it fills memory."""
+    """What of A and B to keep on the host: radiance, denoised or both. An image that the host has to denoise keeps what
+    that takes instead. Absent: all. On a GPU, copying all takes longer than denoising; on a CPU it fills memory."""
 
     def __post_init__(self):
         for key, known in (("layers", LAYERS), ("integrator", INTEGRATORS), ("denoise", METHODS),
