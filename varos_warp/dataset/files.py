@@ -4,7 +4,6 @@ import contextlib
 import csv
 import errno
 import glob
-import io
 import itertools
 import json
 import operator
@@ -21,7 +20,7 @@ import numpy as np
 import yaml
 from filelock import FileLock, Timeout
 
-from varos_warp.dataset import png16
+from varos_warp.dataset import png
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.limits import check_limit
@@ -153,20 +152,11 @@ def write_csv(path: Path, header: list[str], *columns) -> bool:
 
 
 def write_png(path: Path, pixels: np.ndarray) -> bool:
-    """Write uint8 [H, W, 3], uint16 [H, W] or uint16 [H, W, 3] losslessly.
+    """Write uint8 or uint16 [H, W] or [H, W, 3] losslessly.
 
-    Run lengths suit the filtered rows of 8 bit images, matches those of 16 bits: about half of the time of zlib's
-    default strategy at level 4, and no larger.
-    The pixels are those given, always; the bytes follow from the version of Pillow, which dataset.json names.
+    The pixels are those given, always; the bytes follow from the version of isal, which dataset.json names.
     """
-    from PIL import Image
-
-    if pixels.dtype == np.uint16 and pixels.ndim == 3:
-        return write_bytes(path, png16.encode(pixels))
-    data = io.BytesIO()
-    strategy = zlib.Z_RLE if pixels.dtype == np.uint8 else zlib.Z_DEFAULT_STRATEGY
-    Image.fromarray(np.ascontiguousarray(pixels)).save(data, "PNG", compress_level=1, compress_type=strategy)
-    return write_bytes(path, data.getvalue())
+    return write_bytes(path, png.encode(pixels))
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
@@ -320,8 +310,8 @@ def read_png(path: Path) -> np.ndarray:
     """Pixels of a PNG: uint8 [H, W, 3], uint16 [H, W] or uint16 [H, W, 3]."""
     with reading(path):
         _refuse_incomplete(path)
-        if png16.is_one(path):
-            return png16.decode(path)
+        if png.has_three_channels_of_16_bits(path):
+            return png.decode(path)
         with open_image(path) as image:
             return np.array(image)
 

@@ -5,13 +5,13 @@ for none. Raw ones, where asked for, are rgb8, and float32 metres with inf for n
 image_transport knows a camera by. The log time of a message is its stamp.
 """
 
-import io
 from collections.abc import Callable, Iterator
 from operator import itemgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.dataset import png
 from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
 from varos_warp.dataset.export.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
@@ -101,21 +101,18 @@ def _course(states: dict, messages: "Messages") -> Iterator[Event]:
 
 def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     """Image, calibration and depth of every frame."""
-    from PIL import Image
-
     name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
     lens = lens_of(job, camera, "MCAP (ROS)", "brown_conrady", "kannala_brandt")
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
     def image(t: int, frame: int):
-        png = job.data.layout.png(camera, job.images, frame).read_bytes()
-        return messages.png(t, name, png, "rgb8; png compressed bgr8")
+        file = job.data.layout.png(camera, job.images, frame).read_bytes()
+        return messages.png(t, name, file, "rgb8; png compressed bgr8")
 
     def depth(t: int, frame: int):
-        png = io.BytesIO()
-        Image.fromarray(to_units(job.data.planar_depth(frame, camera), PER_METRE)).save(png, "PNG", compress_level=4)
-        return messages.png(t, name, png.getvalue(), "16UC1; png compressed ")
+        file = png.encode(to_units(job.data.planar_depth(frame, camera), PER_METRE))
+        return messages.png(t, name, file, "16UC1; png compressed ")
 
     def raw_image(t: int, frame: int):
         return messages.raw(t, name, job.data.pixels(job.images, frame, camera), "rgb8")

@@ -230,7 +230,7 @@ def versions() -> dict[str, str]:
 def _installed() -> dict[str, str]:
     """Versions of packages; once, for it searches folders and parses files."""
     found = {}
-    for package in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "pyoidn"):
+    for package in ("warp-lang", "numpy", "scipy", "OpenEXR", "pillow", "isal", "pyoidn"):
         found[package] = "absent"
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[package] = metadata.version(package)
