@@ -27,7 +27,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     """Choose the integrator and the samples, and say why and how long a run will take."""
     from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import keep_plan, plan_sequence
-    from varos_warp.dataset.run.produce import select, simulated
+    from varos_warp.dataset.run.produce import simulated
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.device import resolve_device
@@ -35,6 +35,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     from varos_warp.scene.file.named_files import require_files
     from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts
+    from varos_warp.sim.clock import select
     from varos_warp.sim.trajectory import path_samples
 
     device = resolve_device(choices.device)

@@ -59,3 +59,17 @@ def frame_count(duration_s: float, rate_hz: float) -> int:
 def frames_until(end_s: float, rate_hz: float) -> int:
     """Samples of a rate in [0, ``end_s``]."""
     return math.floor(round(end_s * rate_hz, 6)) + 1
+
+
+def select(frames: slice, count: int) -> list[int]:
+    """Numbers of the frames that a slice names.
+
+    Raises:
+        InputError: If there are none.
+    """
+    chosen = list(range(count))[frames]
+    if not chosen:
+        words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))
+        raise InputError("names no frame", key="frames", value=words,
+                         remedy=f"The sequence has frames 0 to {count - 1}.")
+    return chosen

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 import worker_bodies
-from standins import make_scene, tree
+from standins import install, make_scene, tree
 
+from varos_warp.dataset.layout import Layout
+from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run import produce as production
 from varos_warp.dataset.run import workers
 from varos_warp.dataset.run.produce import produce
@@ -172,6 +174,18 @@ def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_ren
     assert len(list((tmp_path / "out" / "log").glob("*.json"))) == 2  # one for each worker that came to its end
     again = produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2)
     assert (again.rendered, again.kept, again.device) == (0, 80, None)
+
+
+def test_the_first_of_several_workers_writes_the_tables(tmp_path, monkeypatch):
+    """The second does not wait for them; what says whose folder it is comes from whoever is there first."""
+    install(monkeypatch)
+    scene, out = make_scene(), tmp_path / "out"
+    out.mkdir()
+    layout = Layout.of(scene, out)
+    for index in (1, 0):
+        production.render_shard(scene, out, "cpu", slice(None), True, shard=(index, 2), console=Console(True))
+        assert layout.metadata.exists()
+        assert layout.states.exists() == layout.lights.exists() == (index == 0)
 
 
 def test_a_frame_that_fails_in_a_worker_is_named_and_all_others_are_made(written, tmp_path, monkeypatch):

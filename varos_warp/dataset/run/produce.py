@@ -36,7 +36,7 @@ from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.sim.clock import frame_time_ns
+from varos_warp.sim.clock import frame_time_ns, select
 
 
 @dataclass
@@ -138,25 +138,13 @@ def simulated(scene, quiet: bool = False, parts: list | None = None):
         return simulate(scene, parts, progress=progress.reach)
 
 
-def select(frames: slice, count: int) -> list[int]:
-    """Numbers of the frames that a slice names.
-
-    Raises:
-        InputError: If there are none.
-    """
-    chosen = list(range(count))[frames]
-    if not chosen:
-        words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))
-        raise InputError("names no frame", key="frames", value=words,
-                         remedy=f"The sequence has frames 0 to {count - 1}.")
-    return chosen
-
-
 class _Run:
     """State of one run, or of one worker's part of it."""
 
     is_worker = False
     """Whether a parent does what follows from the frames of all shards."""
+    handed_out = False
+    """Whether workers have done what there was to do, the first of them the tables."""
     parts: list | None = None
     """Everything solid in the scene, where the sensors needed it."""
 
@@ -231,6 +219,7 @@ class _Run:
                 results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
                                          tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
+            self.handed_out = True
         finally:
             folder.sweep(self.layout.root)  # what killed workers left
             self.record.reload()
@@ -256,7 +245,11 @@ class _Run:
                 self.take_over(folder.recorded(self.scene, self.layout))
                 if self.work:
                     self.settle()
-                self.write_texts(sensors, images)
+                self.write_metadata(images)
+                if not (self.is_worker or self.handed_out):
+                    self.write_tables(sensors)
+        if self.is_worker and self.shard[0] == 0:  # of the same frames as others would: they need not wait
+            self.write_tables(sensors)
         try:
             if images:
                 self.render()
@@ -393,8 +386,8 @@ class _Run:
 
     # ------------------------------------------------------------------------------------------------------ texts
 
-    def write_texts(self, sensors: bool, images: bool) -> None:
-        """Everything but the images. dataset.json comes first: it says whose folder this is."""
+    def write_metadata(self, images: bool) -> None:
+        """What says whose folder this is, before anything else is written, and what it holds."""
         before = self.previous["outputs"] if self.previous else []
         asked = self.scene.render.outputs if images else []
         self.outputs = [letter for letter in OUTPUTS if letter in before or letter in asked]
@@ -408,6 +401,9 @@ class _Run:
         files.write_json(self.layout.metadata, content)
         if "S" in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
+
+    def write_tables(self, sensors: bool) -> None:
+        """Everything but the images and the metadata; long courses take seconds."""
         writers.write_readme(self.layout, self.scene)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
