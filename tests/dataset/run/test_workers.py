@@ -188,6 +188,16 @@ def test_the_first_of_several_workers_writes_the_tables(tmp_path, monkeypatch):
         assert layout.states.exists() == layout.lights.exists() == (index == 0)
 
 
+@posix
+def test_workers_that_add_frames_leave_what_one_process_leaves(tmp_path, monkeypatch):
+    monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "whole", tmp_path))
+    install(monkeypatch)
+    for end in (4, 6):
+        for name, workers_ in (("one", None), ("two", 2)):
+            produce(make_scene(), tmp_path / name, device="cpu", frames=slice(0, end), quiet=True, workers=workers_)
+        assert tree(tmp_path / "one") == tree(tmp_path / "two")
+
+
 def test_a_frame_that_fails_in_a_worker_is_named_and_all_others_are_made(written, tmp_path, monkeypatch):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "failing", tmp_path))
     with pytest.raises(RunFailed, match=r"frame 5, camera L0 could not be made: CUDA error 700; 1 more failed"):

@@ -143,8 +143,6 @@ class _Run:
 
     is_worker = False
     """Whether a parent does what follows from the frames of all shards."""
-    handed_out = False
-    """Whether workers have done what there was to do, the first of them the tables."""
     parts: list | None = None
     """Everything solid in the scene, where the sensors needed it."""
 
@@ -219,7 +217,6 @@ class _Run:
                 results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
                                          tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
-            self.handed_out = True
         finally:
             folder.sweep(self.layout.root)  # what killed workers left
             self.record.reload()
@@ -246,7 +243,7 @@ class _Run:
                 if self.work:
                     self.settle()
                 self.write_metadata(images)
-                if not (self.is_worker or self.handed_out):
+                if not self.is_worker:  # after its workers, too: their checksums are those of before
                     self.write_tables(sensors)
         if self.is_worker and self.shard[0] == 0:  # of the same frames as others would: they need not wait
             self.write_tables(sensors)
