@@ -36,6 +36,14 @@ def test_how_pixels_lie_in_memory_does_not_matter():
     assert png.encode(turned) == png.encode(turned.copy()) == png.encode(turned.astype(">u2"))
 
 
+@pytest.mark.parametrize(("shape", "dtype"), [
+    ((5, 7, 4), np.uint8), ((5, 7, 1), np.uint8), ((1, 5, 7, 3), np.uint8), ((5, 7), np.int16), ((5, 7), bool),
+    ((5, 7), np.float16), ((5, 7, 3), np.float32), ((0, 7), np.uint8), ((5, 0, 3), np.uint16), ((5,), np.uint8)])
+def test_other_arrays_are_refused(shape, dtype):
+    with pytest.raises(ValueError, match="a PNG holds"):
+        png.encode(np.ones(shape, dtype))
+
+
 def test_files_of_older_versions_are_read(tmp_path):
     """Their rows differ from those above."""
     rows = np.ascontiguousarray(PIXELS, ">u2").view(np.uint8).reshape(9, 84)

@@ -23,9 +23,17 @@ _SUB, _UP = 1, 2
 
 
 def encode(pixels: np.ndarray) -> bytes:
-    """The file of uint8 or uint16 [H, W] or [H, W, 3]."""
+    """The file of uint8 or uint16 [H, W] or [H, W, 3].
+
+    Raises:
+        ValueError: If the pixels are anything else, or there are none.
+    """
     from isal import isal_zlib
 
+    if pixels.dtype.newbyteorder("=") not in (np.uint8, np.uint16) or pixels.shape[2:] not in ((), (3,)):
+        raise ValueError(f"a PNG holds uint8 or uint16 [H, W] or [H, W, 3], not {pixels.dtype} {list(pixels.shape)}")
+    if pixels.ndim < 2 or not pixels.size:
+        raise ValueError(f"a PNG holds at least one pixel, not {list(pixels.shape)}")
     height, width = pixels.shape[:2]
     header = struct.pack(">IIBB", width, height, 8 * pixels.itemsize, _RGB if pixels.ndim == 3 else _GREY) + _ONLY_ONES
     rows = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
