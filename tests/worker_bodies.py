@@ -66,6 +66,8 @@ def flat_floor_shard(kind: str, folder: Path, *arguments, shard, console):
                 os.kill(os.getpid(), signal.SIGKILL)
             if kind == "failing" and frame == 5:
                 raise RuntimeError("CUDA error 700")
+            if kind == "waiting" and frame >= 5:
+                wait_for_tables(folder)
             if kind == "slow":
                 time.sleep(0.3)
             return super().render(*args, frame=frame, **options)
@@ -74,6 +76,15 @@ def flat_floor_shard(kind: str, folder: Path, *arguments, shard, console):
         patch.setattr(standins, "FlatFloorRenderer", Renderer)
         standins.install(patch)
         return produce.render_shard(*arguments, shard=shard, console=console)
+
+
+def wait_for_tables(folder: Path) -> None:
+    """Until there is the last one, for a while."""
+    for _ in range(300):
+        if list(folder.rglob("lights0_poses.csv")):
+            return
+        time.sleep(0.1)
+    raise RuntimeError("no tables")
 
 
 def sleep_in_two_workers(folder: Path) -> None:

@@ -176,16 +176,24 @@ def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_ren
     assert (again.rendered, again.kept, again.device) == (0, 80, None)
 
 
-def test_the_first_of_several_workers_writes_the_tables(tmp_path, monkeypatch):
-    """The second does not wait for them; what says whose folder it is comes from whoever is there first."""
+def test_a_worker_writes_what_says_whose_folder_it_is_and_leaves_the_tables_to_its_parent(tmp_path, monkeypatch):
     install(monkeypatch)
     scene, out = make_scene(), tmp_path / "out"
     out.mkdir()
     layout = Layout.of(scene, out)
     for index in (1, 0):
-        production.render_shard(scene, out, "cpu", slice(None), True, shard=(index, 2), console=Console(True))
+        production.render_shard(scene, out, "cpu", slice(None), shard=(index, 2), console=Console(True))
         assert layout.metadata.exists()
-        assert layout.states.exists() == layout.lights.exists() == (index == 0)
+        assert not layout.states.exists()
+
+
+@posix
+def test_tables_are_written_once_and_while_workers_render(tmp_path, monkeypatch):
+    monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "waiting", tmp_path))
+    written, write = [], production._Run.write_tables
+    monkeypatch.setattr(production._Run, "write_tables", lambda run, sensors: written.append(write(run, sensors)))
+    assert produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2).complete
+    assert len(written) == 1
 
 
 @posix

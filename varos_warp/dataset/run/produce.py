@@ -8,6 +8,7 @@ import contextlib
 import os
 import time
 from collections import Counter
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
-from varos_warp.dataset.progress import Console, Progress
+from varos_warp.dataset.progress import Console, Progress, simulated
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered, give_back_large_arrays
 from varos_warp.dataset.run.workers import device_of_worker, run_in_workers
@@ -105,7 +106,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
                 run.simulate(frames, previous)
                 run.clean_up()
                 if workers and images:
-                    run.hand_out(workers, (scene, out, device, frames, sensors))
+                    run.hand_out(workers, (scene, out, device, frames), sensors)
                 run.go(sensors, images)
     finally:
         if new:
@@ -116,8 +117,8 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     return run.summary
 
 
-def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard: tuple[int, int],
-                 console) -> tuple[Summary, Rendered]:
+def render_shard(scene, out, device: str, frames: slice, *, shard: tuple[int, int], console
+                 ) -> tuple[Summary, Rendered]:
     """What a worker does: all of a run but what follows from the frames of all workers."""
     layout = Layout.of(scene, out)
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
@@ -125,17 +126,9 @@ def render_shard(scene, out, device: str, frames: slice, sensors: bool, *, shard
         run.is_worker = True
         with run.record.recording():
             run.simulate(frames, folder.recorded(scene, layout))
-            run.go(sensors, images=True)
+            run.go(sensors=False, images=True)
     run.summary.stages = run.clock.rounded()
     return run.summary, run.made
-
-
-def simulated(scene, quiet: bool = False, parts: list | None = None):
-    """The scene's `Simulation`, with a progress bar; ``parts`` are its geometry, where it is at hand."""
-    from varos_warp.sim.trajectory import simulate
-
-    with Console(quiet).progress("simulating", 100, "%") as progress:
-        return simulate(scene, parts, progress=progress.reach)
 
 
 class _Run:
@@ -145,6 +138,8 @@ class _Run:
     """Whether a parent does what follows from the frames of all shards."""
     parts: list | None = None
     """Everything solid in the scene, where the sensors needed it."""
+    tables: Future | None = None
+    """Done once they are written, where workers render meanwhile."""
 
     def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
@@ -207,16 +202,21 @@ class _Run:
             self.say(f"{counted(len(damaged), 'damaged or missing file')}, to be made again: {names}")
         return damaged
 
-    def hand_out(self, workers: int, arguments: tuple) -> None:
-        """Have worker processes render what is missing; afterwards nothing is."""
+    def hand_out(self, workers: int, arguments: tuple, sensors: bool) -> None:
+        """Have worker processes render what is missing; afterwards nothing is. Tables come after the first image."""
         self.find_work()
         if not self.work:
             return
         try:
-            with self.rendering() as progress:
-                results = run_in_workers(workers, render_shard, arguments, done=progress.advance,
-                                         tell=self.console.tell)
+            with self.rendering() as progress, ThreadPoolExecutor(1, "tables") as beside:
+                def done(steps: int) -> None:
+                    progress.advance(steps)
+                    self.tables = self.tables or beside.submit(self.describe, sensors)
+
+                results = run_in_workers(workers, render_shard, arguments, done=done, tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
+            if self.tables:
+                self.tables.result()
         finally:
             folder.sweep(self.layout.root)  # what killed workers left
             self.record.reload()
@@ -239,14 +239,9 @@ class _Run:
                     self.load()
             with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
                     "waiting for the plan that another shard makes ...")):
-                self.take_over(folder.recorded(self.scene, self.layout))
-                if self.work:
-                    self.settle()
-                self.write_metadata(images)
-                if not self.is_worker:  # after its workers, too: their checksums are those of before
+                self.decide(images)
+                if not (self.is_worker or self.tables):
                     self.write_tables(sensors)
-        if self.is_worker and self.shard[0] == 0:  # of the same frames as others would: they need not wait
-            self.write_tables(sensors)
         try:
             if images:
                 self.render()
@@ -257,6 +252,19 @@ class _Run:
                     self.record.write_checksums()
         finally:
             self.write_log()
+
+    def decide(self, images: bool) -> None:
+        """Decide what is still open, and write it down."""
+        self.take_over(folder.recorded(self.scene, self.layout))
+        if self.work and self.renderer is not None:
+            self.settle()
+        self.write_metadata(images)
+
+    def describe(self, sensors: bool) -> None:
+        """Write the tables while workers render, who have decided."""
+        with folder.planning(self.layout.root):
+            self.decide(images=True)
+        self.write_tables(sensors)
 
     def rendering(self) -> Progress:
         """How far the rendering is: a frame is one job, or one for each of several cameras."""
