@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import standins
 import worker_bodies
 from standins import install, make_scene, tree
 
@@ -194,6 +195,22 @@ def test_tables_are_written_once_and_while_workers_render(tmp_path, monkeypatch)
     monkeypatch.setattr(production._Run, "write_tables", lambda run, sensors: written.append(write(run, sensors)))
     assert produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2).complete
     assert len(written) == 1
+
+
+@posix
+@pytest.mark.parametrize("count", [None, 2])
+def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatch, count):
+    def full(run, sensors):
+        raise InputError("cannot be written: No space left on device")
+
+    monkeypatch.setattr(production._Run, "write_tables", full)
+    monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "slow", tmp_path))
+    install(monkeypatch)
+    fast = standins.FlatFloorRenderer.render
+    monkeypatch.setattr(standins.FlatFloorRenderer, "render", lambda *a, **k: (time.sleep(0.3), fast(*a, **k))[1])
+    with pytest.raises(InputError, match="No space left"):
+        produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=count)
+    assert 1 <= len(list((tmp_path / "out").rglob("D/*.png"))) < 10
 
 
 @posix

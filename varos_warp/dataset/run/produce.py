@@ -11,6 +11,7 @@ from collections import Counter
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 
 import numpy as np
 
@@ -102,7 +103,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             if images and previous is None:
                 require_files(scene)
             run = _Run(scene, layout, shard, Console(quiet), device, renderer)
-            with run.record.recording():
+            with run.record.recording(), run.beside:
                 run.simulate(frames, previous)
                 run.clean_up()
                 if workers and images:
@@ -124,7 +125,7 @@ def render_shard(scene, out, device: str, frames: slice, *, shard: tuple[int, in
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
         run = _Run(scene, layout, shard, console, device_of_worker(device, shard[0]))
         run.is_worker = True
-        with run.record.recording():
+        with run.record.recording(), run.beside:
             run.simulate(frames, folder.recorded(scene, layout))
             run.go(sensors=False, images=True)
     run.summary.stages = run.clock.rounded()
@@ -139,12 +140,13 @@ class _Run:
     parts: list | None = None
     """Everything solid in the scene, where the sensors needed it."""
     tables: Future | None = None
-    """Done once they are written, where workers render meanwhile."""
+    """Done once they are written, which goes on while images are rendered."""
 
     def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
         self.device, self.renderer = device, renderer
         self.clock, self.made, self.record = Clock(), Rendered(), Record(layout.root)
+        self.beside = ThreadPoolExecutor(1, "beside")
         self.work: list[ImageJob] = []
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
@@ -208,15 +210,13 @@ class _Run:
         if not self.work:
             return
         try:
-            with self.rendering() as progress, ThreadPoolExecutor(1, "tables") as beside:
+            with self.rendering() as progress:
                 def done(steps: int) -> None:
-                    progress.advance(steps)
-                    self.tables = self.tables or beside.submit(self.describe, sensors)
+                    self.tables = self.tables or self.beside.submit(self.describe, sensors)
+                    self.advance(progress, steps)
 
                 results = run_in_workers(workers, render_shard, arguments, done=done, tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
-            if self.tables:
-                self.tables.result()
         finally:
             folder.sweep(self.layout.root)  # what killed workers left
             self.record.reload()
@@ -240,11 +240,15 @@ class _Run:
             with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
                     "waiting for the plan that another shard makes ...")):
                 self.decide(images)
-                if not (self.is_worker or self.tables):
+                if self.shard[1] > 1 and not self.is_worker:  # another shard may be of more frames
                     self.write_tables(sensors)
+        if self.shard[1] == 1 and not (self.is_worker or self.tables):
+            self.tables = self.beside.submit(self.write_tables, sensors)
         try:
             if images:
                 self.render()
+            if self.tables:
+                self.tables.result()
             if images and not self.is_worker:
                 self.finish()
             if self.summary.complete and not self.is_worker:
@@ -270,6 +274,12 @@ class _Run:
         """How far the rendering is: a frame is one job, or one for each of several cameras."""
         unit = "frames" if len(self.layout.cameras) == 1 else "views"
         return self.console.progress("rendering", len(self.work), unit)
+
+    def advance(self, progress: Progress, steps: int = 1) -> None:
+        """Count steps; what keeps the tables from being written stops the run at once."""
+        progress.advance(steps)
+        if self.tables and self.tables.done():
+            self.tables.result()
 
     def lacks_segments(self, images: bool) -> bool:
         """Whether what tells what S means is to be made, though no image is."""
@@ -303,8 +313,8 @@ class _Run:
         self.summary.kept = wanted - self.summary.rendered
 
     def compiling(self) -> contextlib.AbstractContextManager[None]:
-        """Threads compile meanwhile; of several workers the first does so, and the others find what it compiled."""
-        if not self.work or self.renderer is not None or (self.is_worker and self.shard[0]):
+        """Threads compile meanwhile, or load what is compiled; each worker does so on cores of its own."""
+        if not self.work or self.renderer is not None:
             return contextlib.nullcontext()
         from varos_warp.render.kinds import compiling_foretold
 
@@ -347,9 +357,10 @@ class _Run:
             from varos_warp.sim.trajectory import path_samples
 
             parts = self.parts = self.build() if self.parts is None else self.parts
-            for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
-                self.say(warning)
+            checked = self.beside.submit(check_scene, self.scene, parts, path_samples(self.simulation))
             self.renderer = FrameRenderer(self.scene, self.device, parts)
+            for warning in checked.result():
+                self.say(warning)
         if self.renderer.device == "cpu":
             give_back_large_arrays()
         if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
@@ -435,7 +446,7 @@ class _Run:
             return
         with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan["integrator"]):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
-                     progress.advance, self.say).run(self.work)
+                     partial(self.advance, progress), self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures
@@ -462,22 +473,14 @@ class _Run:
 
     # --------------------------------------------------------------------------------------------------- finishing
 
-    def tell_of_empty_images(self) -> None:
-        """Name the cameras that looked into open water, with the frames where they did."""
-        for camera in self.layout.cameras:
-            frames = sorted({frame for name, _, frame in self.made.empty if name == camera})
-            letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
-            if frames:
-                which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-                self.say(f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
-                         f"({which}): {', '.join(letters)} hold nothing there")
-
     def finish(self) -> None:
         """Expose A, B and P once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
-        self.tell_of_empty_images()
+        for camera in self.layout.cameras:
+            if words := self.made.without_surface(camera):
+                self.say(words)
         self.record.reload()
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0
