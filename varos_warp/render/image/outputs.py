@@ -64,7 +64,8 @@ def encode_normal(normal: np.ndarray, _scale: None = None) -> np.ndarray:
     """uint8 [H, W, 3] of world normals; where nothing was hit (the zero vector) it is (0, 0, 0)."""
     _refuse_nan(normal)
     pixels = np.rint((np.clip(normal, -1.0, 1.0) + 1.0) * 127.5).astype(np.uint8)
-    pixels[~np.any(normal, axis=-1)] = 0
+    x, y, z = np.moveaxis(normal, -1, 0)
+    pixels[(x == 0.0) & (y == 0.0) & (z == 0.0)] = 0  # `any` over an axis of 3 takes ten times longer
     return pixels
 
 
