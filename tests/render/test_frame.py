@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 import trimesh
-import warp as wp
 from chance import ALPHA, assert_plausible, two_sided
 from physics.rig import VAROS_LAMPS, floor, one_ray_scene
 from scipy import stats
@@ -364,18 +363,18 @@ def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself
     poses = [POSE, POSE @ np.array([[1.0, 0, 0, 0.3], [0, 1, 0, -0.2], [0, 0, 1, 0], [0, 0, 0, 1]])]
     alone = [gpu.render(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
     frames = [gpu.steps(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
-    done, events = {}, {}
+    done, waits = {}, {}
     for k in itertools.cycle([0, 1, 1, 0, 1, 0, 0]):
         if k not in done:
-            if k in events:
-                wp.synchronize_event(events[k])
+            if k in waits:
+                waits[k]()
             try:
-                events[k] = next(frames[k])
+                waits[k] = next(frames[k])
             except StopIteration as end:
                 done[k] = end.value
         if len(done) == 2:
             break
-    assert len(events) == 2
+    assert len(waits) == 2
     for k, expected in enumerate(alone):
         assert_same_bytes(done[k], expected)
 

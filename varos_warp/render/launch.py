@@ -1,7 +1,7 @@
 """Launching kernels for frames: compiled once, results fetched while the host goes on.
 
 What a host decides while it renders follows from what a GPU has computed. Functions that need such numbers are `Steps`:
-they give up control until the numbers are there, and another frame's can go on meanwhile.
+they give up control until the numbers are there, and are on the host; another frame's can go on meanwhile.
 """
 
 import threading
@@ -25,8 +25,8 @@ KEPT_BYTES = 4 << 30
 
 T = TypeVar("T")
 U = TypeVar("U")
-Steps = Generator[wp.Event, None, T]
-"""Work that gives the event to wait for whenever it needs to; what it returns in the end is a T."""
+Steps = Generator[Callable[[], None], None, T]
+"""Work that gives a function that waits, whenever it needs to wait; what it returns in the end is a T."""
 
 
 def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
@@ -39,10 +39,10 @@ def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
     while True:
         with turn:
             try:
-                event = next(steps)
+                wait = next(steps)
             except StopIteration as end:
                 return end.value
-        wp.synchronize_event(event)
+        wait()
 
 
 def at_once(device: str, function: Callable[..., U], *items: Iterable) -> Iterator[U]:
@@ -91,8 +91,14 @@ class Launcher:
         staged = [self._pinned(array) for array in arrays]
         for array, copy in zip(arrays, staged, strict=True):
             wp.copy(copy, array)
-        yield wp.get_stream(self.device).record_event()
-        on_host = [copy.numpy().copy() for copy in staged]
+        done, views = wp.get_stream(self.device).record_event(), [copy.numpy() for copy in staged]
+        on_host: list[np.ndarray] = []
+
+        def wait() -> None:
+            wp.synchronize_event(done)
+            on_host.extend(view.copy() for view in views)  # of many megabytes, while others take their turns
+
+        yield wait
         for copy in staged:
             self._unused[copy.shape, copy.dtype].append((copy, None))
         return on_host

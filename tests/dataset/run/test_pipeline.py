@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 import weakref
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -133,7 +134,7 @@ def test_images_that_can_never_be_written_are_given_up(at_once):
     assert len(renderer.calls) <= GIVE_UP + room(usable_cores())
 
 
-def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypatch):
+def test_two_images_are_under_way_and_only_one_of_them_uses_the_device():
     """While one waits for what it asked of the device, the other goes on; results are those of one by one."""
     using, waiting, most, turn = set(), set(), [], threading.Lock()
 
@@ -144,7 +145,7 @@ def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypat
                 most.append((len(using), len(waiting)))
                 time.sleep(0.002)
                 using.remove(frame)
-                yield frame
+                yield partial(wait, frame)
             return super().render(T_w_v, camera, outputs, frame=frame, **options)
 
         def render(self, *args, **options):
@@ -155,7 +156,6 @@ def test_two_images_are_under_way_and_only_one_of_them_uses_the_device(monkeypat
         time.sleep(0.01)
         waiting.remove(frame)
 
-    monkeypatch.setattr(launch.wp, "synchronize_event", wait)
     writer = Writer()
     made = go(Stepping(), writer, at_once=2)
     assert sorted(writer.written) == list(range(12))
