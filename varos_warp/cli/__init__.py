@@ -51,16 +51,16 @@ def main() -> None:
     try:
         app(prog_name="varos-warp")
     except SystemExit as end:
-        _leave_compilers(end.code)
+        _leave_threads(end.code)
         raise
 
 
-def _leave_compilers(status: str | int | None) -> None:
-    """End without waiting for threads that compile (scene/launch.py), where any do: nobody needs it any more.
+def _leave_threads(status: str | int | None) -> None:
+    """End without waiting for threads that compile or load (scene/launch.py), if any do: nobody needs it any more.
 
     Python would wait for them. What they write gets its name when it is whole.
     """
-    if any(thread.name.startswith("compile_") for thread in threading.enumerate()):
+    if any(thread.name.startswith("unawaited_") for thread in threading.enumerate()):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status if isinstance(status, int) else int(status is not None))

@@ -25,8 +25,9 @@ from varos_warp.errors import counted
 @verb
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
     """Choose the integrator and the samples, and say why and how long a run will take."""
-    from varos_warp.dataset.progress import Console, simulated
+    from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import keep_plan, plan_sequence
+    from varos_warp.dataset.run.produce import simulated
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.device import resolve_device

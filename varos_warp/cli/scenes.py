@@ -76,8 +76,8 @@ def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet =
 
 def _facts(scene, quiet: bool) -> dict:
     """What `info` tells of a scene as its vehicle sees it."""
-    from varos_warp.dataset.progress import simulated
     from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
+    from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from varos_warp.dataset.progress import Console, simulated
+from varos_warp.dataset.progress import Console
+from varos_warp.dataset.run.produce import simulated
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.render.image import exposure

@@ -120,14 +120,6 @@ class Console:
         return Progress(label, total, unit, self.quiet)
 
 
-def simulated(scene, quiet: bool = False, parts: list | None = None):
-    """The scene's `Simulation`, with a progress bar; ``parts`` are its geometry, where it is at hand."""
-    from varos_warp.sim.trajectory import simulate
-
-    with Console(quiet).progress("simulating", 100, "%") as progress:
-        return simulate(scene, parts, progress=progress.reach)
-
-
 def in_threads(label: str, make: Callable, *items, unit: str = "frames", quiet: bool = False) -> Iterator:
     """What ``make`` gives for each item, of one or more sequences of one length, in their order.
 

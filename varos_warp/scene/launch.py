@@ -8,8 +8,9 @@ import ctypes
 import os
 import sys
 import threading
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -64,6 +65,8 @@ def block_dim(kernel: wp.Kernel) -> int:
     return bounds[0] if bounds else BLOCK_DIM
 
 
+UNAWAITED = "unawaited"
+"""Beginning of the names of threads for which the end of the program does not wait."""
 CORES_TO_COMPILE = 2
 """Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
 _loading: dict[tuple[wp.Module, str], threading.Lock] = {}
@@ -83,11 +86,25 @@ def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
 
     What has not begun at its end is compiled when it is needed; what has begun goes on.
     """
-    pool = ThreadPoolExecutor(max(2, usable_cores() // CORES_TO_COMPILE), "compile")
-    try:
+    with _threads(max(2, usable_cores() // CORES_TO_COMPILE)) as pool:
         for kernel in kernels:
             pool.submit(load_kernel, kernel, device)
         yield
+
+
+@contextlib.contextmanager
+def beside(function: Callable[..., Any], *arguments) -> Iterator[Future]:
+    """A ``with`` statement during which a thread calls a function; an error or interruption does not wait for it."""
+    with _threads(1) as pool:
+        yield pool.submit(function, *arguments)
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Threads that nobody waits for at the end; what they have not begun they do not begin."""
+    pool = ThreadPoolExecutor(count, UNAWAITED)
+    try:
+        yield pool
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-import standins
 import worker_bodies
 from standins import install, make_scene, tree
 
@@ -206,11 +205,9 @@ def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatc
     monkeypatch.setattr(production._Run, "write_tables", full)
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "slow", tmp_path))
     install(monkeypatch)
-    fast = standins.FlatFloorRenderer.render
-    monkeypatch.setattr(standins.FlatFloorRenderer, "render", lambda *a, **k: (time.sleep(0.3), fast(*a, **k))[1])
     with pytest.raises(InputError, match="No space left"):
         produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=count)
-    assert 1 <= len(list((tmp_path / "out").rglob("D/*.png"))) < 10
+    assert len(list((tmp_path / "out").rglob("D/*.png"))) in (range(1, 10) if count else (0,))
 
 
 @posix

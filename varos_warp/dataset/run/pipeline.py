@@ -22,7 +22,7 @@ import numpy as np
 
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
-from varos_warp.errors import InputError, counted
+from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
 from varos_warp.render.launch import AT_ONCE
 from varos_warp.render.moments import Motion, NextFrame
@@ -87,16 +87,6 @@ class Rendered:
     """For the log: an entry for each image job."""
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
     """What could not be made, and why."""
-
-    def without_surface(self, camera: str) -> str | None:
-        """Frames in which a camera looked into open water, in words; None if there are none."""
-        frames = sorted({frame for name, _, frame in self.empty if name == camera})
-        letters = sorted({letter for name, letter, _ in self.empty if name == camera})
-        if not frames:
-            return None
-        which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-        return (f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} ({which}): "
-                f"{', '.join(letters)} hold nothing there")
 
 
 class _Threads(ThreadPoolExecutor):

@@ -8,16 +8,14 @@ import contextlib
 import os
 import time
 from collections import Counter
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 
 import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs
-from varos_warp.dataset.progress import Console, Progress, simulated
+from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered, give_back_large_arrays
 from varos_warp.dataset.run.workers import device_of_worker, run_in_workers
@@ -37,6 +35,7 @@ from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
+from varos_warp.scene.launch import beside
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns, select
 
@@ -103,7 +102,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             if images and previous is None:
                 require_files(scene)
             run = _Run(scene, layout, shard, Console(quiet), device, renderer)
-            with run.record.recording(), run.beside:
+            with run.record.recording():
                 run.simulate(frames, previous)
                 run.clean_up()
                 if workers and images:
@@ -118,18 +117,25 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     return run.summary
 
 
-def render_shard(scene, out, device: str, frames: slice, *, shard: tuple[int, int], console
-                 ) -> tuple[Summary, Rendered]:
+def render_shard(scene, out, device, frames: slice, *, shard: tuple[int, int], console) -> tuple[Summary, Rendered]:
     """What a worker does: all of a run but what follows from the frames of all workers."""
     layout = Layout.of(scene, out)
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
         run = _Run(scene, layout, shard, console, device_of_worker(device, shard[0]))
         run.is_worker = True
-        with run.record.recording(), run.beside:
+        with run.record.recording():
             run.simulate(frames, folder.recorded(scene, layout))
             run.go(sensors=False, images=True)
     run.summary.stages = run.clock.rounded()
     return run.summary, run.made
+
+
+def simulated(scene, quiet: bool = False, parts: list | None = None):
+    """The scene's `Simulation`, with a progress bar; ``parts`` are its geometry, where it is at hand."""
+    from varos_warp.sim.trajectory import simulate
+
+    with Console(quiet).progress("simulating", 100, "%") as progress:
+        return simulate(scene, parts, progress=progress.reach)
 
 
 class _Run:
@@ -137,16 +143,15 @@ class _Run:
 
     is_worker = False
     """Whether a parent does what follows from the frames of all shards."""
+    has_tables = False
+    """Whether they are written already."""
     parts: list | None = None
     """Everything solid in the scene, where the sensors needed it."""
-    tables: Future | None = None
-    """Done once they are written, which goes on while images are rendered."""
 
     def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
         self.device, self.renderer = device, renderer
         self.clock, self.made, self.record = Clock(), Rendered(), Record(layout.root)
-        self.beside = ThreadPoolExecutor(1, "beside")
         self.work: list[ImageJob] = []
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
@@ -205,15 +210,17 @@ class _Run:
         return damaged
 
     def hand_out(self, workers: int, arguments: tuple, sensors: bool) -> None:
-        """Have worker processes render what is missing; afterwards nothing is. Tables come after the first image."""
+        """Have worker processes render what is missing; afterwards nothing is. From the first image on write tables."""
         self.find_work()
         if not self.work:
             return
         try:
             with self.rendering() as progress:
                 def done(steps: int) -> None:
-                    self.tables = self.tables or self.beside.submit(self.describe, sensors)
-                    self.advance(progress, steps)
+                    progress.advance(steps)
+                    if not self.has_tables:
+                        self.choose_extent(images=True)
+                        self.write_tables(sensors)
 
                 results = run_in_workers(workers, render_shard, arguments, done=done, tell=self.console.tell)
                 self.summary.rate = round(progress.rate, 4)
@@ -239,16 +246,16 @@ class _Run:
                     self.load()
             with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
                     "waiting for the plan that another shard makes ...")):
-                self.decide(images)
-                if self.shard[1] > 1 and not self.is_worker:  # another shard may be of more frames
+                self.take_over(folder.recorded(self.scene, self.layout))
+                if self.work:
+                    self.settle()
+                self.choose_extent(images)
+                self.write_metadata()
+                if not (self.is_worker or self.has_tables):
                     self.write_tables(sensors)
-        if self.shard[1] == 1 and not (self.is_worker or self.tables):
-            self.tables = self.beside.submit(self.write_tables, sensors)
         try:
             if images:
                 self.render()
-            if self.tables:
-                self.tables.result()
             if images and not self.is_worker:
                 self.finish()
             if self.summary.complete and not self.is_worker:
@@ -257,29 +264,10 @@ class _Run:
         finally:
             self.write_log()
 
-    def decide(self, images: bool) -> None:
-        """Decide what is still open, and write it down."""
-        self.take_over(folder.recorded(self.scene, self.layout))
-        if self.work and self.renderer is not None:
-            self.settle()
-        self.write_metadata(images)
-
-    def describe(self, sensors: bool) -> None:
-        """Write the tables while workers render, who have decided."""
-        with folder.planning(self.layout.root):
-            self.decide(images=True)
-        self.write_tables(sensors)
-
     def rendering(self) -> Progress:
         """How far the rendering is: a frame is one job, or one for each of several cameras."""
         unit = "frames" if len(self.layout.cameras) == 1 else "views"
         return self.console.progress("rendering", len(self.work), unit)
-
-    def advance(self, progress: Progress, steps: int = 1) -> None:
-        """Count steps; what keeps the tables from being written stops the run at once."""
-        progress.advance(steps)
-        if self.tables and self.tables.done():
-            self.tables.result()
 
     def lacks_segments(self, images: bool) -> bool:
         """Whether what tells what S means is to be made, though no image is."""
@@ -357,10 +345,10 @@ class _Run:
             from varos_warp.sim.trajectory import path_samples
 
             parts = self.parts = self.build() if self.parts is None else self.parts
-            checked = self.beside.submit(check_scene, self.scene, parts, path_samples(self.simulation))
-            self.renderer = FrameRenderer(self.scene, self.device, parts)
-            for warning in checked.result():
-                self.say(warning)
+            with beside(FrameRenderer, self.scene, self.device, parts) as renderer:
+                for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
+                    self.say(warning)
+                self.renderer = renderer.result()
         if self.renderer.device == "cpu":
             give_back_large_arrays()
         if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
@@ -402,13 +390,16 @@ class _Run:
 
     # ------------------------------------------------------------------------------------------------------ texts
 
-    def write_metadata(self, images: bool) -> None:
-        """What says whose folder this is, before anything else is written, and what it holds."""
+    def choose_extent(self, images: bool) -> None:
+        """Frames and outputs that the dataset has or is to have."""
         before = self.previous["outputs"] if self.previous else []
         asked = self.scene.render.outputs if images else []
         self.outputs = [letter for letter in OUTPUTS if letter in before or letter in asked]
         frames = set(from_runs(self.previous["frames"]["ranges"])) if before else set()
         self.frames = sorted(frames | set(self.selected if images or not before else ()))
+
+    def write_metadata(self) -> None:
+        """What says whose folder this is, before anything else is written, and what it holds."""
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
                                    outputs=self.outputs, plan=self.plan, device=self.recorded_device,
                                    denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
@@ -433,6 +424,7 @@ class _Run:
                 writers.write_row_poses(self.layout, camera, self.frames, self.motion)
         writers.write_lights(self.layout, self.scene, self.frames, time_ns, poses)
         write_moving(self.layout, self.scene, time_ns)
+        self.has_tables = True
 
     # -------------------------------------------------------------------------------------------------- rendering
 
@@ -446,7 +438,7 @@ class _Run:
             return
         with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan["integrator"]):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
-                     partial(self.advance, progress), self.say).run(self.work)
+                     progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures
@@ -473,14 +465,22 @@ class _Run:
 
     # --------------------------------------------------------------------------------------------------- finishing
 
+    def tell_of_empty_images(self) -> None:
+        """Name the cameras that looked into open water, with the frames where they did."""
+        for camera in self.layout.cameras:
+            frames = sorted({frame for name, _, frame in self.made.empty if name == camera})
+            letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
+            if frames:
+                which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
+                self.say(f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
+                         f"({which}): {', '.join(letters)} hold nothing there")
+
     def finish(self) -> None:
         """Expose A, B and P once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
-        for camera in self.layout.cameras:
-            if words := self.made.without_surface(camera):
-                self.say(words)
+        self.tell_of_empty_images()
         self.record.reload()
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0
