@@ -1,6 +1,7 @@
 """Kernels that are compiled while something else goes on: those that images need, each of them once."""
 
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from varos_warp.scene import launch
 from varos_warp.scene.device import Contents, DeviceScene
 from varos_warp.scene.file.load import DATA, load_scene
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.launch import compiling, load_kernel
+from varos_warp.scene.launch import beside, compiling, load_kernel
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -115,6 +116,16 @@ def test_nobody_waits_for_what_is_compiled_but_not_needed(monkeypatch):
     for kernel in kernels:
         load_kernel(kernel, "cpu")
     assert [kernel.module.compiled for kernel in kernels] == [1, 1, 1]
+
+
+def test_an_error_does_not_wait_for_what_goes_on_beside():
+    go, begun = threading.Event(), time.monotonic()
+    with pytest.raises(ZeroDivisionError), beside(go.wait, 60.0):
+        raise ZeroDivisionError
+    assert time.monotonic() - begun < 30.0
+    go.set()
+    with beside(max, 3, 4) as larger:
+        assert larger.result() == 4
 
 
 def test_what_a_thread_failed_to_compile_is_tried_again_where_it_is_needed():

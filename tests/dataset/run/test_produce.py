@@ -3,11 +3,12 @@
 import json
 import os
 import shutil
+import sys
 import time
 
 import numpy as np
 import pytest
-from standins import FlatFloorRenderer, make_scene, scene_dict, tree
+from standins import FlatFloorRenderer, install, make_scene, scene_dict, tree
 
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import Console, Progress
@@ -377,3 +378,17 @@ def test_frames_beyond_the_end_are_told_of(tmp_path, frames, told):
     scene = make_scene()
     summary = produce(scene, tmp_path, frames=frames, quiet=True, images=False)
     assert any("the sequence ends with frame 9" in message for message in summary.messages) == told, summary.messages
+
+
+def test_warnings_of_a_scene_are_told_before_what_keeps_it_from_being_loaded(tmp_path, monkeypatch, capsys):
+    class Full(FlatFloorRenderer):
+        def __init__(self, *_):
+            raise InputError("out of memory")
+
+    install(monkeypatch)
+    monkeypatch.setattr(sys.modules["varos_warp.render.renderer"], "FrameRenderer", Full)
+    monkeypatch.setattr("varos_warp.scene.checks.check_scene", lambda *_: ["terrain: 2000 km across"])
+    with pytest.raises(InputError, match="out of memory"):
+        produce(make_scene(), tmp_path / "out", device="cpu")
+    assert "note: terrain: 2000 km across" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
