@@ -31,6 +31,7 @@ from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
+from varos_warp.render.planner.decisions import says_how
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
@@ -293,8 +294,7 @@ class _Run:
 
     def find_work(self) -> None:
         """Find what this shard has to render."""
-        index, of = self.shard
-        mine = self.selected[index::of]
+        mine = self.selected[self.shard[0]::self.shard[1]]
         self.work = list(self.store.missing(mine))
         self.summary.rendered += sum(len(job.letters) for job in self.work)
         wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
@@ -370,7 +370,7 @@ class _Run:
             self.say(f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
                      "tables may differ, of images they do not; dataset.json keeps the first")
         with self.clock("plan"):
-            self.plan = self.plan or self.make_plan()
+            self.plan = self.plan if says_how(self.plan, self.letters()) else self.make_plan()
 
     def make_plan(self) -> dict:
         """What the planner chooses for the whole sequence."""

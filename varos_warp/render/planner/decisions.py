@@ -1,5 +1,6 @@
 """What a planner decided: its choices with their reasons and errors, and what follows from them for a frame."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -27,6 +28,13 @@ def open_questions(scene: Scene) -> tuple[str, ...]:
     compared = render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
                                                                   lambda: unavailable(scene)) == "field"
     return ("integrator",) * compared + ("samples",) * (render.spp is None)
+
+
+def says_how(plan: dict[str, Any] | None, letters: Iterable[str]) -> bool:
+    """Whether a plan, as `Plan.to_dict` has it, says how images are rendered; of A not if it was made for others."""
+    if plan is None:
+        return False
+    return not {"A", "P"} & {*letters} or all(decision["what"] != "A" for decision in plan["decisions"])
 
 
 def silently(step: str, share: float) -> None:
