@@ -7,6 +7,14 @@ import time
 from pathlib import Path
 
 
+def wait_for(condition, seconds=60.0) -> None:
+    """Until it is true."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
 def facts(shard, console):
     """What a worker is given, and what it holds."""
     links = [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")
@@ -67,7 +75,7 @@ def flat_floor_shard(kind: str, folder: Path, *arguments, shard, console):
             if kind == "failing" and frame == 5:
                 raise RuntimeError("CUDA error 700")
             if kind == "waiting" and frame >= 5:
-                wait_for_tables(folder)
+                wait_for(lambda: list(folder.rglob("lights0_poses.csv")))
             if kind == "slow":
                 time.sleep(0.3)
             return super().render(*args, frame=frame, **options)
@@ -76,15 +84,6 @@ def flat_floor_shard(kind: str, folder: Path, *arguments, shard, console):
         patch.setattr(standins, "FlatFloorRenderer", Renderer)
         standins.install(patch)
         return produce.render_shard(*arguments, shard=shard, console=console)
-
-
-def wait_for_tables(folder: Path) -> None:
-    """Until there is the last one, for a while."""
-    for _ in range(300):
-        if list(folder.rglob("lights0_poses.csv")):
-            return
-        time.sleep(0.1)
-    raise RuntimeError("no tables")
 
 
 def sleep_in_two_workers(folder: Path) -> None:

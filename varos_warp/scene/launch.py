@@ -65,8 +65,6 @@ def block_dim(kernel: wp.Kernel) -> int:
     return bounds[0] if bounds else BLOCK_DIM
 
 
-UNAWAITED = "unawaited"
-"""Beginning of the names of threads for which the end of the program does not wait."""
 CORES_TO_COMPILE = 2
 """Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
 _loading: dict[tuple[wp.Module, str], threading.Lock] = {}
@@ -102,7 +100,7 @@ def beside(function: Callable[..., Any], *arguments) -> Iterator[Future]:
 @contextlib.contextmanager
 def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
     """Threads that nobody waits for at the end; what they have not begun they do not begin."""
-    pool = ThreadPoolExecutor(count, UNAWAITED)
+    pool = ThreadPoolExecutor(count, "unawaited")  # by this name the command line knows that it need not wait
     try:
         yield pool
     finally:

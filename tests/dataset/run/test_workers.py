@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import worker_bodies
 from standins import install, make_scene, tree
+from worker_bodies import wait_for
 
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.progress import Console
@@ -102,14 +103,6 @@ def program(function, argument, tmp_path) -> subprocess.Popen:
                             env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here / "tests")))})
 
 
-def wait_for(condition, seconds=60.0) -> None:
-    """Until it is true."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
-
-
 def members(group: int) -> list[str]:
     """Processes of a group."""
     found = subprocess.run(["ps", "-A", "-o", "pgid=,pid=,stat=,args="], capture_output=True, text=True, check=True)
@@ -185,6 +178,7 @@ def test_a_worker_writes_what_says_whose_folder_it_is_and_leaves_the_tables_to_i
         production.render_shard(scene, out, "cpu", slice(None), shard=(index, 2), console=Console(True))
         assert layout.metadata.exists()
         assert not layout.states.exists()
+        assert not layout.lights.exists()
 
 
 @posix

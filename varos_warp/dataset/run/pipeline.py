@@ -88,6 +88,12 @@ class Rendered:
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
     """What could not be made, and why."""
 
+    def add(self, other: "Rendered") -> None:
+        """What a worker has rendered, too; its log and its failures it tells of itself."""
+        self.statistics |= other.statistics
+        self.clamped += other.clamped
+        self.empty |= other.empty
+
 
 class _Threads(ThreadPoolExecutor):
     """Threads that render; when something goes wrong, what they have not begun they do not begin."""

@@ -118,7 +118,8 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     return run.summary
 
 
-def render_shard(scene, out, device, frames: slice, *, shard: tuple[int, int], console) -> tuple[Summary, Rendered]:
+def render_shard(scene, out, device: str, frames: slice, *, shard: tuple[int, int], console
+                 ) -> tuple[Summary, Rendered]:
     """What a worker does: all of a run but what follows from the frames of all workers."""
     layout = Layout.of(scene, out)
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
@@ -215,12 +216,12 @@ class _Run:
         self.find_work()
         if not self.work:
             return
+        self.choose_extent(images=True)
         try:
             with self.rendering() as progress:
                 def done(steps: int) -> None:
                     progress.advance(steps)
                     if not self.has_tables:
-                        self.choose_extent(images=True)
                         self.write_tables(sensors)
 
                 results = run_in_workers(workers, render_shard, arguments, done=done, tell=self.console.tell)
@@ -229,9 +230,7 @@ class _Run:
             folder.sweep(self.layout.root)  # what killed workers left
             self.record.reload()
         for summary, made in results:
-            self.made.statistics |= made.statistics
-            self.made.clamped += made.clamped
-            self.made.empty |= made.empty
+            self.made.add(made)
             self.clock.beside(summary.stages)
             self.summary.messages += [words for words in summary.messages if words not in self.summary.messages]
         devices = Counter(summary.device for summary, _ in results if summary.device)

@@ -43,18 +43,15 @@ def statistics(radiance: np.ndarray) -> Statistics:
 
     Both scale with the radiance, so that twice the light means exactly half the gain.
     """
-    # channels with pixels side by side: half the time
+    # each channel by itself, with pixels side by side, takes less time
     red, green, blue = (np.maximum(radiance[..., i].astype(np.float64), 0.0) for i in range(3))
     brightest = np.maximum(np.maximum(red, green), blue)
     highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE)) or float(brightest.max())
     if not highlight > 0.0:
         return Statistics(np.nan, np.nan)
     # no matrix product: how BLAS sums depends on its threads
-    luminance = red * _LUMINANCE[0]
-    luminance += green * _LUMINANCE[1]
-    luminance += blue * _LUMINANCE[2]
-    np.log(np.maximum(luminance, FLOOR * highlight, out=luminance), out=luminance)
-    return Statistics(float(np.exp(luminance.mean())), highlight)
+    luminance = red * _LUMINANCE[0] + green * _LUMINANCE[1] + blue * _LUMINANCE[2]
+    return Statistics(float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean())), highlight)
 
 
 def known_gain(setting: str | float, output: str) -> float | None:
