@@ -1,7 +1,8 @@
 """Launching kernels for frames: compiled once, results fetched while the host goes on.
 
 What a host decides while it renders follows from what a GPU has computed. Functions that need such numbers are `Steps`:
-they give up control until the numbers are there, and are on the host; another frame's can go on meanwhile.
+they give up control until the numbers are there, on the host, and while it works on them; another frame's can go on
+meanwhile.
 """
 
 import threading
@@ -26,7 +27,7 @@ KEPT_BYTES = 4 << 30
 T = TypeVar("T")
 U = TypeVar("U")
 Steps = Generator[Callable[[], None], None, T]
-"""Work that gives a function that waits, whenever it needs to wait; what it returns in the end is a T."""
+"""Work that gives what it need not do itself: a function that waits, or leaves the device alone. Its result is a T."""
 
 
 def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
@@ -34,15 +35,22 @@ def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
 
     Args:
         steps: The work.
-        turn: Held during every step, and not while the device is waited for.
+        turn: Held during every step, and not while what it gives is done.
     """
     while True:
         with turn:
             try:
-                wait = next(steps)
+                apart = next(steps)
             except StopIteration as end:
                 return end.value
-        wait()
+        apart()
+
+
+def aside(function: Callable[..., T], *arguments) -> Steps[T]:
+    """What a function finds that waits, or leaves the device alone."""
+    found: list[T] = []
+    yield lambda: found.append(function(*arguments))
+    return found[0]
 
 
 def at_once(device: str, function: Callable[..., U], *items: Iterable) -> Iterator[U]:
@@ -92,13 +100,12 @@ class Launcher:
         for array, copy in zip(arrays, staged, strict=True):
             wp.copy(copy, array)
         done, views = wp.get_stream(self.device).record_event(), [copy.numpy() for copy in staged]
-        on_host: list[np.ndarray] = []
 
-        def wait() -> None:
+        def awaited() -> list[np.ndarray]:
             wp.synchronize_event(done)
-            on_host.extend(view.copy() for view in views)  # of many megabytes, while others take their turns
+            return [view.copy() for view in views]  # many megabytes
 
-        yield wait
+        on_host = yield from aside(awaited)
         for copy in staged:
             self._unused[copy.shape, copy.dtype].append((copy, None))
         return on_host

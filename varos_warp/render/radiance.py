@@ -26,7 +26,7 @@ from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, sample_step
-from varos_warp.render.launch import Steps
+from varos_warp.render.launch import Steps, aside
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -171,7 +171,8 @@ class RadianceRenderer:
             denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
-            take(share_out(other_noise(*statistics), first, spp, [kind.cost for kind in kinds]))
+            cost = [kind.cost for kind in kinds]
+            take((yield from aside(lambda: share_out(other_noise(*statistics), first, spp, cost))))
         return films
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:

@@ -96,6 +96,7 @@ class FrameRenderer:
         self.companions = companions(scene)
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
+        self._material_ids = np.array([0, *(row["material_id"] for row in self.segments)], np.int32)
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
         self.radiance = RadianceRenderer(scene, self.world, self.films)
@@ -265,8 +266,7 @@ class FrameRenderer:
         fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
         on_host = {letter: [next(fetched) for _ in arrays[letter]] for letter in wanted}
         if "S" in on_host:
-            ids, = on_host["S"]
-            on_host["S"].append(np.array([0, *(row["material_id"] for row in self.segments)], np.int32)[ids])
+            on_host["S"].append(self._material_ids)
         kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 

@@ -126,6 +126,18 @@ def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_s
     assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
 
 
+def test_samples_are_shared_out_while_others_may_use_the_device(bright_spot, monkeypatch):
+    held = []
+
+    def noted(*arguments):
+        held.append(bright_spot.launcher.turn.locked())
+        return share_out(*arguments)
+
+    monkeypatch.setattr(radiance, "share_out", noted)
+    bright_spot.render(np.eye(4), outputs="A", spp=12)
+    assert held == [False]
+
+
 @pytest.mark.parametrize("resolution", [(1, 1), (2, 1), (9, 3)])
 def test_images_smaller_than_a_tile_have_samples_too(bright_spot, resolution):
     camera = bright_spot.scene.vehicle.cameras[0].model_copy(update={"resolution": resolution})

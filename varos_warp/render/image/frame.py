@@ -87,8 +87,13 @@ class SegmentImage:
 
     instance: np.ndarray
     """Number of the terrain or object, from 1."""
-    material: np.ndarray
-    """Number of its material in the scene file, from 1; 0 also where it has none."""
+    material_ids: np.ndarray
+    """Number of the material of each instance in the scene file, from 1, and of nothing (0), int32 [N + 1]; 0: none."""
+
+    @property
+    def material(self) -> np.ndarray:
+        """Number of the material that each ray hits, as ``instance``."""
+        return self.material_ids[self.instance]
 
 
 @dataclass(frozen=True)
