@@ -159,10 +159,10 @@ def plan_render(scene, renderer, poses, **options):
     """As the planner: where A is not among the outputs, it does not look for samples."""
     what, spp = ("spp", 8) if {"A", "P"} & set(scene.render.outputs) else ("A", 1)
     plan = {"spp": scene.render.spp or spp, "max_scatterings": scene.render.max_scatterings,
-            "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"]}
+            "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"],
+            "models": dict.fromkeys(scene.render.outputs, "a test")}
     decision = SimpleNamespace(what=what, choice=str(spp), reason="a test", error=None)
-    words = {"spp_in_words": f"{plan['spp']} samples per pixel"}
-    words |= {"error": None, "shortfall": None, "ports": [], "cost": None}
+    words = {"error": None, "shortfall": None, "ports": [], "cost": None}
     return SimpleNamespace(**plan, **words, decisions=[decision],
                            to_dict=lambda: plan | {"decisions": [vars(decision)]})
 

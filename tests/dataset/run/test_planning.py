@@ -44,24 +44,25 @@ def test_the_same_scene_is_planned_once(plans):
     assert plans == [4]
 
 
-@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"spp_b": 3}, {"poses": [np.eye(4)] * 2},
-                                     {"times": [0, 100, 300]}])
+@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"outputs": ["B", "D"]},
+                                     {"poses": [np.eye(4)] * 2}, {"times": [0, 100, 300]}])
 def test_what_a_plan_follows_from_is_planned_anew(plans, changed):
     kept(spp=4)
     kept(**({"spp": 4} | changed))
     assert len(plans) == 2
 
 
-def test_what_a_plan_does_not_follow_from_keeps_it(plans):
+@pytest.mark.parametrize("changed", [{"linear_exr": True}, {"spp_b": 3}, {"outputs": ["D", "A"]}])
+def test_what_a_plan_does_not_follow_from_keeps_it(plans, changed):
     kept(spp=4)
-    kept(spp=4, linear_exr=True)
+    kept(spp=4, **changed)
     assert len(plans) == 1
 
 
-def test_a_plan_that_was_made_anyway_is_kept_without_its_cost(plans):
+def test_a_plan_that_was_made_anyway_is_kept_without_its_cost_and_the_outputs(plans):
     scene = make_scene({"spp": 4})
     plan = standins.plan_render(scene, None, POSES)
-    plan.to_dict = lambda: {"spp": 9, "cost": {"seconds_per_frame": 1.0}}
+    plan.to_dict = lambda: {"spp": 9, "cost": {"seconds_per_frame": 1.0}, "models": {"A": "paths"}}
     keep_plan(scene, FlatFloorRenderer(scene), frames_of(), plan)
     assert kept(spp=4)["plan"] == {"spp": 9}
     assert plans == []

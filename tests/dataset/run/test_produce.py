@@ -108,11 +108,12 @@ def test_a_smaller_range_after_an_interrupted_run_is_finished_by_itself(tmp_path
     assert len(list(tmp_path.rglob("cam0/A/*.png"))) == 3
 
 
-def test_outputs_can_be_added_later_without_rendering_the_others_again(written, tmp_path):
-    run(tmp_path, {"outputs": ["D"]})
-    assert not list(tmp_path.rglob("*.exr"))
+@pytest.mark.parametrize(("first", "others"), [("D", "ABC"), ("A", "BCD")])
+def test_outputs_can_be_added_later_without_rendering_the_others_again(written, tmp_path, first, others):
+    run(tmp_path, {"outputs": [first]})
+    assert {path.parent.name[0] for path in tmp_path.rglob("*-0*")} == {first}
     _, calls = run(tmp_path)
-    assert {letters for _, _, letters in calls} == {"ABC"}
+    assert {letters for _, _, letters in calls} == {others}
     ours, theirs = tree(tmp_path), tree(written)
     assert ours == theirs
 

@@ -19,6 +19,7 @@ from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.render.planner.decisions import models_in_words
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
@@ -265,6 +266,14 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
+def _told_of(plan: dict | None, scene, outputs: list[str]) -> dict | None:
+    """A plan with what each of the outputs is made by; of those that were there before, as it was said then."""
+    if plan is None:
+        return None
+    words = models_in_words(scene, plan, outputs) | plan.get("models", {})
+    return plan | {"models": {letter: words[letter] for letter in outputs}}
+
+
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
              device: dict | None, denoisers: dict[str, str | None], moving: Sequence[dict] = ()) -> dict:
     """Everything that dataset.json says.
@@ -299,7 +308,8 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
         "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
                   "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
-        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
+        "samples": {"plan": _told_of(plan, scene, outputs), "spp_b": render.spp_b,
+                    "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
         "lights": describe_lights(vehicle),

@@ -102,12 +102,6 @@ class Plan:
         return np.hypot(samples[0], np.sum([np.zeros(3), *models], axis=0))
 
     @property
-    def spp_in_words(self) -> str:
-        """How many samples per pixel the frames have."""
-        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
-        return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
-
-    @property
     def options(self) -> dict[str, Any]:
         """Options of `FrameRenderer.render` for A as planned."""
         return {key: getattr(self, key) for key in ("spp", *by_frame.PLANNED)}
@@ -122,21 +116,28 @@ class Plan:
         return content | {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
 
 
-def models_in_words(scene: Scene, plan: Plan) -> dict[str, str]:
-    """What makes each output, in words."""
-    render = scene.render
-    bounds = ((plan.max_scatterings, "scattering", "in the water"), (plan.max_bounces, "reflection", "on surfaces"))
+def spp_in_words(plan: dict[str, Any]) -> str:
+    """How many samples per pixel of A the frames have by a plan, as `Plan.to_dict` has it."""
+    given = plan.get("spp_by_frame")
+    least, most = by_frame.extent(given) if given else (plan["spp"], plan["spp"])
+    return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
+
+
+def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str]) -> dict[str, str]:
+    """What makes each of the outputs by a plan, as `Plan.to_dict` has it, in words."""
+    render, scatterings, bounces = scene.render, plan["max_scatterings"], plan["max_bounces"]
+    bounds = ((scatterings, "scattering", "in the water"), (bounces, "reflection", "on surfaces"))
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
-    integrator = INTEGRATORS[resolve_integrator(plan.integrator, plan.max_scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{integrator}{limits}, {plan.spp_in_words}, "
+    integrator = INTEGRATORS[resolve_integrator(plan["integrator"], scatterings, lambda: unavailable(scene))]
+    words = {"A": f"{integrator}{limits}, {spp_in_words(plan)}, "
                   f"denoise {available_method(render.denoise)}",
              "B": f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
                   f"denoise {available_method(render.denoise_b)}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
     words["P"] = words["A"]
-    return {letter: how for letter, how in words.items() if letter in render.outputs}
+    return {letter: how for letter, how in words.items() if letter in outputs}
 
 
 def in_words(seconds: float) -> str:

@@ -85,7 +85,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
     if measure_cost:
         progress("time", 0.0)
     cost = sequence_cost(scene, frames, plan) if measure_cost else None
-    return replace(plan, models=models_in_words(scene, plan), cost=cost)
+    return replace(plan, models=models_in_words(scene, plan.to_dict(), scene.render.outputs), cost=cost)
 
 
 class Planner:
