@@ -27,7 +27,7 @@ KEPT_BYTES = 4 << 30
 T = TypeVar("T")
 U = TypeVar("U")
 Steps = Generator[Callable[[], None], None, T]
-"""Work that gives what it need not do itself: a function that waits, or leaves the device alone. Its result is a T."""
+"""Work whose result is a T. It yields functions that wait for the device, or do without it: others may use it then."""
 
 
 def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
@@ -35,7 +35,7 @@ def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
 
     Args:
         steps: The work.
-        turn: Held during every step, and not while what it gives is done.
+        turn: Held during every step, and not while the functions that it yields are called.
     """
     while True:
         with turn:
@@ -46,10 +46,10 @@ def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
         apart()
 
 
-def aside(function: Callable[..., T], *arguments) -> Steps[T]:
-    """What a function finds that waits, or leaves the device alone."""
+def aside(function: Callable[[], T]) -> Steps[T]:
+    """What a function returns that waits for the device, or does without it."""
     found: list[T] = []
-    yield lambda: found.append(function(*arguments))
+    yield lambda: found.append(function())
     return found[0]
 
 

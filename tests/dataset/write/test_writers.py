@@ -227,3 +227,16 @@ def test_a_sensor_that_samples_between_ticks_has_the_poses_of_its_times(tmp_path
     assert np.array_equal(table[0], simulation.imu.time_ns)
     expected = simulation.trajectory.at(table[0]).poses() @ pose_matrix(scene.vehicle.imu)
     np.testing.assert_array_equal(np.column_stack(table[1:]).reshape(-1, 3, 4), expected[:, :3])
+
+
+def test_a_plan_says_how_outputs_are_made_and_keeps_what_it_says_already():
+    """By what denoised them, which need not be what there is now; the scene is not looked at where all is said."""
+    scene = make_scene({"denoise": "oidn", "denoise_b": "oidn"})
+    plan = {"spp": 4, "max_scatterings": None, "max_bounces": 3, "integrator": "path", "spp_by_frame": None}
+    told = writers.with_models(plan, scene, ["A", "B"], {"A": "nlm", "B": "oidn"})
+    assert told["models"] == {"A": "path tracer, at most 3 reflections on surfaces, 4 samples per pixel, denoise nlm",
+                              "B": "no water, uniform ambient light, 8 samples per pixel, denoise oidn"}
+    more = writers.with_models(told, scene, ["A", "B", "D"], {"A": "none", "B": "none"})
+    assert more["models"] == told["models"] | {"D": "first hits of pixel centres"}
+    assert writers.with_models(more, None, ["A", "B", "D"], {}) is more
+    assert writers.with_models(None, None, ["A"], {}) is None

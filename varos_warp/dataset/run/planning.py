@@ -11,7 +11,7 @@ from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.decisions import STEPS, open_questions, spp_in_words
+from varos_warp.render.planner.decisions import STEPS, open_questions, sees_water, spp_in_words
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.file.named_files import mesh_textures
@@ -21,7 +21,7 @@ CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene", "varos_wa
 ROOTS = ("varos_warp.render.renderer", "varos_warp.render.planner.plan", "varos_warp.sim.trajectory")
 """beginning with these."""
 BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m", "spp_b", "denoise_b", "outputs")
-"""Keys of the block ``render`` that no plan follows from; of the outputs only whether there is light in water."""
+"""Keys of the block ``render`` that no plan follows from; of the outputs only whether they see water."""
 APART = ("cost", "models")
 """Of a plan: what one machine takes, and what each of the outputs is made by."""
 
@@ -33,7 +33,7 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
     """
     from varos_warp.render.planner.plan import plan_render
 
-    if not _sees_water(scene):  # nothing that is made takes an integrator: none is refused
+    if not sees_water(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
     ahead = scene.render.outputs if open_questions(scene) and not options.get("measure_cost") else ()
     with renderer.compiling(ahead), NamedSteps("planning", STEPS, quiet) as steps:
@@ -72,14 +72,10 @@ def keep_plan(scene, renderer, frames, plan) -> None:
 def _payload(scene, plan) -> dict[str, np.ndarray]:
     """A plan as an array of text, without what is `APART`."""
     error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-    samples = [f"{spp_in_words(plan.to_dict())} of A{error}"] * _sees_water(scene)
+    samples = [f"{spp_in_words(plan.to_dict())} of A{error}"] * sees_water(scene.render.outputs)
     told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
     content = {key: value for key, value in plan.to_dict().items() if key not in APART}
     return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
-
-
-def _sees_water(scene) -> bool:
-    return not {"A", "P"}.isdisjoint(scene.render.outputs)
 
 
 def depends_on(scene, renderer, frames) -> dict[str, Any]:
@@ -88,7 +84,7 @@ def depends_on(scene, renderer, frames) -> dict[str, Any]:
     for key in BESIDE:
         described["render"].pop(key, None)
     textures = {str(path.name): sha256(path) for path in mesh_textures(scene)}
-    return {"scene": described, "water": _sees_water(scene), "files": sources(scene) | textures,
+    return {"scene": described, "water": sees_water(scene.render.outputs), "files": sources(scene) | textures,
             "frames": digest(frames.time_ns, frames.poses()), "device": kind_of(renderer.device),
             "renderer": type(renderer).__qualname__, "denoiser": available_method(scene.render.denoise),
             "version": varos_warp.__version__, "code": [code_hash(root, CODE) for root in ROOTS]}

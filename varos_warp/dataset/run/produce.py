@@ -400,7 +400,8 @@ class _Run:
     def write_metadata(self) -> None:
         """What says whose folder this is, before anything else is written, and what it holds."""
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, plan=self.plan, device=self.recorded_device,
+                                   outputs=self.outputs, device=self.recorded_device,
+                                   plan=writers.with_models(self.plan, self.scene, self.outputs, self.denoisers),
                                    denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]

@@ -266,11 +266,12 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
-def _told_of(plan: dict | None, scene, outputs: list[str]) -> dict | None:
-    """A plan with what each of the outputs is made by; of those that were there before, as it was said then."""
-    if plan is None:
-        return None
-    words = models_in_words(scene, plan, outputs) | plan.get("models", {})
+def with_models(plan: dict | None, scene, outputs: list[str], denoisers: dict[str, str | None]) -> dict | None:
+    """A plan that says how each of the outputs is made; of those of which it does already, it says the same."""
+    told = (plan or {}).get("models") or {}
+    if plan is None or told.keys() >= {*outputs}:
+        return plan
+    words = models_in_words(scene, plan, outputs, denoisers) | told
     return plan | {"models": {letter: words[letter] for letter in outputs}}
 
 
@@ -308,8 +309,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
         "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
                   "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
-        "samples": {"plan": _told_of(plan, scene, outputs), "spp_b": render.spp_b,
-                    "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
+        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
         "lights": describe_lights(vehicle),

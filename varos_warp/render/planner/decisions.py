@@ -8,7 +8,6 @@ import numpy as np
 
 from varos_warp.errors import counted
 from varos_warp.render.field.open_water import unavailable
-from varos_warp.render.image.denoise import available_method
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
@@ -20,10 +19,15 @@ STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "
 """Of planning, for those who wait; the fourth where the first test images had far too few samples."""
 
 
+def sees_water(outputs: Iterable[str]) -> bool:
+    """Whether there is an image of light in water among the outputs: only those take what a plan decides."""
+    return not {"A", "P"}.isdisjoint(outputs)
+
+
 def open_questions(scene: Scene) -> tuple[str, ...]:
     """What test images have to tell of a scene: which ``integrator`` is faster, how many ``samples`` it takes."""
     render = scene.render
-    if not {"A", "P"} & set(render.outputs):
+    if not sees_water(render.outputs):
         return ()
     compared = render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
                                                                   lambda: unavailable(scene)) == "field"
@@ -34,7 +38,7 @@ def says_how(plan: dict[str, Any] | None, letters: Iterable[str]) -> bool:
     """Whether a plan, as `Plan.to_dict` has it, says how images are rendered; of A not if it was made for others."""
     if plan is None:
         return False
-    return not {"A", "P"} & {*letters} or all(decision["what"] != "A" for decision in plan["decisions"])
+    return not sees_water(letters) or all(decision["what"] != "A" for decision in plan["decisions"])
 
 
 def silently(step: str, share: float) -> None:
@@ -123,17 +127,18 @@ def spp_in_words(plan: dict[str, Any]) -> str:
     return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
 
 
-def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str]) -> dict[str, str]:
-    """What makes each of the outputs by a plan, as `Plan.to_dict` has it, in words."""
+def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str],
+                    denoisers: dict[str, str | None]) -> dict[str, str]:
+    """What makes each of the outputs by a plan, as `Plan.to_dict` has it, in words; ``denoisers`` are of A and B."""
     render, scatterings, bounces = scene.render, plan["max_scatterings"], plan["max_bounces"]
     bounds = ((scatterings, "scattering", "in the water"), (bounces, "reflection", "on surfaces"))
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan["integrator"], scatterings, lambda: unavailable(scene))]
     words = {"A": f"{integrator}{limits}, {spp_in_words(plan)}, "
-                  f"denoise {available_method(render.denoise)}",
+                  f"denoise {denoisers['A']}",
              "B": f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
-                  f"denoise {available_method(render.denoise_b)}",
+                  f"denoise {denoisers['B']}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
              "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
     words["P"] = words["A"]

@@ -22,7 +22,7 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
+from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, sees_water, silently
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
@@ -85,7 +85,9 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
     if measure_cost:
         progress("time", 0.0)
     cost = sequence_cost(scene, frames, plan) if measure_cost else None
-    return replace(plan, models=models_in_words(scene, plan.to_dict(), scene.render.outputs), cost=cost)
+    denoisers = {"A": available_method(scene.render.denoise), "B": available_method(scene.render.denoise_b)}
+    models = models_in_words(scene, plan.to_dict(), scene.render.outputs, denoisers)
+    return replace(plan, models=models, cost=cost)
 
 
 class Planner:
@@ -100,7 +102,7 @@ class Planner:
     def plan(self) -> Plan:
         """All decisions."""
         render = self.render
-        if {"A", "P"} & set(render.outputs):
+        if sees_water(render.outputs):
             self.choose_integrator()
             spp = self.choose_samples()
         else:  # nothing else pays for water
