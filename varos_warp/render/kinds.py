@@ -22,6 +22,7 @@ from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import twin
+from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import Contents, optics_spec
@@ -136,7 +137,7 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)
     on_host = list(KERNELS) if getattr(scene.terrain, "preprocess", None) else []
-    if integrator is None and scene.render.spp is None and {*"AP"} & {*letters}:
+    if integrator is None and scene.render.spp is None and sees_water(letters):
         on_host.append(compare_rows)  # for a plan
     with compiling(on_host, "cpu"), compiling(kernels, device):
         yield

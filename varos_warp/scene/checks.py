@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.named_files import check_textures
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
@@ -216,7 +217,7 @@ def _check_strobes(lights, camera):
 
 def _check_lights(scene, poses):
     lights = scene.vehicle.lights
-    if {"A", "P"} & set(scene.render.outputs) and not any(any(light.intensity) for light in scene.lights):
+    if sees_water(scene.render.outputs) and not any(any(light.intensity) for light in scene.lights):
         return ["vehicle.lights: there is no light, so A will be black"]
     warnings = []
     for i, light in enumerate(lights):

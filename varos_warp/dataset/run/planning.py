@@ -11,7 +11,8 @@ from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.decisions import STEPS, open_questions, sees_water, spp_in_words
+from varos_warp.render.planner.decisions import STEPS, open_questions, spp_in_words
+from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.file.named_files import mesh_textures
@@ -72,9 +73,9 @@ def keep_plan(scene, renderer, frames, plan) -> None:
 def _payload(scene, plan) -> dict[str, np.ndarray]:
     """A plan as an array of text, without what is `APART`."""
     error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-    samples = [f"{spp_in_words(plan.to_dict())} of A{error}"] * sees_water(scene.render.outputs)
-    told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
     content = {key: value for key, value in plan.to_dict().items() if key not in APART}
+    samples = [f"{spp_in_words(content)} of A{error}"] * sees_water(scene.render.outputs)
+    told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
     return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
 
 

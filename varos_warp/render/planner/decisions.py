@@ -11,17 +11,13 @@ from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import sees_water
 
 INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
                "field": "path tracer with the field of open water"}
 """In words."""
 STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
 """Of planning, for those who wait; the fourth where the first test images had far too few samples."""
-
-
-def sees_water(outputs: Iterable[str]) -> bool:
-    """Whether there is an image of light in water among the outputs: only those take what a plan decides."""
-    return not {"A", "P"}.isdisjoint(outputs)
 
 
 def open_questions(scene: Scene) -> tuple[str, ...]:
@@ -135,8 +131,7 @@ def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str],
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan["integrator"], scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{integrator}{limits}, {spp_in_words(plan)}, "
-                  f"denoise {denoisers['A']}",
+    words = {"A": f"{integrator}{limits}, {spp_in_words(plan)}, denoise {denoisers['A']}",
              "B": f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
                   f"denoise {denoisers['B']}",
              "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",

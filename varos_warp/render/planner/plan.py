@@ -22,10 +22,11 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, sees_water, silently
+from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.optics.pinhole import port_worth
 

@@ -1,5 +1,6 @@
 """What is rendered, how well, and how it is exposed."""
 
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
@@ -20,6 +21,11 @@ class Exposure(Block):
 def field_by_old_name(name):
     """``field`` for what older scene files call ``tables``."""
     return "field" if name == "tables" else name
+
+
+def sees_water(outputs: Iterable[str]) -> bool:
+    """Whether there is an image of light in water among the outputs, A or P: only those need lights and a plan."""
+    return not {"A", "P"}.isdisjoint(outputs)
 
 
 class Render(Block):
