@@ -89,11 +89,29 @@ def print_info(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+    _print_files(facts["mesh_files"])
     if body := facts.get("body"):
         low, high = body["bounds_m"]
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
         print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
               f"that see it: {seen}")
+
+
+def _print_files(files: list[dict]) -> None:
+    """What became of the mesh files, and what to say where that is a guess."""
+    print_table(["mesh file", "of", "up", "unit [m]", "triangles", "without area", "textures (share outside of 0..1)"],
+                [[f["file"], f["name"], f["up"] + " (a guess)" * f["up_is_guess"], _number(f["unit_m"]),
+                  str(f["triangles"]), str(f["without_area"]), ", ".join(map(_texture, f["textures"])) or "none"]
+                 for f in files])
+    if guessed := [f["name"] for f in files if f["up_is_guess"]]:
+        print(f"Which way is up, the files of {', '.join(guessed)} do not say: z is taken. If they stand wrong, say "
+              "`up: y` there.")
+
+
+def _texture(facts: dict) -> str:
+    """A texture in words."""
+    outside = f" ({facts['outside']:.0%})" if facts["outside"] > 0.0 else ""
+    return facts["name"] + outside + ", one colour throughout" * facts["constant"]
 
 
 def _print_mounts(facts: dict) -> None:

@@ -66,7 +66,7 @@ def kinds_of_samples(scene: Scene, contents: Contents, view: Camera, options: Re
     layers = (layer in options.layers for layer in LAYERS)
     scatters = contents.medium and options.max_scatterings != 0
     spec = PathSpec(scatters, *layers, contents.instances, contents.textures, contents.surfaces, with_field,
-                    with_field and along_camera(scene, view), optics_spec(view), varies)
+                    with_field and along_camera(scene, view), optics_spec(view), varies, contents.masks)
     kinds = []
     if camera := spec.camera():
         kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
@@ -115,7 +115,7 @@ def kernels_needed(scene: Scene, contents: Contents, letters: Iterable[str], int
         if "B" in letters and contents.surfaces:
             kernels += _of_ambient(scene, contents, view)
         if letters & {*"CDSF"} and contents.surfaces:
-            seen_first = contents.instances, optics_spec(view), is_rolling(view)
+            seen_first = contents.instances, optics_spec(view), is_rolling(view), contents.masks
             kernels.append(make_first_hits_kernel(*seen_first))
             if "F" in letters:
                 kernels.append(make_hidden_kernel(*seen_first))
@@ -155,14 +155,14 @@ def _of_water(scene: Scene, contents: Contents, view: Camera, options: RenderOpt
              for kind in reversed(kinds_of_samples(scene, contents, view, options, which == "field", varies))]
     kernels = [kind.kernel for kind in kinds]
     if contents.surfaces and name == "field":
-        kernels.append(make_guides_kernel(*of_surfaces, optics_spec(view), moves))
+        kernels.append(make_guides_kernel(*of_surfaces, optics_spec(view), moves, contents.masks))
     if contents.surfaces:
-        kernels.append(make_virtual_lights_kernel(*of_surfaces, varies))
+        kernels.append(make_virtual_lights_kernel(*of_surfaces, varies, contents.masks))
     return [*kernels, tabulate_in_scattering, average_tiles] if name == "field" else kernels
 
 
 def _of_ambient(scene: Scene, contents: Contents, view: Camera) -> list[wp.Kernel]:
-    spec = contents.instances, contents.textures, optics_spec(view), view.shutter is not None
+    spec = contents.instances, contents.textures, optics_spec(view), view.shutter is not None, contents.masks
     kernels = [make_ambient_kernel(*spec)]
     if scene.render.denoise_b == "oidn":
         kernels.append(make_guides_kernel(*spec))

@@ -127,7 +127,7 @@ class RadianceRenderer:
         layers = (layer in options.layers for layer in LAYERS)
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(*layers, contents.instances, contents.textures, optics_spec(shot.view),
-                                       seen.varies)
+                                       seen.varies, contents.masks)
         before = [shot.world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], spp,
                         share=self._share(shot.view))
@@ -185,7 +185,7 @@ class RadianceRenderer:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(contents.instances, contents.textures, seen.varies)
+        kernel = make_virtual_lights_kernel(contents.instances, contents.textures, seen.varies, contents.masks)
         self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 
@@ -211,7 +211,8 @@ class RadianceRenderer:
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         contents = world.contents
-        kernel = make_ambient_kernel(contents.instances, contents.textures, optics_spec(shot.view), seen.varies)
+        kernel = make_ambient_kernel(contents.instances, contents.textures, optics_spec(shot.view), seen.varies,
+                                     contents.masks)
         before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
         images = self._developed([film])
@@ -228,7 +229,8 @@ class RadianceRenderer:
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(world.contents.instances, world.contents.textures, optics_spec(view), seen.varies)
+        kernel = make_guides_kernel(world.contents.instances, world.contents.textures, optics_spec(view), seen.varies,
+                                    world.contents.masks)
         self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 

@@ -258,7 +258,8 @@ class FrameRenderer:
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
         if self.world.contents.surfaces:
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(self.world.contents.instances, optics_spec(view), here.rolls)
+            kernel = make_first_hits_kernel(self.world.contents.instances, optics_spec(view), here.rolls,
+                                            self.world.contents.masks)
             self.launcher.rows(kernel, shape, [here.world.data, camera, self._rows(here)],
                                [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
@@ -291,7 +292,8 @@ class FrameRenderer:
             if following.rolls and self.world.moving:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
-            kernel = make_hidden_kernel(self.world.contents.instances, optics_spec(view), here.rolls)
+            kernel = make_hidden_kernel(self.world.contents.instances, optics_spec(view), here.rolls,
+                                        self.world.contents.masks)
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
             there = [following.world.data, following.world.moving_at(following.row_times()), eyes, next_row]
             self.launcher.rows(kernel, distance.shape, [here.world.data, camera, self._rows(here), *there], [hidden])

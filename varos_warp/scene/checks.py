@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.file.named_files import check_textures
 from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
 from varos_warp.scene.geometry.joining import join
@@ -50,7 +49,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    found = [*check_textures(scene), *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
+    found = [*check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
              *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene),
              *_check_lights(scene, poses), *_check_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]

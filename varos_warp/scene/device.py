@@ -25,7 +25,13 @@ from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
-from varos_warp.scene.materials.records import corner_values, device_material, is_textured
+from varos_warp.scene.materials.records import (
+    corner_tints,
+    corner_values,
+    device_material,
+    face_pages,
+    is_textured,
+)
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
@@ -73,13 +79,15 @@ class Contents(NamedTuple):
     """Some are instances."""
     textures: bool
     """Some material is more than one constant reflectance."""
+    masks: bool = False
+    """Masks of mesh files cut holes."""
 
     @staticmethod
     def foretold(scene: Scene, device: str) -> "Contents":
         """What a `DeviceScene` will find, by the scene file alone.
 
-        Wrong where a mesh file that may have colours of its own has none, or so many copies are scattered that they do
-        not join the mesh on a GPU.
+        Wrong where a mesh file that may have colours of its own has none, or masks that cut holes, or so many copies
+        are scattered that they do not join the mesh on a GPU.
         """
         blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
         blocks = [block for block in blocks if block is not None]
@@ -88,6 +96,11 @@ class Contents(NamedTuple):
         copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
         return Contents(bool(optical_properties(scene).sigma_s.any()), bool(blocks), copies or bool(scene.moving),
                         any(textured))
+
+
+def _has_holes(part: Part | Instances) -> bool:
+    """Whether masks of its mesh file cut holes."""
+    return part.skin is not None and part.skin.has_holes
 
 
 class DeviceScene:
@@ -107,7 +120,8 @@ class DeviceScene:
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
         instances, textures = not self.joins_copies or bool(self.moving), any(is_textured(part) for part in parts)
-        self.contents = Contents(bool(self.water.sigma_s.any()), bool(parts), instances, textures)
+        masks = any(_has_holes(part) for part in parts)
+        self.contents = Contents(bool(self.water.sigma_s.any()), bool(parts), instances, textures, masks)
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}
@@ -170,15 +184,20 @@ class DeviceScene:
         return names
 
     def _upload_geometry(self, parts: list[Part | Instances]):
-        """One mesh of what stands still, one of each instanced mesh in its own axes; arrays per face of all."""
+        """One mesh of what stands still, one of that with holes, one of each instanced mesh in its own axes; arrays per
+        face of all, in this order.
+        """
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
         numbers = {name: number for number, name in enumerate(self.part_names)}
         still = [part for part in single if not isinstance(part, Moving)]
-        in_mesh = [*still, *(copy for group in copied for copy in group.parts())] if self.joins_copies else still
+        shapes = sorted([*still, *copied], key=_has_holes) if self.joins_copies else [
+            *sorted(still, key=_has_holes), *copied]
+        in_mesh = [part for shape in shapes if self.joins_copies or isinstance(shape, Part)
+                   for part in ([shape] if isinstance(shape, Part) else shape.parts())]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
-            jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
-                    pool.submit(self._upload_normals, [*still, *copied, *self.moving])]
+            jobs = [pool.submit(self._upload_meshes, in_mesh), pool.submit(self._upload_materials, single, copied),
+                    pool.submit(self._upload_normals, [*shapes, *self.moving])]
         for job in jobs:
             job.result()
         counts = [len(part.faces) for part in in_mesh]
@@ -186,16 +205,26 @@ class DeviceScene:
         self.data.face_part = self._array(np.repeat(in_order, counts), wp.int32)
         if self.contents.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
-        values = corner_values([*(in_mesh if self.joins_copies else [*still, *copied]), *self.moving])
-        self.data.corner_values = self._array(values, wp.vec3)
+        with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
+        self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)
+        self.data.corner_tints = self._array(corner_tints(with_faces), wp.vec4)
+        self.data.face_page = self._array(face_pages(with_faces), wp.int32)
 
-    def _upload_mesh(self, parts: list[Part]):
-        if parts:
-            starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-            vertices = np.concatenate([part.vertices for part in parts]) - self.origin
-            faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-            self.mesh = self._mesh(vertices, faces)
-            self.data.mesh = self.mesh.id
+    def _upload_meshes(self, parts: list[Part]):
+        """One mesh of the parts without holes, and one of those with."""
+        whole, cut = ([part for part in parts if _has_holes(part) == holes] for holes in (False, True))
+        self.data.first_masked_face = sum(len(part.faces) for part in whole)
+        self.meshes = [self._joined(some) for some in (whole, cut)]
+        self.data.mesh, self.data.masked_mesh = (0 if mesh is None else mesh.id for mesh in self.meshes)
+
+    def _joined(self, parts: list[Part]) -> wp.Mesh | None:
+        """One mesh of several parts; None of none."""
+        if not parts:
+            return None
+        starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+        vertices = np.concatenate([part.vertices for part in parts]) - self.origin
+        faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
+        return self._mesh(vertices, faces)
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device

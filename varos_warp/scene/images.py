@@ -1,42 +1,127 @@
-"""sRGB images as linear reflectances."""
+"""Pictures: files of many kinds as linear reflectances, refused by name where they are not what they seem."""
 
 import contextlib
+import io
 import logging
-import warnings
+import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from varos_warp.errors import InputError
 from varos_warp.limits import check_limit
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
 LARGEST = 8192
 """Longest side of an image [texels]; larger ones are reduced to it."""
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as a surface shows it."""
+
+    reflectance: np.ndarray
+    """float32 [H, W, 3], linear, rows from the top; sides are powers of two."""
+    alpha: np.ndarray | None = None
+    """uint8 [h, w], of the file's own size; None: it has none."""
+
+    @staticmethod
+    def plain() -> "Picture":
+        """One white texel."""
+        return Picture(np.ones((1, 1, 3), np.float32))
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether a picture of more than one texel is one colour throughout."""
+        pixels = self.reflectance
+        return pixels.size > 3 and not np.any(pixels != pixels[:1, :1])
+
+
+def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Picture:
+    """The picture in a file, or in the bytes of one.
+
+    Args:
+        source: The file, or its bytes.
+        key: What names it, for messages.
+        mask: A picture whose brightness is the alpha, in place of its own.
+
+    Raises:
+        InputError: It is no picture, of a kind that has no meaning as a colour, or larger than the limit.
+    """
+    with _readable(source, key) as image:
+        picture = Picture(decode_image(image), _alpha(image))
+    if mask is None:
+        return picture
+    with _readable(mask, key) as image:
+        return Picture(picture.reflectance, np.asarray(image.convert("L")))
 
 
 @contextlib.contextmanager
-def open_image(path: Path, key: str | None = None) -> Iterator[Image.Image]:
-    """An image file whose pixels can be decoded without filling the memory.
+def _readable(source: Path | bytes, key: str) -> Iterator[Image.Image]:
+    """As `open_image`, for a picture that can be used; all that is wrong with it is an `InputError`."""
+    file = None if isinstance(source, bytes) else source
+    try:
+        with open_image(source, key) as image:
+            _refuse_odd(image, key, file)
+            yield image
+    except InputError:
+        raise
+    except Exception as error:  # Pillow's readers raise many kinds on damaged files
+        problem = str(error).strip() or type(error).__name__
+        if isinstance(source, bytes):
+            problem = f"the picture in the file is of a kind that is not known, or damaged ({source[:12]!r} ...)"
+        raise InputError(f"cannot be read as an image: {problem}", file=file, key=key,
+                         remedy="Export it anew, as PNG or JPEG.") from error
+
+
+def _refuse_odd(image: Image.Image, key: str, file: Path | None) -> None:
+    """Refuse pictures of 32 bits a channel: what is white in them is not said."""
+    if image.mode == "F" or (image.mode == "I" and image.format != "PNG"):
+        raise InputError("has 32 bits a channel, of which nobody says what is white", file=file, key=key,
+                         remedy="Save it with 8 or 16 bits a channel, in sRGB.")
+
+
+def _alpha(image) -> np.ndarray | None:
+    """Alpha of a picture; None if it has none."""
+    if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
+        return np.asarray(image.convert("RGBA").getchannel("A"))
+    return None
+
+
+@contextlib.contextmanager
+def open_image(source: Path | bytes, key: str | None = None) -> Iterator[Image.Image]:
+    """An image file, or the bytes of one, whose pixels can be decoded without filling the memory.
 
     Raises:
         InputError: If it has more pixels than the limit.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit is ours
-        with Image.open(path) as image:
-            check_limit("TEXTURE_PIXELS", image.width * image.height, file=path, key=key)
-            yield image
+    file = None if isinstance(source, bytes) else source
+    with _opened(io.BytesIO(source) if isinstance(source, bytes) else source) as image:
+        check_limit("TEXTURE_PIXELS", image.width * image.height, file=file, key=key)
+        yield image
+
+
+def _opened(file) -> Image.Image:
+    """An image whose size is read, without Pillow's own limit, which is a global: ours is checked next."""
+    with _ONE_AT_A_TIME:
+        largest, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            return Image.open(file)
+        finally:
+            Image.MAX_IMAGE_PIXELS = largest
 
 
 def decode_image(image: Image.Image) -> np.ndarray:
     """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
     check_limit("TEXTURE_PIXELS", image.width * image.height)
-    if image.mode in ("I;16", "I", "F"):  # gray of more than 8 bits, which Pillow would cut off
+    if image.mode.startswith("I"):  # grey of 16 bits, which Pillow would cut off
         values = np.asarray(image, np.float32)
-        image = Image.fromarray(np.clip(values / max(65535.0, values.max()) * 255.0, 0, 255).astype(np.uint8))
+        image = Image.fromarray(np.clip(values / 65535.0 * 255.0, 0, 255).astype(np.uint8))
     image = image.convert("RGB")
     size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
     if size != image.size:

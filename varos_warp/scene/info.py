@@ -26,6 +26,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "stereo": _pairs(scene.vehicle.cameras),
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
+        "mesh_files": _file_info(parts),
         **_body_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
                     **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
@@ -44,6 +45,14 @@ def _mesh_info(parts):
                      "vertices": len(boxes) * len(part.vertices), "triangles": len(boxes) * len(part.faces),
                      "bounds_m": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]})
     return info
+
+
+def _file_info(parts):
+    """What became of every mesh file, once for each part that it makes."""
+    return [{"name": part.name, "file": facts.file.name, "up": facts.up_axis, "up_is_guess": facts.up_is_guess,
+             "unit_m": facts.unit_m, "triangles": facts.triangles, "without_area": facts.lost,
+             "textures": [{"name": name, "outside": share, "constant": name in facts.constant}
+                          for name, share in facts.textures.items()]} for part in parts for facts in part.files]
 
 
 def _body_info(scene):

@@ -107,12 +107,12 @@ def test_every_texel_of_a_map_is_seen_in_its_place_upright_and_decoded(tmp_path,
 
 def test_a_map_can_be_on_the_terrain_and_on_copies(tmp_path):
     path = glb(tmp_path / "square.glb")
-    _, _, skin = load_mesh(path)
+    skin = load_mesh(path).skin
     block = {"terrain": {"kind": "file", "file": "square.glb", "up_axis": "z", "scale": 2.0}, "trajectory":
              {"poses": [{"position": [0, 0, 2]}]}, "scatter": [{"object": {"file": "square.glb"}, "count": 1}]}
     parts = build_parts(scene_from_dict(block, tmp_path))
     for part in parts:
-        np.testing.assert_array_equal(part.skin.image, skin.image)
+        np.testing.assert_array_equal(part.skin.pages[0].image, skin.pages[0].image)
         np.testing.assert_array_equal(part.skin.corners, skin.corners)
 
 
@@ -169,7 +169,7 @@ def test_a_mirrored_model_keeps_its_texels_on_their_corners(tmp_path):
 
 def test_triangles_without_area_take_their_coordinates_with_them(tmp_path):
     path = glb(tmp_path / "square.glb", faces=np.array([[0, 0, 1], [0, 1, 2], [1, 1, 3], [0, 2, 3]]))
-    _, faces, skin = load_mesh(path)
+    _, faces, skin, _ = load_mesh(path)
     assert len(faces) == len(skin.corners) == 2
     np.testing.assert_allclose(skin.corners, UV[FACES])
     np.testing.assert_array_equal(load_mesh(path, with_skin=False)[1], faces)

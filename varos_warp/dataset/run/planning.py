@@ -15,7 +15,7 @@ from varos_warp.render.planner.decisions import STEPS, open_questions, spp_in_wo
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
-from varos_warp.scene.file.named_files import mesh_textures
+from varos_warp.scene.geometry.files.named import mesh_textures
 
 CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene", "varos_warp.sim")
 """What a plan follows from, besides the scene,"""

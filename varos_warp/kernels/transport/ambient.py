@@ -27,9 +27,9 @@ class Ambient:
 
 
 @cache
-def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
+def make_ambient_radiance(instances: bool, textures: bool, masks: bool) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
-    first_hit, _ = make_rays(instances)
+    first_hit, _ = make_rays(instances, masks)
     hit_surface = make_hit_surface(textures, instances)
 
     @wp.func
@@ -73,9 +73,10 @@ def make_ambient_radiance(instances: bool, textures: bool) -> wp.Function:
 
 
 @cache
-def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
+def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool, masks: bool = False
+                        ) -> wp.Kernel:
     """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
-    ambient_radiance = make_ambient_radiance(instances, textures)
+    ambient_radiance = make_ambient_radiance(instances, textures, masks)
     ray_of = make_ray(optics)
 
     @wp.kernel(**LONG_KERNEL)

@@ -34,9 +34,9 @@ class Rows:
 
 
 @cache
-def make_centre_hit(instances: bool, optics: OpticsSpec) -> wp.Function:
+def make_centre_hit(instances: bool, optics: OpticsSpec, masks: bool) -> wp.Function:
     """The function ``centre_hit``: the ray through a pixel's centre, and what it hits."""
-    first_hit, _ = make_rays(instances)
+    first_hit, _ = make_rays(instances, masks)
     ray_of = make_ray(optics)
 
     @wp.func
@@ -52,9 +52,9 @@ def make_centre_hit(instances: bool, optics: OpticsSpec) -> wp.Function:
 
 
 @cache
-def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp.Kernel:
+def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool, masks: bool = False) -> wp.Kernel:
     """Images C, D and S, for scenes with or without instances, through a lens, a port and a shutter."""
-    centre_hit = make_centre_hit(instances, optics)
+    centre_hit = make_centre_hit(instances, optics, masks)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_first_hits(
@@ -95,10 +95,10 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -
 
 
 @cache
-def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool) -> wp.Kernel:
+def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool, masks: bool = False) -> wp.Kernel:
     """What hides from another place, for scenes with or without instances, through a lens, a port and a shutter."""
-    centre_hit = make_centre_hit(instances, optics)
-    _, visible = make_rays(instances)
+    centre_hit = make_centre_hit(instances, optics, masks)
+    _, visible = make_rays(instances, masks)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_hidden(
@@ -152,9 +152,10 @@ class Guides:
 
 
 @cache
-def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool) -> wp.Kernel:
+def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool, masks: bool = False
+                       ) -> wp.Kernel:
     """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
-    centre_hit = make_centre_hit(instances, optics)
+    centre_hit = make_centre_hit(instances, optics, masks)
     hit_surface = make_hit_surface(textures, instances)
 
     @wp.func

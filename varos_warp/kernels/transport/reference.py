@@ -83,9 +83,9 @@ def roulette(path: PlainPath, u: float):
 
 
 @cache
-def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
-    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances."""
-    _, visible = make_rays(instances)
+def make_gather(instances: bool, masks: bool) -> tuple[wp.Function, wp.Function]:
+    """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances and masks."""
+    _, visible = make_rays(instances, masks)
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3):
@@ -118,10 +118,10 @@ def make_gather(instances: bool) -> tuple[wp.Function, wp.Function]:
 
 
 @cache
-def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Function]:
+def make_events(instances: bool, textures: bool, masks: bool) -> tuple[wp.Function, wp.Function]:
     """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
     hit_surface = make_hit_surface(textures, instances)
-    scattered_light, reflected_light = make_gather(instances)
+    scattered_light, reflected_light = make_gather(instances, masks)
 
     @wp.func
     def scatter(scene: SceneData, path: PlainPath, t: float, v: wp.vec4):
@@ -157,7 +157,7 @@ def make_events(instances: bool, textures: bool) -> tuple[wp.Function, wp.Functi
 
 @cache
 def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool,
-                          optics: OpticsSpec, varies: bool) -> wp.Kernel:
+                          optics: OpticsSpec, varies: bool, masks: bool = False) -> wp.Kernel:
     """The kernel that renders a film's parts from ``first`` on.
 
     Args:
@@ -168,10 +168,11 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
         textures: whether some material is more than one constant reflectance.
         optics: the camera's lens and port.
         varies: whether camera or lights differ from sample to sample.
+        masks: whether masks of mesh files cut holes.
     """
-    first_hit, _ = make_rays(instances)
+    first_hit, _ = make_rays(instances, masks)
     sample_ray = make_sample_ray(optics)
-    scatter, reflect = make_events(instances, textures)
+    scatter, reflect = make_events(instances, textures, masks)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(

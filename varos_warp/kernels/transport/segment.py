@@ -50,6 +50,8 @@ class PathSpec:
     """The camera's lens and port."""
     varies: bool = False
     """Camera or lights differ from sample to sample."""
+    masks: bool = False
+    """Masks of mesh files cut holes."""
 
     def camera(self) -> "PathSpec | None":
         """What the camera's own segments need; None if no layer does."""
@@ -105,7 +107,7 @@ class Segment(NamedTuple):
 @cache
 def make_segment(spec: PathSpec) -> Segment:
     """The functions of a segment, specialised to ``spec``."""
-    first_hit, visible = make_rays(spec.instances)
+    first_hit, visible = make_rays(spec.instances, spec.masks)
     hit_surface = make_hit_surface(spec.textures, spec.instances)
     # where a light is seen is known of straight rays only
     straight = not spec.optics.bends

@@ -97,9 +97,9 @@ def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
 
 
 @cache
-def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool) -> wp.Kernel:
+def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool, masks: bool = False) -> wp.Kernel:
     """Rays from the lights to the first surface."""
-    first_hit, _ = make_rays(instances)
+    first_hit, _ = make_rays(instances, masks)
     hit_surface = make_hit_surface(textures, instances)
 
     @wp.func

@@ -7,7 +7,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.world.light import Light
 from varos_warp.kernels.world.medium import Medium
-from varos_warp.kernels.world.texture import MAPPED, Material, Surface, surface_at
+from varos_warp.kernels.world.texture import MAPPED, Material, Surface, page_alpha, surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,7 +34,11 @@ class SceneData:
     """
 
     mesh: wp.uint64
-    """0 if all objects are instances."""
+    """Of what has no holes; 0 if there is no such thing, or all objects are instances."""
+    masked_mesh: wp.uint64
+    """Of what has holes, cut by masks; its faces come next in the arrays per face. 0 if there is none."""
+    first_masked_face: int
+    """Number of faces of ``mesh``."""
     instance_bvh: wp.uint64
     """Over what moves, wherever it is while a shutter is open, and then over the copies."""
     moving: wp.array(dtype=Instance)
@@ -42,7 +46,7 @@ class SceneData:
     instances: wp.array(dtype=Instance)
     """Copies."""
     face_part: wp.array(dtype=wp.int32)
-    """Part that a face of the mesh belongs to, shape [F]."""
+    """Part that a face of the two meshes belongs to, shape [F]."""
     materials: wp.array(dtype=Material)
     """Per part."""
     shading_normals: wp.array(dtype=wp.vec3)
@@ -53,6 +57,10 @@ class SceneData:
     """Normals of image C, per face corner in the mesh's axes."""
     corner_values: wp.array(dtype=wp.vec3)
     """Texture coordinates or colours from mesh files, per face corner (see texture.surface_at); may be empty."""
+    corner_tints: wp.array(dtype=wp.vec4)
+    """Colours from mesh files that multiply textures, and alpha, per face corner; may be empty."""
+    face_page: wp.array(dtype=wp.int32)
+    """Page of the mesh file's textures of each face, -1 for colours; empty if all have page 0, or colours."""
     lobe_albedo: wp.array2d(dtype=float)
     """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
     medium: Medium
@@ -126,65 +134,174 @@ def to_instance(instance: Instance, q: wp.vec3):
     return (wp.transpose(instance.R) * q) / instance.scale
 
 
+# --------------------------------------------------------------------------------------------------------------- holes
+
+
 @wp.func
-def nearest_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, before: Hit):
-    """The nearer of a given hit and the ray's first hit of an instance, in the axes of its mesh."""
-    hit = before
-    query = wp.bvh_query_ray(scene.instance_bvh, o, d)
-    k = int(0)
-    while wp.bvh_query_next(query, k, hit.t):
-        copy = get_instance(scene, k)
-        # the direction is not normalised, so that t stays in units of the world
-        found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
-        if found.result:
-            hit.t = found.t
-            hit.face = found.face
-            hit.bary = wp.vec2(found.u, found.v)
-            hit.n = found.normal
-            hit.instance = k
+def page_of(scene: SceneData, face: int):
+    """Page of a mesh file's textures that a face shows; -1 for colours."""
+    if scene.face_page.shape[0] > 0:
+        return scene.face_page[face]
+    return 0
+
+
+@wp.func
+def in_hole(scene: SceneData, face: int, part: int, bary: wp.vec2):
+    """Whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: what is below the cutoff is not there)."""
+    if scene.materials[part].has_holes == 0:
+        return False
+    page = page_of(scene, face)
+    if page < 0:
+        return False
+    layer = scene.materials[part].layers[page]
+    if layer.cutoff <= 0.0:
+        return False
+    w = wp.vec3(bary[0], bary[1], 1.0 - bary[0] - bary[1])
+    at = wp.vec3(0.0)
+    tint = float(0.0)
+    for k in range(3):
+        at += w[k] * scene.corner_values[3 * face + k]
+        if scene.corner_tints.shape[0] > 0:
+            tint += w[k] * scene.corner_tints[3 * face + k][3]
+    alpha = page_alpha(layer, at[0], at[1])
+    if scene.corner_tints.shape[0] > 0:
+        alpha *= tint
+    return alpha < layer.cutoff
+
+
+STEEPEST = wp.constant(0.2)
+"""Least cosine to a surface with which a ray steps through a hole in one step."""
+
+
+@wp.func
+def solid_hit(scene: SceneData, mesh: wp.uint64, first_face: int, part: int, o: wp.vec3, d: wp.vec3, t_max: float):
+    """First hit of a mesh that is not in a hole, in its axes; face -1 if there is none before ``t_max``.
+
+    ``part`` is that of the whole mesh, or -1 if its faces have their own; ``first_face`` is where they start in the
+    arrays per face.
+    """
+    hit = Hit()
+    hit.face = -1
+    start = o
+    begin = float(0.0)
+    speed = wp.length(d)
+    query = wp.mesh_query_ray(mesh, start, d, t_max)
+    while query.result:
+        face = first_face + query.face
+        of = part
+        if part < 0:
+            of = scene.face_part[face]
+        hit.bary = wp.vec2(query.u, query.v)
+        if not in_hole(scene, face, of, hit.bary):
+            hit.t = begin + query.t
+            hit.face = query.face
+            hit.n = query.normal
+            break
+        # on from just behind the hole; a grazing ray may meet the same face again, and takes another step
+        p = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+        cosine = wp.max(wp.abs(wp.dot(query.normal, d)) / speed, STEEPEST)
+        step = offset_distance(mesh, query.face, p) / cosine / speed
+        begin += query.t + step
+        start = p + step * d
+        query = wp.mesh_query_ray(mesh, start, d, t_max - begin)
     return hit
 
 
-@wp.func
-def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Whether the ray hits an instance before ``t_max``."""
-    query = wp.bvh_query_ray(scene.instance_bvh, o, d)
-    k = int(0)
-    while wp.bvh_query_next(query, k, t_max):
-        copy = get_instance(scene, k)
-        if any_hit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
-            return True
-    return False
-
-
-@wp.func
-def locate(scene: SceneData, d: wp.vec3, found: Hit):
-    """Complete a hit: its point in the world, the origin of secondary rays, and its part."""
-    hit = found
-    # from the triangle, not from o + t d: its rounding error does not grow with the ray's length
-    if hit.instance < 0:
-        hit.p = wp.mesh_eval_position(scene.mesh, hit.face, hit.bary[0], hit.bary[1])
-        offset = offset_distance(scene.mesh, hit.face, hit.p)
-        hit.part = scene.face_part[hit.face]
-    else:
-        copy = get_instance(scene, hit.instance)
-        p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
-        hit.p = copy.scale * (copy.R * p) + copy.p
-        offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
-        hit.n = copy.R * hit.n
-        hit.part = copy.part
-        hit.face += copy.first_face
-    hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
-    hit.start = hit.p + offset * hit.n
-    return hit
+# ----------------------------------------------------------------------------------------------------------- instances
 
 
 @cache
-def make_rays(instances: bool):
-    """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, for scenes with or without instances.
+def make_in_instances(masks: bool):
+    """The functions ``nearest_instance(scene, o, d, before)`` and ``any_instance(scene, o, d, t_max)``."""
 
-    The stack of the query over instances would cost scenes without any a tenth of their speed.
+    @wp.func
+    def nearest_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, before: Hit):
+        """The nearer of a given hit and the ray's first hit of an instance, in the axes of its mesh."""
+        hit = before
+        query = wp.bvh_query_ray(scene.instance_bvh, o, d)
+        k = int(0)
+        while wp.bvh_query_next(query, k, hit.t):
+            copy = get_instance(scene, k)
+            # the direction is not normalised, so that t stays in units of the world
+            if wp.static(masks):
+                solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
+                                  to_instance(copy, d), hit.t)
+                if solid.face >= 0:
+                    hit = solid
+                    hit.instance = k
+            else:
+                found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
+                if found.result:
+                    hit.t = found.t
+                    hit.face = found.face
+                    hit.bary = wp.vec2(found.u, found.v)
+                    hit.n = found.normal
+                    hit.instance = k
+        return hit
+
+    @wp.func
+    def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
+        """Whether the ray hits an instance before ``t_max``."""
+        query = wp.bvh_query_ray(scene.instance_bvh, o, d)
+        k = int(0)
+        while wp.bvh_query_next(query, k, t_max):
+            copy = get_instance(scene, k)
+            if any_hit(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), t_max):
+                if wp.static(masks):
+                    solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
+                                      to_instance(copy, d), t_max)
+                    if solid.face >= 0:
+                        return True
+                else:
+                    return True
+        return False
+
+    return nearest_instance, any_instance
+
+
+@cache
+def make_locate(masks: bool):
+    """The function ``locate(scene, d, found)``."""
+
+    @wp.func
+    def locate(scene: SceneData, d: wp.vec3, found: Hit):
+        """Complete a hit: its point in the world, the origin of secondary rays, and its part."""
+        hit = found
+        # from the triangle, not from o + t d: its rounding error does not grow with the ray's length
+        if hit.instance < 0:
+            mesh = scene.mesh
+            face = hit.face
+            if wp.static(masks):
+                if hit.face >= scene.first_masked_face:
+                    mesh = scene.masked_mesh
+                    face -= scene.first_masked_face
+            hit.p = wp.mesh_eval_position(mesh, face, hit.bary[0], hit.bary[1])
+            offset = offset_distance(mesh, face, hit.p)
+            hit.part = scene.face_part[hit.face]
+        else:
+            copy = get_instance(scene, hit.instance)
+            p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
+            hit.p = copy.scale * (copy.R * p) + copy.p
+            offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
+            hit.n = copy.R * hit.n
+            hit.part = copy.part
+            hit.face += copy.first_face
+        hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
+        hit.start = hit.p + offset * hit.n
+        return hit
+
+    return locate
+
+
+@cache
+def make_rays(instances: bool, masks: bool = False):
+    """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, with or without instances and masks.
+
+    The stack of the query over instances would cost scenes without any a tenth of their speed. What has holes is a mesh
+    of its own, so that rays in the rest of a scene stop at the first thing they meet.
     """
+    nearest_instance, any_instance = make_in_instances(masks)
+    locate = make_locate(masks)
 
     @wp.func
     def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
@@ -201,6 +318,13 @@ def make_rays(instances: bool):
                 hit.face = query.face
                 hit.bary = wp.vec2(query.u, query.v)
                 hit.n = query.normal
+        if wp.static(masks):
+            if scene.masked_mesh != wp.uint64(0):
+                solid = solid_hit(scene, scene.masked_mesh, scene.first_masked_face, -1, o, d, hit.t)
+                if solid.face >= 0:
+                    hit = solid
+                    hit.face += scene.first_masked_face
+                    hit.instance = -1
         if wp.static(instances):
             hit = nearest_instance(scene, o, d, hit)
         if hit.face >= 0:
@@ -219,6 +343,12 @@ def make_rays(instances: bool):
         if scene.mesh != wp.uint64(0):
             if any_hit(scene.mesh, p, d, distance):
                 return False
+        if wp.static(masks):
+            if scene.masked_mesh != wp.uint64(0):
+                if any_hit(scene.masked_mesh, p, d, distance):
+                    solid = solid_hit(scene, scene.masked_mesh, scene.first_masked_face, -1, p, d, distance)
+                    if solid.face >= 0:
+                        return False
         if wp.static(instances):
             return not any_instance(scene, p, d, distance)
         return True
@@ -232,6 +362,15 @@ def between_corners(values: wp.array(dtype=wp.vec3), hit: Hit):
     corner = 3 * hit.face
     w = 1.0 - hit.bary[0] - hit.bary[1]
     return hit.bary[0] * values[corner] + hit.bary[1] * values[corner + 1] + w * values[corner + 2]
+
+
+@wp.func
+def between_tints(scene: SceneData, hit: Hit):
+    """Colour that multiplies a texture, and alpha, interpolated at a hit."""
+    corner = 3 * hit.face
+    w = 1.0 - hit.bary[0] - hit.bary[1]
+    tints = scene.corner_tints
+    return hit.bary[0] * tints[corner] + hit.bary[1] * tints[corner + 1] + w * tints[corner + 2]
 
 
 @wp.func
@@ -276,7 +415,11 @@ def make_hit_surface(textures: bool, instances: bool):
                     copy = scene.moving[hit.instance]
                     p = to_instance(copy, hit.p - copy.p)
                     up = to_instance(copy, n)
-            return surface_at(m, p, up, at, footprint)
+            surface = surface_at(m, p, up, at, page_of(scene, hit.face), footprint)
+            if scene.corner_tints.shape[0] > 0:
+                tint = between_tints(scene, hit)
+                surface.reflectance = wp.cw_mul(surface.reflectance, wp.vec3(tint[0], tint[1], tint[2]))
+            return surface
         surface = Surface()
         surface.reflectance = scene.materials[hit.part].base
         return surface

@@ -26,9 +26,14 @@ SUBPATH_ANGLE = wp.constant(0.2)
 """Angle of the cone that a segment of a subpath stands for [rad]; such rays carry no sharp image."""
 
 
+REPEAT = wp.constant(0)
+CLAMP = wp.constant(1)
+MIRROR = wp.constant(2)
+
+
 @wp.struct
 class Layer:
-    """A tile on a surface."""
+    """A tile on a surface, or a page of a mesh file's textures."""
 
     image: Image
     offset: wp.vec3
@@ -37,6 +42,15 @@ class Layer:
     """Width of the tile [m]."""
     ripple: float
     """Wavelength of ripples [m]; 0: none."""
+    factor: wp.vec3
+    """Of a page: reflectance that multiplies the image."""
+    wrap_u: int
+    """Of a page: REPEAT, CLAMP or MIRROR outside of 0..1."""
+    wrap_v: int
+    alpha: wp.array2d(dtype=wp.uint8)
+    """Of a page that masks: alpha, rows from the top; else empty."""
+    cutoff: float
+    """Of a page that masks: there are holes where the alpha, 0..1, is below."""
 
 
 @wp.struct
@@ -61,7 +75,9 @@ class Material:
     cycles: float
     """Patches of rust or dirt per metre."""
     layers: wp.array(dtype=Layer)
-    """The layer of flat parts, then that of steep ones; or one layer for all, or the texture map."""
+    """The layer of flat parts, then that of steep ones; or one layer for all, or the pages of a mesh file."""
+    has_holes: int
+    """Whether some of the pages mask."""
 
 
 @wp.struct
@@ -168,32 +184,67 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 
 @wp.func
-def mapped(image: Image, at: wp.vec3, footprint: float):
-    """Texture map at coordinates u, v (v up), with at[2] of their units per metre; repeats outside 0..1."""
-    x = at[0] * float(image.width)
-    y = (1.0 - at[1]) * float(image.height)
-    texels = footprint * at[2] * wp.sqrt(float(image.width) * float(image.height))
-    return sample(image, x, y, level_of(image, texels))
+def wrapped(u: float, how: int, texel: float):
+    """Coordinate within 0..1 of one outside, and half a texel from its ends, where the image does not repeat."""
+    if how == REPEAT:
+        return u
+    inside = u
+    if how == MIRROR:
+        inside = wp.abs(u - 2.0 * wp.round(0.5 * u))
+    return wp.clamp(inside, 0.5 * texel, 1.0 - 0.5 * texel)
+
+
+@wp.func
+def mapped(layer: Layer, at: wp.vec3, footprint: float):
+    """Page of a mesh file at coordinates u, v (v up), with at[2] of their units per metre."""
+    width = float(layer.image.width)
+    height = float(layer.image.height)
+    x = width * wrapped(at[0], layer.wrap_u, 1.0 / width)
+    y = height * (1.0 - wrapped(at[1], layer.wrap_v, 1.0 / height))
+    texels = footprint * at[2] * wp.sqrt(width * height)
+    return wp.cw_mul(layer.factor, sample(layer.image, x, y, level_of(layer.image, texels)))
+
+
+@wp.func
+def page_alpha(layer: Layer, u: float, v: float):
+    """Alpha 0..1 of a page that masks at coordinates u, v (v up), blended between the four nearest texels."""
+    height = layer.alpha.shape[0]
+    width = layer.alpha.shape[1]
+    x = float(width) * wrapped(u, layer.wrap_u, 1.0 / float(width)) - 0.5
+    y = float(height) * (1.0 - wrapped(v, layer.wrap_v, 1.0 / float(height))) - 0.5
+    left = wp.floor(x)
+    top = wp.floor(y)
+    alpha = float(0.0)
+    for k in range(4):
+        i = k // 2
+        j = k % 2
+        row = (int(top) + i) % height
+        col = (int(left) + j) % width
+        row = wp.where(row < 0, row + height, row)
+        col = wp.where(col < 0, col + width, col)
+        share = wp.where(i == 1, y - top, 1.0 - (y - top)) * wp.where(j == 1, x - left, 1.0 - (x - left))
+        alpha += share * float(layer.alpha[row, col])
+    return alpha / 255.0
 
 
 # ---------------------------------------------------------------------------------------------------------------- all
 
 
 @wp.func
-def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, footprint: float):
+def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, footprint: float):
     """Surface at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
 
-    ``at`` holds the mesh file's data for the point: u, v and their units per metre for texture maps, else the vertex
-    colour; other kinds do not use it.
+    ``at`` holds the mesh file's data for the point: u, v and their units per metre on the ``page`` of its textures, or
+    where that is -1 the colour; other kinds do not use it.
     """
     surface = Surface()
     if m.kind == DIFFUSE:
         surface.reflectance = m.base
     elif m.kind == GROUND:
         surface.reflectance = unit_clamp(ground(m, p, n, footprint))
-    elif m.kind == MAPPED:
-        surface.reflectance = mapped(m.layers[0].image, at, footprint)
-    elif m.kind == COLOURED:
+    elif m.kind == MAPPED and page >= 0:
+        surface.reflectance = mapped(m.layers[page], at, footprint)
+    elif m.kind == COLOURED or m.kind == MAPPED:
         surface.reflectance = at
     elif m.kind == METAL:
         surface.metal = 1.0

@@ -3,7 +3,7 @@
 import itertools
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -23,6 +23,20 @@ from varos_warp.scene.description.block import (
 
 
 UpAxis = Literal["x", "y", "z"]
+
+
+def _up_for_short(block):
+    """``up`` is short for ``up_axis``."""
+    if not isinstance(block, dict) or "up" not in block:
+        return block
+    if block.get("up_axis") is not None:
+        raise ValueError("give up or up_axis, not both: they mean the same")
+    return {("up_axis" if key == "up" else key): value for key, value in block.items()}
+
+
+def _up_in_schema(schema):
+    """The JSON Schema knows ``up`` too."""
+    schema["properties"]["up"] = schema["properties"]["up_axis"] | {"title": "Up"}
 
 
 class Preprocess(Block):
@@ -134,17 +148,21 @@ class Movable(Placed):
 class Terrain(Placed):
     """The sea floor: one mesh file, or several to join."""
 
+    model_config = ConfigDict(json_schema_extra=_up_in_schema)
+
     kind: Literal["file"] = "file"
     file: str | Annotated[list[str], Field(min_length=1)] = Field(examples=["seabed.obj"])
     """Mesh file, or a list of files to join: DAE, OBJ, PLY, STL, GLB, GLTF or OFF, relative to the scene file."""
     up_axis: UpAxis | None = None
-    """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
+    """Which axis of the file points up, also written ``up``; absent: as the file says (DAE, glTF), else z."""
     preprocess: Preprocess | None = None
     """Repair of a raw survey before use (docs/terrain.md). Absent: the mesh is used as it is."""
     detail: Detail | None = None
     """Seeded relief added to a terrain that was surveyed too coarsely for close views. Absent: none."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
+
+    _up = model_validator(mode="before")(_up_for_short)
 
 
 class ProceduralTerrain(Placed):
@@ -173,13 +191,17 @@ AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind"),
 class MeshObject(Movable):
     """An object from a mesh file."""
 
+    model_config = ConfigDict(json_schema_extra=_up_in_schema)
+
     kind: Literal["mesh"] = "mesh"
     file: str = Field(examples=["panel.dae"])
     """Mesh file: DAE, OBJ, PLY, STL, GLB, GLTF or OFF, relative to the scene file."""
     up_axis: UpAxis | None = None
-    """Which axis of the file points up; absent: as the file says (DAE, GLB), else z."""
+    """Which axis of the file points up, also written ``up``; absent: as the file says (DAE, glTF), else z."""
     shading: Literal["flat", "smooth"] = "flat"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
+
+    _up = model_validator(mode="before")(_up_for_short)
 
 
 Measure = Annotated[float, Field(ge=1e-4, le=100.0)]

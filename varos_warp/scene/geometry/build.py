@@ -63,12 +63,13 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
     if isinstance(block, MeshObject):
         path = scene.resolve(block.file)
         mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=may_have_colours(block))
+        part = _part(scene, block, key, mesh.vertices, mesh.faces, mesh.skin, (mesh.facts,))
     elif isinstance(block, CalibrationBoard):
         vertices, faces, skin = board(block)
-        mesh = vertices, faces, skin if may_have_colours(block) else None
+        part = _part(scene, block, key, vertices, faces, skin if may_have_colours(block) else None)
     else:
-        mesh = assets.make_asset(block, key)
-    return _moving(_part(scene, block, key, *mesh), block)
+        part = _part(scene, block, key, *assets.make_asset(block, key))
+    return _moving(part, block)
 
 
 def moving_part(scene: Scene, key: str) -> Moving:
@@ -94,17 +95,17 @@ def _moving(part: Part, block: Object) -> Part:
 def _terrain_mesh(scene):
     block = scene.terrain
     if isinstance(block, ProceduralTerrain):
-        return procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
-                                           block.rockiness, block.seed)
+        return (*procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
+                                             block.rockiness, block.seed), None, ())
     files = [block.file] if isinstance(block.file, str) else block.file
     with_skin = may_have_colours(block)
     loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=with_skin) for file in files]
-    vertices, faces = join((vertices, faces) for vertices, faces, _ in loaded)
+    vertices, faces = join((mesh.vertices, mesh.faces) for mesh in loaded)
     if block.preprocess is not None:
         vertices, faces = _preprocessed(vertices, faces, block.preprocess.model_dump())
     if block.detail is not None:
         vertices = procedural.add_detail(vertices, **block.detail.model_dump())
-    return vertices, faces, loaded[0][2]
+    return vertices, faces, loaded[0].skin, tuple(mesh.facts for mesh in loaded)
 
 
 def _preprocessed(vertices, faces, options):
@@ -124,7 +125,7 @@ def _preprocessed(vertices, faces, options):
     return kept["vertices"], kept["faces"]
 
 
-def _part(scene, block, key, vertices, faces, skin=None):
+def _part(scene, block, key, vertices, faces, skin=None, facts=()):
     """A mesh where its block places it: scaled, turned, moved."""
     with np.errstate(over="ignore", invalid="ignore"):
         turned = (vertices * block.scale) @ attitude(next(iter(getattr(block, "stops", ())), block)).T
@@ -136,4 +137,4 @@ def _part(scene, block, key, vertices, faces, skin=None):
     return Part(name=key, vertices=turned + np.asarray(block.position), faces=np.asarray(faces, np.int32),
                 material=scene.materials[block.material] if block.material is not None else Diffuse(),
                 origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth", skin=skin)
+                smooth_shading=block.shading == "smooth", skin=skin, files=facts)

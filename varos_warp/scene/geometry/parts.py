@@ -1,6 +1,7 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
 from dataclasses import KW_ONLY, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -8,13 +9,63 @@ from varos_warp.scene.description.world import Material, Stop
 
 
 @dataclass(frozen=True)
+class Page:
+    """A texture of a mesh file, as one of its materials uses it."""
+
+    image: np.ndarray
+    """float32 [H, W, 3]: linear reflectances, rows from the top, sides powers of two."""
+    factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Linear reflectance that multiplies the image."""
+    wrap: tuple[str, str] = ("repeat", "repeat")
+    """What is outside of 0..1 along u and along v: repeat, clamp or mirror."""
+    alpha: np.ndarray | None = None
+    """uint8 [h, w], rows from the top: alpha of a mask; None: there are no holes."""
+    cutoff: float = 0.0
+    """There are holes where the alpha, as a share of 255, is below."""
+
+
+@dataclass(frozen=True)
 class Skin:
-    """Colours that a mesh file brings along: a texture map with its coordinates, or colours of the corners."""
+    """Colours that a mesh file brings along: textures with their coordinates, and colours of the corners."""
 
     corners: np.ndarray
-    """float32 [F, 3, 2]: u, v (v up; they repeat outside of 0..1); or [F, 3, 3]: linear reflectances."""
-    image: np.ndarray | None = None
-    """float32 [H, W, 3]: linear reflectances, rows from the top, sides powers of two; None with colours."""
+    """float32 [F, 3, 2]: u, v (v up) of the one page; or [F, 3, 3]: linear reflectances, and u, v, 0 where there is a
+    page."""
+    pages: tuple[Page, ...] = ()
+    """The textures; none with colours alone."""
+    page: np.ndarray | None = None
+    """int32 [F]: the page of each face, -1 where it has colours. None: the one page, or colours if there is none."""
+    tints: np.ndarray | None = None
+    """float32 [F, 3, 4]: linear colours of the corners that multiply the texture, and alpha. None: there are none."""
+
+    @property
+    def has_holes(self) -> bool:
+        """Whether masks cut holes."""
+        return any(page.alpha is not None for page in self.pages)
+
+    def of_faces(self, chosen: np.ndarray) -> "Skin":
+        """The skin of some of the faces, by their numbers or bool [F]."""
+        page, tints = (None if values is None else values[chosen] for values in (self.page, self.tints))
+        return Skin(self.corners[chosen], self.pages, page, tints)
+
+
+@dataclass(frozen=True)
+class MeshFacts:
+    """What became of a mesh file, for `varos-warp info`."""
+
+    file: Path
+    up_axis: str
+    up_is_guess: bool
+    """Whether neither the file nor the scene says which way is up."""
+    unit_m: float
+    triangles: int
+    """In the file, with all copies of its nodes."""
+    lost: int
+    """Of these, triangles without area, which are left out."""
+    textures: dict[str, float]
+    """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
+    constant: tuple[str, ...] = ()
+    """Those of its textures that are one colour throughout."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +87,8 @@ class Shape:
     """Whether A and B are lit with the smoothed normals."""
     skin: Skin | None = None
     """What the file says of the surface; None where the scene names a material."""
+    files: tuple[MeshFacts, ...] = ()
+    """What became of the mesh files that it is made from."""
 
 
 @dataclass(frozen=True)

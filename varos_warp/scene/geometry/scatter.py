@@ -73,7 +73,7 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
     return Instances(key, vertices, prototype.faces, prototype.material, T, smooth_angle=prototype.smooth_angle,
-                     smooth_shading=prototype.smooth_shading, skin=prototype.skin)
+                     smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files)
 
 
 def _places(block, key, vertices, reach, ground, seed):

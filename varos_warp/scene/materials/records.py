@@ -52,13 +52,25 @@ def is_textured(part: Part | Instances) -> bool:
     return part.skin is not None or not isinstance(part.material, Diffuse)
 
 
+WRAPS = {"repeat": int(texture.REPEAT), "clamp": int(texture.CLAMP), "mirror": int(texture.MIRROR)}
+
+
 def _set_skin(record, part, textures):
     """The mesh file's own colours."""
-    record.kind = int(texture.COLOURED if part.skin.image is None else texture.MAPPED)
-    if part.skin.image is not None:
-        layer = texture.Layer()
-        layer.image = textures.map(part.skin.image)
-        record.layers = textures.layers([layer])
+    record.kind = int(texture.MAPPED if part.skin.pages else texture.COLOURED)
+    record.has_holes = int(part.skin.has_holes)
+    if part.skin.pages:
+        record.layers = textures.layers([_page_layer(page, textures) for page in part.skin.pages])
+
+
+def _page_layer(page, textures):
+    layer = texture.Layer()
+    layer.image = textures.map(page.image)
+    layer.factor = wp.vec3(*page.factor)
+    layer.wrap_u, layer.wrap_v = (WRAPS[how] for how in page.wrap)
+    if page.alpha is not None:
+        layer.alpha, layer.cutoff = textures.alpha(page.alpha), page.cutoff
+    return layer
 
 
 def _set_ground(record, part, offset, textures, scene):
@@ -101,11 +113,27 @@ def _set_layer(record, part):
 def corner_values(parts: list[Part | Instances]) -> np.ndarray:
     """What ``texture.surface_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
 
-    Of texture maps u, v and their units per metre before the scale of instances, of colours the reflectances.
+    Of textures u, v and their units per metre before the scale of instances, of colours the reflectances.
     """
     if not any(part.skin is not None for part in parts):
         return np.zeros((0, 3), np.float32)
     return np.concatenate([_part_values(part).reshape(-1, 3) for part in parts])
+
+
+def corner_tints(parts: list[Part | Instances]) -> np.ndarray:
+    """Colours and alpha that multiply textures, per face corner of all parts, float32 [3 F, 4]; empty without any."""
+    if not any(part.skin is not None and part.skin.tints is not None for part in parts):
+        return np.zeros((0, 4), np.float32)
+    return np.concatenate([np.ones((3 * len(part.faces), 4), np.float32) if part.skin is None or part.skin.tints is None
+                           else part.skin.tints.reshape(-1, 4) for part in parts])
+
+
+def face_pages(parts: list[Part | Instances]) -> np.ndarray:
+    """Page of each face of all parts, -1 for colours, int32 [F]; empty if there is no choice."""
+    if not any(part.skin is not None and part.skin.page is not None for part in parts):
+        return np.zeros(0, np.int32)
+    return np.concatenate([np.zeros(len(part.faces), np.int32) if part.skin is None or part.skin.page is None
+                           else part.skin.page for part in parts])
 
 
 def _part_values(part):
@@ -114,10 +142,13 @@ def _part_values(part):
         return values
     corners = part.skin.corners
     values[..., :corners.shape[-1]] = corners
-    if part.skin.image is not None:
+    if part.skin.pages:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
         on_surface = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        u, v = corners[:, 1].astype(float) - corners[:, 0], corners[:, 2].astype(float) - corners[:, 0]
+        uv = corners[..., :2]
+        u, v = uv[:, 1].astype(float) - uv[:, 0], uv[:, 2].astype(float) - uv[:, 0]
         on_map = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        values[..., 2] = np.sqrt(on_map / np.maximum(on_surface, 1e-30))[:, None]
+        density = np.sqrt(on_map / np.maximum(on_surface, 1e-30))
+        has_page = slice(None) if part.skin.page is None else part.skin.page >= 0
+        values[has_page, :, 2] = density[has_page, None]
     return values

@@ -11,13 +11,12 @@ import warp as wp
 from scipy.special import ndtr, ndtri
 
 from varos_warp.cache import cached, code_hash, digest
-from varos_warp.errors import InputError
 from varos_warp.files import require_file
 from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
-from varos_warp.scene.images import decode_image, open_image
+from varos_warp.scene.images import read_picture
 from varos_warp.scene.launch import launch_rows
 from varos_warp.scene.optics.camera import camera_model
 
@@ -40,6 +39,7 @@ class Textures:
         self.texel_m = min(camera_model(camera).pixel_angle for camera in scene.vehicle.cameras)
         """What the finest pixel covers at a distance of 1 m [m]: how fine procedural tiles are made."""
         self.images: dict = {}
+        self.masks: dict = {}
         self.arrays: list[wp.array] = []
 
     def tile(self, texture: str, key: str, tile_m: float) -> Image:
@@ -53,6 +53,12 @@ class Textures:
     def map(self, reflectance: np.ndarray) -> Image:
         """Texture map of linear reflectances, float32 [H, W, 3]."""
         return self._image(id(reflectance), lambda: map_pyramid(reflectance), reflectance)
+
+    def alpha(self, values: np.ndarray) -> wp.array:
+        """Alpha of a mask, uint8 [h, w], on the device."""
+        if id(values) not in self.masks:
+            self.masks[id(values)] = wp.array(values, dtype=wp.uint8, device=self.device), values
+        return self.masks[id(values)][0]
 
     def layers(self, records: list[Layer]) -> wp.array:
         """Records of a material on the device."""
@@ -226,11 +232,4 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
     path = Path(path)
     known = " or ".join(GROUND)
     require_file(path, "image file", f"Give {known}, or the path relative to the scene file.", key)
-    try:
-        with open_image(path, key) as image:
-            return decode_image(image)
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's readers raise many kinds on damaged files
-        raise InputError(f"cannot be read as an image: {str(error).strip() or type(error).__name__}", file=path,
-                         key=key, remedy="Export it anew, as PNG or JPEG.") from error
+    return read_picture(path, key).reflectance

@@ -195,7 +195,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
     """
     log = Log(progress)
     with log.step("read"):
-        original = join(read_mesh(file, "MESH", up_axis)[:2] for file in files)
+        original = join(read_mesh(file, "MESH", up_axis) for file in files)
         if len(original[1]) == 0:
             raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
         original = log.count(repair.drop_not_finite(original[0] * scale, original[1]))

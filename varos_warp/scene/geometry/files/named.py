@@ -1,0 +1,75 @@
+"""The files that mesh files name, without reading their meshes."""
+
+import contextlib
+import json
+import re
+import struct
+from pathlib import Path
+from urllib.parse import unquote
+
+from varos_warp.errors import InputError
+from varos_warp.files import is_file
+from varos_warp.scene.description import Scene
+from varos_warp.scene.file.named_files import named_meshes
+from varos_warp.scene.geometry.files.mtl import UDIM, read_mtl
+from varos_warp.scene.geometry.files.obj import library_paths
+from varos_warp.scene.geometry.files.pieces import MeshFile
+from varos_warp.scene.geometry.files.ply import read_header
+
+MOST_BYTES = 1 << 24
+"""Of a file's text that is searched for names."""
+
+
+def mesh_textures(scene: Scene) -> list[Path]:
+    """Files that the scene's mesh files name, such as textures, and that are there."""
+    found = [path for _, mesh in named_meshes(scene) if is_file(mesh) for path in named_by(mesh)]
+    return sorted({path for path in found if is_file(path)})
+
+
+def named_by(path: Path) -> list[Path]:
+    """Files that a mesh file names: textures, material libraries, buffers. Damaged files are refused elsewhere."""
+    readers = {".obj": _of_obj, ".gltf": _of_gltf, ".glb": _of_gltf, ".ply": _of_ply, ".dae": _of_dae}
+    reader = readers.get(path.suffix.lower())
+    with contextlib.suppress(ValueError, struct.error, AttributeError, TypeError, OSError, InputError):
+        return [] if reader is None else list(dict.fromkeys(reader(path)))
+    return []
+
+
+def _beginning(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(MOST_BYTES)
+
+
+def _of_obj(path: Path) -> list[Path]:
+    """Material libraries, and the maps in them that are read; of UDIM textures, all tiles that are there."""
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", _beginning(path), re.M)
+    libraries = [library for line in lines for library in library_paths(path.parent, line.decode("utf-8", "replace"))]
+    found = [*libraries]
+    for material in [m for library in libraries for m in read_mtl(library, MeshFile(path)).values()]:
+        for source in (material.texture and material.texture.source, material.alpha_map):
+            if isinstance(source, Path) and UDIM.search(source.name):
+                tiles = re.compile(r"\d{4}".join(map(re.escape, UDIM.split(source.name))))
+                found += sorted(p for p in source.parent.iterdir() if tiles.fullmatch(p.name))
+            elif isinstance(source, Path):
+                found.append(source)
+    return found
+
+
+def _of_gltf(path: Path) -> list[Path]:
+    """Images and buffers beside a glTF file; what is embedded needs none."""
+    data = _beginning(path)
+    if data[:4] == b"glTF":
+        data = data[20:20 + struct.unpack_from("<I", data, 12)[0]]
+    document = json.loads(data)
+    uris = [block.get("uri") for kind in ("images", "buffers") for block in document.get(kind, ())]
+    return [path.parent / unquote(uri) for uri in uris if uri and not uri.startswith("data:")]
+
+
+def _of_ply(path: Path) -> list[Path]:
+    return [path.parent / name for name in read_header(_beginning(path), path)[2]]
+
+
+def _of_dae(path: Path) -> list[Path]:
+    names = re.findall(rb"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<", _beginning(path))
+    texts = [unquote(name.decode("utf-8", "replace")).removeprefix("file://") for name in names]
+    return [path.parent / text.replace("\\", "/") for text in texts]

@@ -1,0 +1,212 @@
+"""Wavefront OBJ: vertices in double precision, polygons, several material libraries, colours of vertices."""
+
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.geometry.files.mtl import MtlMaterial, read_mtl, tiles_of
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.polygons import triangulate
+from varos_warp.scene.images import srgb_to_linear
+
+FREE_FORM = {b"curv", b"curv2", b"surf", b"cstype", b"trim", b"deg"}
+KEYWORDS = re.compile(rb"^[ \t]*(v|vt|f|fo|usemtl|mtllib|l|p|curv2?|surf|cstype|deg|trim)[ \t]+(.*?)[ \t]*$", re.M)
+
+
+def read_obj(path: Path, with_colours: bool) -> MeshFile:
+    """Read an OBJ file; it does not say which way is up, nor its unit."""
+    file = MeshFile(path)
+    text = _Text(path, file)
+    vertices, colours = text.vertices()
+    coordinates = text.numbers(b"vt", 2)
+    corners, starts, material = text.faces()
+    place = _index(corners[:, 0], len(vertices), path, "vertex")
+    triangles, polygon, crossed = triangulate(vertices[place], starts)
+    file.count(len(triangles))
+    if crossed:
+        file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
+    libraries = text.materials() if with_colours else {}
+    for name in dict.fromkeys(material.tolist()):
+        chosen = triangles[material[polygon] == name] if len(material) else triangles
+        look = libraries.get(text.names[name])
+        file.pieces += _pieces(vertices, colours if with_colours else None, coordinates, corners, place, chosen, look,
+                               file)
+    return file
+
+
+def _pieces(vertices, colours, coordinates, corners, place, chosen, look, file):
+    """Pieces of the triangles [F, 3] of one material: those with coordinates and without, and one for each tile."""
+    faces = place[chosen]
+    painted = None if colours is None else colours[faces]
+    if look is None or look.texture is None:
+        return [Piece(vertices, faces, None if look is None else look.material(), None, painted)]
+    has_uv = (corners[chosen, 1] != 0).all(axis=1)
+    found = []
+    if not has_uv.all():
+        file.note(f"some faces have {look.texture.name} but no coordinates (vt): they have its Kd alone")
+        bare = MtlMaterial(look.kd or (0.5, 0.5, 0.5)).material()
+        found.append(Piece(vertices, faces[~has_uv], bare, None, None if painted is None else painted[~has_uv]))
+    if has_uv.any():
+        at = _index(corners[chosen[has_uv], 1].ravel(), len(coordinates), file.path, "texture coordinate")
+        uv = look.uv(coordinates[at].reshape(-1, 3, 2))
+        tile = tiles_of(uv) if look.has_tiles else np.zeros(len(uv), int)
+        for number in np.unique(tile):
+            mine = tile == number
+            found.append(Piece(vertices, faces[has_uv][mine], look.material(number if look.has_tiles else None),
+                               uv[mine], None if painted is None else painted[has_uv][mine]))
+    return found
+
+
+def _index(numbers, count, path, what):
+    """Places from 0 of OBJ's numbers from 1, or of relative ones, which `_Text.faces` has made absolute."""
+    if len(numbers) and (numbers.min() < 1 or numbers.max() > count):
+        worst = numbers.min() if numbers.min() < 1 else numbers.max()
+        raise InputError(f"a face names {what} {worst} of {count}", file=path,
+                         remedy="The file is damaged; export it again.")
+    return numbers - 1
+
+
+class _Text:
+    """The lines of an OBJ file by keyword, in their order."""
+
+    def __init__(self, path: Path, file: MeshFile):
+        self.path, self.file = path, file
+        data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+        data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        if b"\0" in data[:4096]:
+            raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export it as text.")
+        if b"#" in data:
+            data = re.sub(rb"#[^\n]*", b"", data)
+        self.names: list[str] = [""]
+        """Of the materials, in the order of their first use; the first has none."""
+        self._libraries: list[str] = []
+        self._rows: dict[bytes, list[bytes]] = {b"v": [], b"vt": [], b"f": []}
+        self._events: list[tuple[int, int, int, int]] = []
+        """Of each run of faces with one material: its first face, the material, and how many v and vt came before."""
+        self._sort(data)
+
+    def _sort(self, data):
+        """Share the lines out; only faces need their order among the others, for relative numbers and materials."""
+        rows, known, current = self._rows, {"": 0}, 0
+        v, vt, f = rows[b"v"], rows[b"vt"], rows[b"f"]
+        ignored = set()
+        last = (-1, -1, -1)
+        for match in KEYWORDS.finditer(data):
+            keyword, rest = match.groups()
+            if keyword == b"v":
+                v.append(rest)
+            elif keyword == b"vt":
+                vt.append(rest)
+            elif keyword in (b"f", b"fo"):
+                if (current, len(v), len(vt)) != last:
+                    last = (current, len(v), len(vt))
+                    self._events.append((len(f), *last))
+                f.append(rest)
+            elif keyword == b"usemtl":
+                name = rest.decode("utf-8", "replace")
+                current = known.setdefault(name, len(known))
+            elif keyword == b"mtllib":
+                self._libraries.append(rest.decode("utf-8", "replace"))
+            else:
+                ignored.add(keyword)
+        self.names = list(known)
+        if ignored & FREE_FORM:
+            self.file.note("its free-form curves and surfaces are left out: export them as polygons")
+        if ignored - FREE_FORM:
+            self.file.note("its points and lines are left out: only surfaces are rendered")
+
+    def vertices(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Places float64 [V, 3], and linear colours float32 [V, 3] if the file has them behind the coordinates."""
+        rows = self._rows[b"v"]
+        widths = np.fromiter((len(row.split()) for row in rows[:1000]), int, min(len(rows), 1000))
+        if not (len(widths) and widths[0] >= 6 and (widths == widths[0]).all()):
+            return self.numbers(b"v", 3), None
+        values = self.numbers(b"v", 6)
+        colours = values[:, 3:6] if widths[0] == 6 else self.numbers(b"v", 7)[:, 4:7]
+        top = 255.0 if colours.max(initial=0.0) > 1.0 else 1.0
+        return values[:, :3].copy(), srgb_to_linear(np.clip(colours / top, 0.0, 1.0)).astype(np.float32)
+
+    def numbers(self, keyword: bytes, width: int) -> np.ndarray:
+        """The first ``width`` numbers of each line, float64 [N, width]; of vt, v may be missing and is 0."""
+        rows = self._rows[keyword]
+        count = len(rows[0].split()) if rows else width
+        if count >= width:
+            values = _flat(rows)
+            if values is not None and len(values) == count * len(rows):
+                return values.reshape(-1, count)[:, :width]
+        out = np.zeros((len(rows), width))
+        for i, row in enumerate(rows):
+            words = row.split()[:width]
+            if len(words) < width and keyword == b"v":
+                raise InputError(f"has a vertex of {len(words)} numbers: {row[:60].decode('utf-8', 'replace')}",
+                                 file=self.path, remedy="The file is damaged; export it again.")
+            try:
+                out[i, :len(words)] = [float(word) for word in words]
+            except ValueError:
+                raise InputError(f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}",
+                                 file=self.path, remedy="The file is damaged; export it again.") from None
+        return out
+
+    def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Numbers from 1 of vertex and coordinates int64 [C, 2] (0: none) of all corners, where faces start int64
+        [F + 1], and the material of each int64 [F].
+        """
+        rows = self._rows[b"f"]
+        corners, counts = _corners(rows, self.path)
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        runs = np.array(self._events, np.int64).reshape(-1, 4)
+        lengths = np.diff(np.append(runs[:, 0], len(rows)))
+        material = np.repeat(runs[:, 1], lengths)
+        if (corners < 0).any():
+            before = np.repeat(np.repeat(runs[:, 2:], lengths, axis=0), counts, axis=0)
+            corners = np.where(corners < 0, before + corners + 1, corners)
+            corners[:, 0] = np.where(corners[:, 0] < 1, -1, corners[:, 0])
+        return corners, starts, material
+
+    def materials(self) -> dict[str, MtlMaterial]:
+        """Materials of all libraries, the first of each name."""
+        found: dict[str, MtlMaterial] = {}
+        for line in self._libraries:
+            for path in library_paths(self.path.parent, line):
+                for name, material in read_mtl(path, self.file).items():
+                    found.setdefault(name, material)
+        unknown = [name for name in self.names[1:] if name not in found and found]
+        if unknown:
+            self.file.note(f"no library has the material {unknown[0]}: what it colours is grey")
+        return found
+
+
+def library_paths(folder: Path, line: str) -> list[Path]:
+    """Files that a mtllib line names: one whose name holds blanks, or several."""
+    whole = folder / line.strip().strip('"').replace("\\", "/")
+    if whole.is_file() or " " not in line:
+        return [whole]
+    return [folder / name.replace("\\", "/") for name in line.split()]
+
+
+def _flat(rows):
+    """All numbers of some lines, float64; None if they are not only numbers."""
+    try:
+        return np.array(b" ".join(rows).split(), dtype=np.float64)
+    except ValueError:
+        return None
+
+
+def _corners(rows, path):
+    """Numbers int64 [C, 2] of the corners of faces, and how many each has int64 [F]."""
+    counts = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+    words = b" ".join(rows).split()
+    slashes = np.fromiter((word.count(b"/") for word in words), np.int64, len(words))
+    try:
+        if not slashes.any():
+            first = np.array(words, np.int64) if words else np.zeros(0, np.int64)
+            return np.stack([first, np.zeros_like(first)], axis=1), counts
+        pairs = [(word.split(b"/") + [b""])[:2] for word in words]
+        flat = np.array([number or b"0" for number in itertools.chain.from_iterable(pairs)], dtype=np.int64)
+    except (ValueError, OverflowError):
+        raise InputError("has a face that is no numbers of vertices", file=path,
+                         remedy="The file is damaged; export it again.") from None
+    return flat.reshape(-1, 2), counts

@@ -1,0 +1,126 @@
+"""What a mesh file holds, whatever its format: pieces of surface, each with one material of the file."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.limits import check_limit
+
+WRAPS = ("repeat", "clamp", "mirror")
+"""What a texture shows outside of 0..1: itself again, its edge, or itself mirrored."""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A picture that a mesh file names or holds."""
+
+    source: Path | bytes | tuple[int, int, int]
+    """Its file, the bytes of one, or one colour of 8 bits."""
+    name: str
+    """What the mesh file calls it, for messages."""
+    wrap: tuple[str, str] = ("repeat", "repeat")
+    """One of `WRAPS` along u and along v."""
+    mask: Path | None = None
+    """A picture whose brightness is the alpha, in place of the texture's own."""
+
+
+@dataclass(frozen=True)
+class FileMaterial:
+    """What a mesh file says of a surface's colour; all else of its materials is not modelled."""
+
+    base: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Linear reflectance; it multiplies the texture and the colours of vertices."""
+    alpha: float = 1.0
+    """It multiplies the alpha of the texture and of the vertices."""
+    texture: Texture | None = None
+    cutoff: float | None = None
+    """The surface has holes where its alpha is below; None: it has none, whatever its alpha."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Triangles with one material, in the axes and units of the file."""
+
+    vertices: np.ndarray
+    """float64 [V, 3]."""
+    faces: np.ndarray
+    """int [F, 3], counter-clockwise seen from outside."""
+    material: FileMaterial | None = None
+    """None: the file says nothing."""
+    uv: np.ndarray | None = None
+    """float [F, 3, 2]: texture coordinates of the corners, v up."""
+    colours: np.ndarray | None = None
+    """float32 [F, 3, 3 or 4]: linear reflectances of the corners, perhaps with alpha."""
+
+    def moved(self, matrix: np.ndarray) -> "Piece":
+        """The piece moved by an affine [4, 4]; a mirroring one turns the faces, so that outside stays outside."""
+        vertices = self.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        if np.linalg.det(matrix[:3, :3]) >= 0.0:
+            return Piece(vertices, self.faces, self.material, self.uv, self.colours)
+        uv, colours = (None if corners is None else corners[:, ::-1] for corners in (self.uv, self.colours))
+        return Piece(vertices, self.faces[:, ::-1], self.material, uv, colours)
+
+
+@dataclass
+class MeshFile:
+    """What a reader found in a file."""
+
+    path: Path
+    pieces: list[Piece] = field(default_factory=list)
+    up_axis: str | None = None
+    """Which axis the file says is up: x, y or z; None: it does not say."""
+    unit_m: float = 1.0
+    """Length of its unit [m]."""
+    notes: list[str] = field(default_factory=list)
+    """Whole sentences about what was not read as it may be meant."""
+    triangles: int = 0
+    """In the pieces so far."""
+    copies: int = 0
+    """Places where meshes stand, so far."""
+    slivers: int = 0
+    """Polygons without area, which were left out."""
+
+    def note(self, words: str) -> None:
+        """Add a note, once."""
+        if words not in self.notes:
+            self.notes.append(words)
+
+    def add(self, piece: Piece) -> None:
+        """Add a piece.
+
+        Raises:
+            InputError: The file has more triangles than the limit, or a face names a vertex that is not there.
+        """
+        self.count(len(piece.faces))
+        if len(piece.faces) and (piece.faces.min() < 0 or piece.faces.max() >= len(piece.vertices)):
+            worst = piece.faces.min() if piece.faces.min() < 0 else piece.faces.max()
+            raise InputError(f"a face names vertex {worst} of {len(piece.vertices)}", file=self.path,
+                             remedy="The file is damaged; export it again.")
+        self.pieces.append(piece)
+
+    def count(self, triangles: int) -> None:
+        """Count triangles before they fill the memory.
+
+        Raises:
+            InputError: They are more than the limit.
+        """
+        self.triangles += triangles
+        check_limit("TRIANGLES", self.triangles, file=self.path)
+
+    def count_copy(self) -> None:
+        """Count one more place where a mesh stands.
+
+        Raises:
+            InputError: They are more than the limit.
+        """
+        self.copies += 1
+        check_limit("COPIES", self.copies, file=self.path)
+
+
+def in_words(names: Iterable[str], most: int = 5) -> str:
+    """Names in a sentence: the first few, and how many more there are."""
+    names = list(dict.fromkeys(names))
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,149 @@
+"""Pieces of a mesh file become one skin: a page for each texture, and colours where there is none."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture
+from varos_warp.scene.geometry.parts import Page, Skin
+from varos_warp.scene.images import Picture, read_picture
+
+GREY = 0.5
+"""Reflectance of what a file has no colour for, as that of a part without material."""
+FAR_UV = 16.0
+"""Coordinates beyond are moved by whole repeats of the texture, so that single precision holds them."""
+
+
+class Skins:
+    """Makes the skin of a file; notes what it finds wrong in the file's notes.
+
+    Args:
+        file: The file with its pieces.
+        key: The scene file's key that names it, for messages.
+    """
+
+    def __init__(self, file: MeshFile, key: str | None):
+        self.file, self.key = file, key
+        self.pages: list[Page] = []
+        self._numbers: dict[FileMaterial, int] = {}
+        self._pictures: dict[Texture, Picture | None] = {}
+
+    def made(self) -> tuple[list[Piece], Skin | None]:
+        """The pieces that are to be seen, and their skin; None if the file has no colours at all."""
+        pieces = [piece for piece in self.file.pieces if not _vanishes(piece)]
+        if all(piece.material is None and piece.colours is None for piece in pieces):
+            return pieces, None
+        parts = [self._piece(piece) for piece in pieces]
+        corners, pages, tints = zip(*parts, strict=True)
+        if not self.pages:
+            return pieces, Skin(np.concatenate(corners))
+        tints = None if all(tint is None for tint in tints) else np.concatenate([
+            np.ones((len(c), 3, 4), np.float32) if tint is None else tint for c, tint in zip(corners, tints, strict=True)])
+        numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
+        values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
+        only = len(self.pages) == 1 and not numbers.any()
+        return pieces, Skin(values[..., :2] if only else values, tuple(self.pages), None if only else numbers, tints)
+
+    def _piece(self, piece):
+        """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
+        material = piece.material
+        fades = material is not None and material.cutoff is not None and piece.colours is not None and (
+            piece.colours.shape[-1] == 4)
+        if material is not None and (material.texture is not None or fades):
+            page = self._page(material)
+            if page >= 0:
+                uv = np.zeros((len(piece.faces), 3, 2)) if piece.uv is None else piece.uv
+                return near_zero(uv, self.pages[page].wrap).astype(np.float32), page, _tints(piece.colours)
+        if material is not None and material.texture is not None and piece.colours is None:
+            return _flat(piece, (GREY,) * 3), -1, None
+        base = (GREY,) * 3 if material is None and piece.colours is None else (1.0,) * 3
+        colour = base if material is None else material.base
+        if piece.colours is None:
+            return _flat(piece, colour), -1, None
+        return (piece.colours[..., :3] * np.float32(colour)).astype(np.float32), -1, None
+
+    def _page(self, material) -> int:
+        """Number of the page of a material; -1 if its picture is missing."""
+        if material not in self._numbers:
+            picture = Picture.plain() if material.texture is None else self._picture(material.texture)
+            self._numbers[material] = -1 if picture is None else len(self.pages)
+            if picture is not None:
+                self.pages.append(_page_of(material, picture))
+        return self._numbers[material]
+
+    def _picture(self, texture) -> Picture | None:
+        """The picture of a texture; None, with a note, if there is no such file."""
+        if texture not in self._pictures:
+            self._pictures[texture] = self._read(texture)
+        return self._pictures[texture]
+
+    def _read(self, texture):
+        where = f"{self.key}: {self.file.path.name}" if self.key else self.file.path.name
+        for path in (texture.source, texture.mask):
+            if not isinstance(path, bytes | None) and not path.is_file():
+                self.file.note(f"{texture.name} is not there ({path.name}): what it colours is grey")
+                return None
+        picture = read_picture(texture.source, f"{where}: {texture.name}", texture.mask)
+        return picture
+
+    @property
+    def constant(self) -> tuple[str, ...]:
+        """Names of the textures that are one colour throughout."""
+        return tuple(dict.fromkeys(texture.name for texture, picture in self._pictures.items()
+                                   if picture is not None and picture.is_constant))
+
+
+def _vanishes(piece) -> bool:
+    """Whether a mask leaves nothing of a piece, whose alpha is one number."""
+    m = piece.material
+    return m is not None and m.cutoff is not None and m.alpha < m.cutoff
+
+
+def _page_of(material, picture) -> Page:
+    masked = material.cutoff is not None and material.cutoff > 0.0
+    wrap = ("repeat", "repeat") if material.texture is None else material.texture.wrap
+    if not masked:
+        return Page(picture.reflectance, material.base, wrap)
+    alpha = np.full((1, 1), 255, np.uint8) if picture.alpha is None else picture.alpha
+    return Page(picture.reflectance, material.base, wrap, alpha, material.cutoff / material.alpha)
+
+
+def _flat(piece, colour):
+    return np.broadcast_to(np.float32(colour), (len(piece.faces), 3, 3)).copy()
+
+
+def _tints(colours):
+    """Colours of corners as factors [F, 3, 4] of a texture; None without colours."""
+    if colours is None or colours.shape[-1] == 4:
+        return colours
+    return np.concatenate([colours, np.ones((*colours.shape[:2], 1), np.float32)], axis=-1)
+
+
+def near_zero(uv: np.ndarray, wrap: tuple[str, str]) -> np.ndarray:
+    """Coordinates [F, 3, 2], those far from zero moved by pairs of repeats, which changes nothing of what is seen."""
+    far = (np.abs(uv) > FAR_UV).any(axis=1)
+    far &= np.array([how != "clamp" for how in wrap])
+    if not far.any():
+        return uv
+    shift = np.where(far, 2.0 * np.floor(uv.min(axis=1) / 2.0), 0.0)
+    return uv - shift[:, None]
+
+
+def shares_outside(pieces: list[Piece]) -> Iterator[tuple[Texture, float]]:
+    """Each texture, and the share of the triangles with it that reach outside of 0..1."""
+    found: dict[Texture, list[np.ndarray]] = {}
+    for piece in pieces:
+        if piece.material is not None and piece.material.texture is not None and piece.uv is not None:
+            outside = ((piece.uv < -1e-6) | (piece.uv > 1.0 + 1e-6)).any(axis=(1, 2))
+            found.setdefault(piece.material.texture, []).append(outside)
+    for texture, outside in found.items():
+        yield texture, float(np.concatenate(outside).mean())
+
+
+def check_finite(pieces: list[Piece], file: MeshFile, key: str | None) -> None:
+    """Refuse texture coordinates that are not finite."""
+    for piece in pieces:
+        if piece.uv is not None and not np.isfinite(piece.uv).all():
+            raise InputError("has texture coordinates that are not finite", file=file.path, key=key,
+                             remedy="Unwrap it again, or give it a material of the scene.")
