@@ -184,9 +184,7 @@ class DeviceScene:
         return names
 
     def _upload_geometry(self, parts: list[Part | Instances]):
-        """One mesh of what stands still, one of that with holes, one of each instanced mesh in its own axes; arrays per
-        face of all, in this order.
-        """
+        """Meshes of what stands still, without and with holes, and of each instance; arrays per face."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
         numbers = {name: number for number, name in enumerate(self.part_names)}

@@ -121,7 +121,8 @@ def _guarded(read, path, key):
         raise InputError(error.problem, file=error.file or path, key=inner or key, value=error.value,
                          remedy=error.remedy, line=error.line) from error
     except RecursionError as error:
-        raise InputError("is nested too deeply", file=path, key=key, remedy="Export it anew, with fewer nodes.") from error
+        raise InputError("is nested too deeply", file=path, key=key,
+                         remedy="Export it anew, with fewer nodes.") from error
     except Exception as error:  # a damaged file can be wrong in any way
         problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
         raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error

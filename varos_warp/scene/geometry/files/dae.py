@@ -196,7 +196,8 @@ class _Reader:
         self._check(corners[:, offset], len(vertices), "vertex")
         self.file.count(0)
         if element.tag == "tristrips":
-            return corners, _joined(first + np.stack([i, i + 1 + i % 2, i + 2 - i % 2], 1) for first, i in _runs(counts))
+            return corners, _joined(first + np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
+                                    for first, i in _runs(counts))
         if element.tag == "trifans":
             return corners, _joined(first + np.stack([0 * i, i + 1, i + 2], axis=1) for first, i in _runs(counts))
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,10 +53,10 @@ class MtlMaterial:
             return FileMaterial(base)
         if base == (0.0, 0.0, 0.0):
             base = (1.0, 1.0, 1.0)
-        texture = self.texture
+        texture = replace(self.texture, mask=self.alpha_map)
         if tile is not None and isinstance(texture.source, Path):
             name = UDIM.sub(str(tile), texture.source.name)
-            texture = Texture(texture.source.with_name(name), name, texture.wrap, texture.mask)
+            texture = replace(texture, source=texture.source.with_name(name), name=name)
         return FileMaterial(base, 1.0, texture, None if self.alpha_map is None else 0.5)
 
     @property

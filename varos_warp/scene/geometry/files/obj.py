@@ -29,6 +29,8 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     if crossed:
         file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
     libraries = text.materials() if with_colours else {}
+    if with_colours and colours is None and len(coordinates) and not text.names_libraries:
+        file.note("it has texture coordinates but names no material library (mtllib): it is grey")
     for name in dict.fromkeys(material.tolist()):
         chosen = triangles[material[polygon] == name] if len(material) else triangles
         look = libraries.get(text.names[name])
@@ -77,7 +79,7 @@ class _Text:
         data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
         data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         if b"\0" in data[:4096]:
-            raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export it as text.")
+            raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export text.")
         if b"#" in data:
             data = re.sub(rb"#[^\n]*", b"", data)
         self.names: list[str] = [""]
@@ -151,8 +153,11 @@ class _Text:
         return out
 
     def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Numbers from 1 of vertex and coordinates int64 [C, 2] (0: none) of all corners, where faces start int64
-        [F + 1], and the material of each int64 [F].
+        """Corners of all faces, where these start, and their materials.
+
+        Returns:
+            Numbers from 1 of vertex and coordinates (0: none) of the corners int64 [C, 2], the first corner of each
+            face and the number of corners int64 [F + 1], and the material of each face int64 [F].
         """
         rows = self._rows[b"f"]
         corners, counts = _corners(rows, self.path)
@@ -165,6 +170,11 @@ class _Text:
             corners = np.where(corners < 0, before + corners + 1, corners)
             corners[:, 0] = np.where(corners[:, 0] < 1, -1, corners[:, 0])
         return corners, starts, material
+
+    @property
+    def names_libraries(self) -> bool:
+        """Whether it names a library of materials."""
+        return bool(self._libraries)
 
     def materials(self) -> dict[str, MtlMaterial]:
         """Materials of all libraries, the first of each name."""

@@ -1,4 +1,4 @@
-"""PLY: ASCII and binary, polygons and strips, colours of vertices and faces, textures as MeshLab and Metashape say them."""
+"""PLY: ASCII and binary, polygons and strips, colours of vertices and faces, textures as MeshLab writes them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,8 @@ from varos_warp.scene.geometry.files.polygons import triangulate
 from varos_warp.scene.images import srgb_to_linear
 
 KINDS = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
     "float64": "f8",
 }
@@ -66,8 +67,8 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
             faces = _strip_faces(strip)
             painted = _colours(vertex, path) if with_colours else None
             file.add(Piece(vertices, faces, None, None, None if painted is None else painted[faces]))
-    if any(name in columns for name in ("range_grid",)):
-        file.note("its range grid is not read: export it as a surface")
+    if any(element.name == "edge" and element.count for element in elements):
+        file.note("its points and lines are left out: only surfaces are rendered")
     return file
 
 
@@ -274,7 +275,8 @@ def _read_uneven(data, at, order, element, path):
     columns = {}
     for p, (kind, head), chunks, counts in zip(element.properties, kinds, pieces, lengths, strict=True):
         values = np.frombuffer(b"".join(chunks), kind)
-        columns[p.name] = values if head is None else Lists(values, np.concatenate([[0], np.cumsum(counts)]).astype(int))
+        starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+        columns[p.name] = values if head is None else Lists(values, starts)
     return columns, at
 
 

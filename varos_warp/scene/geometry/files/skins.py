@@ -38,8 +38,9 @@ class Skins:
         corners, pages, tints = zip(*parts, strict=True)
         if not self.pages:
             return pieces, Skin(np.concatenate(corners))
+        plain = [np.ones((len(c), 3, 4), np.float32) for c in corners]
         tints = None if all(tint is None for tint in tints) else np.concatenate([
-            np.ones((len(c), 3, 4), np.float32) if tint is None else tint for c, tint in zip(corners, tints, strict=True)])
+            white if tint is None else tint for tint, white in zip(tints, plain, strict=True)])
         numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
         values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
         only = len(self.pages) == 1 and not numbers.any()
