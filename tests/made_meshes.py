@@ -31,13 +31,24 @@ class Gltf:
     """A glTF document that grows; `save` writes it as GLB."""
 
     def __init__(self, **document):
-        self.chunk, self.document = b"", {"asset": {"version": "2.0", "generator": "hand"}, "accessors": [],
-                                          "bufferViews": [], "meshes": [], "nodes": [], **document}
+        self.chunk, self.document = (
+            b"",
+            {
+                "asset": {"version": "2.0", "generator": "hand"},
+                "accessors": [],
+                "bufferViews": [],
+                "meshes": [],
+                "nodes": [],
+                **document,
+            },
+        )
 
     def view(self, data: bytes, **more) -> int:
         """A buffer view of bytes."""
         self.chunk += bytes(-len(self.chunk) % 4)
-        self.document["bufferViews"].append({"buffer": 0, "byteOffset": len(self.chunk), "byteLength": len(data), **more})
+        self.document["bufferViews"].append(
+            {"buffer": 0, "byteOffset": len(self.chunk), "byteLength": len(data), **more}
+        )
         self.chunk += data
         return len(self.document["bufferViews"]) - 1
 
@@ -46,8 +57,14 @@ class Gltf:
         values = np.asarray(values).astype("<" + kind)
         width = 1 if values.ndim == 1 else values.shape[1]
         more.setdefault("bufferView", self.view(values.tobytes()))
-        self.document["accessors"].append({"componentType": TYPES[kind], "count": len(values), "type": WIDTHS[width],
-                                           **{key: value for key, value in more.items() if value is not None}})
+        self.document["accessors"].append(
+            {
+                "componentType": TYPES[kind],
+                "count": len(values),
+                "type": WIDTHS[width],
+                **{key: value for key, value in more.items() if value is not None},
+            }
+        )
         return len(self.document["accessors"]) - 1
 
     def mesh(self, places=BOARD, faces=TWO, material=None, attributes=None, node=True, **more) -> int:
@@ -100,12 +117,13 @@ class Gltf:
         chunk = self.chunk + bytes(-len(self.chunk) % 4)
         data = struct.pack("<4sIII4s", b"glTF", 2, 28 + len(text) + len(chunk), len(text), b"JSON") + text
         data += struct.pack("<I4s", len(chunk), b"BIN\0") + chunk
-        path.write_bytes(data[:len(data) - cut])
+        path.write_bytes(data[: len(data) - cut])
         return path
 
 
-def dae(geometry: str, *, node="", scene=None, before="", asset='<unit meter="1"/><up_axis>Z_UP</up_axis>',
-        materials="") -> str:
+def dae(
+    geometry: str, *, node="", scene=None, before="", asset='<unit meter="1"/><up_axis>Z_UP</up_axis>', materials=""
+) -> str:
     """A COLLADA document around the insides of one mesh."""
     shown = scene or f'<node id="n">{node}<instance_geometry url="#g">{materials}</instance_geometry></node>'
     return f"""<?xml version="1.0"?>
@@ -121,9 +139,11 @@ def dae_source(name: str, values, params="XYZ", stride=None, offset=0) -> str:
     text, count = " ".join(map(repr, values.ravel().tolist())), len(values)
     stride = stride or values.shape[1]
     named = "".join(f'<param name="{p}" type="float"/>' if p != "-" else '<param type="float"/>' for p in params)
-    return (f'<source id="{name}"><float_array id="{name}a" count="{values.size}">{text}</float_array><technique_common>'
-            f'<accessor source="#{name}a" count="{count}" stride="{stride}" offset="{offset}">{named}</accessor>'
-            "</technique_common></source>")
+    return (
+        f'<source id="{name}"><float_array id="{name}a" count="{values.size}">{text}</float_array><technique_common>'
+        f'<accessor source="#{name}a" count="{count}" stride="{stride}" offset="{offset}">{named}</accessor>'
+        "</technique_common></source>"
+    )
 
 
 def dae_places(places=BOARD) -> str:
@@ -136,16 +156,22 @@ VERTEX = '<input semantic="VERTEX" source="#v" offset="0"/>'
 
 def dae_effect(diffuse: str, params="", extra="") -> str:
     """An effect, its material, and an image of q.png."""
-    return (f'<library_images><image id="i"><init_from>q.png</init_from></image></library_images><library_effects>'
-            f'<effect id="e"><profile_COMMON>{params}<technique sid="t"><lambert><diffuse>{diffuse}</diffuse>{extra}'
-            "</lambert></technique></profile_COMMON></effect></library_effects><library_materials>"
-            '<material id="m"><instance_effect url="#e"/></material></library_materials>')
+    return (
+        f'<library_images><image id="i"><init_from>q.png</init_from></image></library_images><library_effects>'
+        f'<effect id="e"><profile_COMMON>{params}<technique sid="t"><lambert><diffuse>{diffuse}</diffuse>{extra}'
+        "</lambert></technique></profile_COMMON></effect></library_effects><library_materials>"
+        '<material id="m"><instance_effect url="#e"/></material></library_materials>'
+    )
 
 
-SAMPLER = ('<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam><newparam sid="a">'
-           "<sampler2D><source>f</source>{}</sampler2D></newparam>")
-BOUND = ('<bind_material><technique_common><instance_material symbol="x" target="#m">{}</instance_material>'
-         "</technique_common></bind_material>")
+SAMPLER = (
+    '<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam><newparam sid="a">'
+    "<sampler2D><source>f</source>{}</sampler2D></newparam>"
+)
+BOUND = (
+    '<bind_material><technique_common><instance_material symbol="x" target="#m">{}</instance_material>'
+    "</technique_common></bind_material>"
+)
 
 
 def ply(vertex: str, vertices: str, face: str, faces: str, *, more="", comments="") -> str:
@@ -153,11 +179,43 @@ def ply(vertex: str, vertices: str, face: str, faces: str, *, more="", comments=
     count, faces_count = vertices.strip().count("\n") + 1, faces.strip().count("\n") + 1
     head = "".join(f"property {p}\n" for p in vertex.split(","))
     tail = "".join(f"property {p}\n" for p in face.split(","))
-    return (f"ply\nformat ascii 1.0\n{comments}element vertex {count}\n{head}element face {faces_count}\n{tail}{more}"
-            f"end_header\n{vertices.strip()}\n{faces.strip()}\n")
+    return (
+        f"ply\nformat ascii 1.0\n{comments}element vertex {count}\n{head}element face {faces_count}\n{tail}{more}"
+        f"end_header\n{vertices.strip()}\n{faces.strip()}\n"
+    )
 
 
 def rows(values) -> str:
     """Rows of numbers as text."""
-    return "\n".join(" ".join(repr(float(x)) if isinstance(x, float | np.floating) else str(x) for x in row)
-                     for row in np.asarray(values, object))
+    return "\n".join(
+        " ".join(repr(float(x)) if isinstance(x, float | np.floating) else str(x) for x in row)
+        for row in np.asarray(values, object)
+    )
+
+
+def colour_at(mesh, x, y):
+    """Linear colour of a loaded mesh over (x, y), computed here: nearest texel, factor, tint."""
+    mesh_xy, faces, skin = mesh.vertices[:, :2], mesh.faces, mesh.skin
+    for k, face in enumerate(faces):
+        a, b, c = mesh_xy[face]
+        w = np.linalg.solve(np.array([[*a, 1], [*b, 1], [*c, 1]]).T, [x, y, 1.0])
+        if (w >= -1e-9).all():
+            values = w @ skin.corners[k]
+            page = (0 if skin.pages else -1) if skin.page is None else skin.page[k]
+            if page < 0:
+                return values[:3]
+            tint = 1.0 if skin.tints is None else (w @ skin.tints[k])[:3]
+            return texel(skin.pages[page], values[:2]) * skin.pages[page].factor * tint
+    raise AssertionError("nothing there")
+
+
+def texel(page, uv):
+    height, width, _ = page.image.shape
+    u, v = (wrapped(x, how) for x, how in zip(uv, page.wrap, strict=True))
+    return page.image[min(int((1.0 - v) * height), height - 1), min(int(u * width), width - 1)]
+
+
+def wrapped(x, how):
+    if how == "clamp":
+        return min(max(x, 0.0), 1.0)
+    return 1.0 - abs(x % 2.0 - 1.0) if how == "mirror" else x % 1.0

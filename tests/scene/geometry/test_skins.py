@@ -4,6 +4,7 @@ import base64
 import io
 import json
 
+import made_meshes
 import numpy as np
 import pytest
 import trimesh
@@ -180,3 +181,37 @@ def test_meshes_without_colours_have_no_skin(tmp_path):
         path = tmp_path / f"plain.{suffix}"
         trimesh.Trimesh(SQUARE, FACES, process=False).export(path)
         assert load_mesh(path)[2] is None
+
+
+WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
+
+
+@pytest.mark.parametrize("how", list(WRAPS))
+def test_kernels_see_what_pages_wraps_factors_and_tints_say(tmp_path, how):
+    """Four boards, each with a page, colours or both, against the colours worked out here, away from texels' edges."""
+    gltf, texels = made_meshes.Gltf(), np.random.default_rng(4).integers(0, 256, (2, 2, 3))
+    colours, sampler = np.random.default_rng(5).random((4, 4)), {"wrapS": WRAPS[how], "wrapT": WRAPS[how]}
+    uv = np.array([[-0.8, -1.3], [2.1, -1.3], [2.1, 1.6], [-0.8, 1.6]])
+    for k, corner in enumerate([(-1, 1), (1, 1), (-1, -1), (1, -1)]):
+        given, places = {}, 0.5 * (made_meshes.BOARD + [*corner, 0])
+        if k != 2:
+            given["TEXCOORD_0"] = gltf.uv(uv)
+        if k in (1, 2):
+            given["COLOR_0"] = gltf.accessor(colours)
+        factor = {"pbrMetallicRoughness": {"baseColorFactor": [0.9, 0.5, 0.7, 1.0]}}
+        material = gltf.textured(made_meshes.picture(np.roll(texels, k, 0)), sampler=sampler, **(factor if k else {}))
+        gltf.mesh(places, material=material if k != 2 else gltf.add("materials", factor), attributes=given)
+    gltf.save(tmp_path / "four.glb")
+    data = scene_of(tmp_path / "four.glb").model_dump(mode="json")
+    data["vehicle"]["cameras"][0]["resolution"] = [256, 256]
+    seen, mesh = seen_from_above(scene_from_dict(data, tmp_path)), load_mesh(tmp_path / "four.glb", up_axis="z")
+    right = 0
+    for row, col in np.random.default_rng(6).integers(3, 253, (150, 2)):
+        x, y = (col + 0.5) / 128 - 1.0, 1.0 - (row + 0.5) / 128
+        if min(abs(x), abs(y)) < 0.02:
+            continue
+        around = [made_meshes.colour_at(mesh, x + i / 128, y + j / 128) for i in (-2, -1, 0, 1, 2) for j in (-2, 0, 2)]
+        if np.ptp(around, axis=0).max() < 0.05:  # no edge between texels
+            np.testing.assert_allclose(seen[row, col], around[7], atol=0.02)
+            right += 1
+    assert right > 60

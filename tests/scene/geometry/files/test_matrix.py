@@ -22,6 +22,7 @@ from made_meshes import (
     UV,
     VERTEX,
     Gltf,
+    colour_at,
     dae,
     dae_effect,
     dae_places,
@@ -42,15 +43,23 @@ CASES: dict[tuple[str, str], list] = {}
 
 def cells() -> list[tuple[str, str, str]]:
     """Feature, format and what happens, of all cells that say something."""
-    lines = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in PAGE.read_text().splitlines()
-             if line.startswith("|") and "---" not in line]
+    lines = [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in PAGE.read_text().splitlines()
+        if line.startswith("|") and "---" not in line
+    ]
     (_, *formats), *table = lines
-    return [(feature, kind, word) for feature, *words in table for kind, word in zip(formats, words, strict=True)
-            if word != "–"]
+    return [
+        (feature, kind, word)
+        for feature, *words in table
+        for kind, word in zip(formats, words, strict=True)
+        if word != "–"
+    ]
 
 
 def case(feature, *formats, says=None):
     """Register the function that makes the file of a cell, or of several: it is given the format then."""
+
     def register(make):
         for kind in formats:
             CASES.setdefault((feature, kind), []).append((make, says))
@@ -91,7 +100,7 @@ def test_what_the_table_says_happens(tmp_path, monkeypatch, feature, kind, word)
 
 
 def test_every_case_is_in_the_table():
-    assert {key for key in CASES} == {(feature, kind) for feature, kind, _ in cells()}
+    assert set(CASES) == {(feature, kind) for feature, kind, _ in cells()}
 
 
 # --------------------------------------------------------------------------------------------------------- what to see
@@ -103,6 +112,7 @@ def area(mesh) -> float:
 
 def has_area(expected, size=None):
     """A look at the area [m2], and at the extent [m]."""
+
     def look(mesh):
         assert area(mesh) == pytest.approx(expected, rel=1e-6)
         if size is not None:
@@ -111,38 +121,14 @@ def has_area(expected, size=None):
     return look
 
 
-def colour_at(mesh, x, y):
-    """Linear colour of the surface over (x, y), computed here: nearest texel, factor, tint."""
-    mesh_xy, faces, skin = mesh.vertices[:, :2], mesh.faces, mesh.skin
-    for k, face in enumerate(faces):
-        a, b, c = mesh_xy[face]
-        w = np.linalg.solve(np.array([[*a, 1], [*b, 1], [*c, 1]]).T, [x, y, 1.0])
-        if (w >= -1e-9).all():
-            values = w @ skin.corners[k]
-            page = (0 if skin.pages else -1) if skin.page is None else skin.page[k]
-            if page < 0:
-                return values[:3]
-            tint = 1.0 if skin.tints is None else (w @ skin.tints[k])[:3]
-            return texel(skin.pages[page], values[:2]) * skin.pages[page].factor * tint
-    raise AssertionError("nothing there")
-
-
-def texel(page, uv):
-    height, width, _ = page.image.shape
-    u, v = (wrapped(x, how) for x, how in zip(uv, page.wrap, strict=True))
-    return page.image[min(int((1.0 - v) * height), height - 1), min(int(u * width), width - 1)]
-
-
-def wrapped(x, how):
-    if how == "clamp":
-        return min(max(x, 0.0), 1.0)
-    return 1.0 - abs(x % 2.0 - 1.0) if how == "mirror" else x % 1.0
-
-
 def is_quarters(mesh):
     """QUARTERS fills the board, upright."""
-    for x, y, expected in ((-0.5, 0.5, QUARTERS[0, 0]), (0.5, 0.5, QUARTERS[0, 1]), (-0.5, -0.5, QUARTERS[1, 0]),
-                           (0.5, -0.5, QUARTERS[1, 1])):
+    for x, y, expected in (
+        (-0.5, 0.5, QUARTERS[0, 0]),
+        (0.5, 0.5, QUARTERS[0, 1]),
+        (-0.5, -0.5, QUARTERS[1, 0]),
+        (0.5, -0.5, QUARTERS[1, 1]),
+    ):
         np.testing.assert_allclose(colour_at(mesh, x, y), expected / 255.0, atol=1e-6)
 
 
@@ -216,8 +202,13 @@ def polygon(folder, kind, places):
     if kind == "PLY":
         return ply_file(folder, ply(XYZ, rows(places), RING, f"{len(ring)} " + " ".join(map(str, ring))))
     if kind == "DAE":
-        return dae_file(folder, dae(dae_places(places) + f'<polylist count="1">{VERTEX}<vcount>{len(ring)}</vcount>'
-                                    f'<p>{" ".join(map(str, ring))}</p></polylist>'))
+        return dae_file(
+            folder,
+            dae(
+                dae_places(places) + f'<polylist count="1">{VERTEX}<vcount>{len(ring)}</vcount>'
+                f"<p>{' '.join(map(str, ring))}</p></polylist>"
+            ),
+        )
     return off(folder, places, [ring])
 
 
@@ -234,7 +225,8 @@ def triangles(folder, kind):
         return obj(folder, V + "f 1 2 3\nf -4 -2 -1\n", image=False), has_area(4.0, [2, 2, 0])
     if kind == "DAE":
         return dae_file(folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>')), (
-            has_area(4.0, [2, 2, 0]))
+            has_area(4.0, [2, 2, 0])
+        )
     path = folder / f"m.{FORMATS[kind]}"
     trimesh.Trimesh(BOARD, TWO, process=False).export(path)
     return path, has_area(4.0, [2, 2, 0])
@@ -249,7 +241,9 @@ def strips_and_fans(folder, kind):
         gltf.mesh(BOARD + [3, 0, 0], faces=fan, mode=6)
         return gltf.save(folder / "m.glb"), upright(8.0)
     if kind == "PLY":
-        text = ply(XYZ, rows(BOARD), RING, "3 0 1 2", more="element tristrips 1\nproperty list int int vertex_indices\n")
+        text = ply(
+            XYZ, rows(BOARD), RING, "3 0 1 2", more="element tristrips 1\nproperty list int int vertex_indices\n"
+        )
         return ply_file(folder, text.replace("3 0 1 2", "0") + "9 0 1 3 -1 0 1 3 2 -1\n"), upright(6.0)
     both = f'<tristrips count="1">{VERTEX}<p>0 1 3 2</p></tristrips><trifans count="1">{VERTEX}<p>0 1 2 3</p></trifans>'
     return dae_file(folder, dae(dae_places() + both)), upright(8.0)
@@ -257,6 +251,7 @@ def strips_and_fans(folder, kind):
 
 def upright(expected):
     """A look at the area of faces that all look up."""
+
     def look(mesh):
         normals = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).face_normals
         np.testing.assert_allclose(normals, np.broadcast_to([0, 0, 1.0], normals.shape), atol=1e-12)
@@ -281,7 +276,7 @@ def concave(folder, kind):
 @case("polygons with holes", "DAE")
 def with_holes(folder):
     inner = np.array([[-0.5, -0.5, 0], [-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0]])
-    text = (f'<polygons count="2">{VERTEX}<ph><p>0 1 2 3</p><h>4 5 6 7</h></ph><p>8 9 10 11</p></polygons>')
+    text = f'<polygons count="2">{VERTEX}<ph><p>0 1 2 3</p><h>4 5 6 7</h></ph><p>8 9 10 11</p></polygons>'
     return dae_file(folder, dae(dae_places(np.concatenate([BOARD, inner, BOARD + [5, 0, 0]])) + text)), upright(7.0)
 
 
@@ -300,7 +295,9 @@ def lines_too(folder, kind):
     if kind == "OBJ":
         return obj(folder, V + "f 1 2 3 4\nl 1 2\np 1\n", image=False), has_area(4.0)
     if kind == "PLY":
-        text = ply(XYZ, rows(BOARD), RING, "4 0 1 2 3", more="element edge 1\nproperty int vertex1\nproperty int vertex2\n")
+        text = ply(
+            XYZ, rows(BOARD), RING, "4 0 1 2 3", more="element edge 1\nproperty int vertex1\nproperty int vertex2\n"
+        )
         return ply_file(folder, text + "0 1\n"), has_area(4.0)
     text = f'<lines count="1">{VERTEX}<p>0 1</p></lines><triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>'
     return dae_file(folder, dae(dae_places() + text)), has_area(4.0)
@@ -315,8 +312,11 @@ def only_lines(folder, kind):
     if kind == "OBJ":
         return obj(folder, V + "l 1 2\n", image=False)
     if kind == "PLY":
-        return ply_file(folder, f"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-                                f"property float z\nend_header\n{rows(BOARD)}\n")
+        return ply_file(
+            folder,
+            f"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+            f"property float z\nend_header\n{rows(BOARD)}\n",
+        )
     if kind == "OFF":
         return off(folder, BOARD, [])
     return dae_file(folder, dae(dae_places() + f'<lines count="1">{VERTEX}<p>0 1</p></lines>'))
@@ -325,9 +325,13 @@ def only_lines(folder, kind):
 @case("free-form curves and surfaces", "OBJ", "DAE", says="left out")
 def free_form(folder, kind):
     if kind == "OBJ":
-        return obj(folder, V + "f 1 2 3 4\ncstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 4 3\nend\n", image=False), has_area(4.0)
-    spline = dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>', scene=(
-        '<node id="n"><instance_geometry url="#g"/><instance_geometry url="#b"/></node>'))
+        return obj(folder, V + "f 1 2 3 4\ncstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 4 3\nend\n", image=False), has_area(
+            4.0
+        )
+    spline = dae(
+        dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
+        scene=('<node id="n"><instance_geometry url="#g"/><instance_geometry url="#b"/></node>'),
+    )
     spline = spline.replace("</library_geometries>", '<geometry id="b"><brep/></geometry></library_geometries>')
     return dae_file(folder, spline), has_area(4.0)
 
@@ -364,8 +368,9 @@ def nodes(folder, kind):
         gltf.node(children=[0], translation=[10, 20, 30])
         return gltf.save(folder / "m.glb"), look
     node = "<translate>10 20 30</translate><rotate>0 0 1 90</rotate><scale>1 -3 1</scale>"
-    return dae_file(folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
-                                node=node)), look
+    return dae_file(
+        folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>', node=node)
+    ), look
 
 
 @case("copies of a mesh", "glTF", "DAE")
@@ -373,15 +378,28 @@ def copies(folder, kind):
     if kind == "glTF":
         gltf = Gltf().uses("EXT_mesh_gpu_instancing")
         gltf.mesh(node=False)
-        gltf.node(mesh=0, extensions={"EXT_mesh_gpu_instancing": {"attributes": {
-            "TRANSLATION": gltf.accessor([[0.0, 0, 0], [5, 0, 0], [0, 5, 0]]),
-            "SCALE": gltf.accessor([[1.0, 1, 1], [2, 2, 2], [1, 1, 1]]),
-            "ROTATION": gltf.accessor([[0, 0, 0, 32767], [0, 0, 0, 32767], [0, 0, 32767, 0]], "i2", normalized=True)}}})
+        gltf.node(
+            mesh=0,
+            extensions={
+                "EXT_mesh_gpu_instancing": {
+                    "attributes": {
+                        "TRANSLATION": gltf.accessor([[0.0, 0, 0], [5, 0, 0], [0, 5, 0]]),
+                        "SCALE": gltf.accessor([[1.0, 1, 1], [2, 2, 2], [1, 1, 1]]),
+                        "ROTATION": gltf.accessor(
+                            [[0, 0, 0, 32767], [0, 0, 0, 32767], [0, 0, 32767, 0]], "i2", normalized=True
+                        ),
+                    }
+                }
+            },
+        )
         return gltf.save(folder / "m.glb"), upright(24.0)
-    scene = ('<node id="n"><instance_geometry url="#g"/></node><node id="o"><translate>5 0 0</translate>'
-             '<scale>2 2 2</scale><instance_node url="#n"/></node>')
-    return dae_file(folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
-                                scene=scene)), upright(20.0)
+    scene = (
+        '<node id="n"><instance_geometry url="#g"/></node><node id="o"><translate>5 0 0</translate>'
+        '<scale>2 2 2</scale><instance_node url="#n"/></node>'
+    )
+    return dae_file(
+        folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>', scene=scene)
+    ), upright(20.0)
 
 
 @case("sparse, strided, offset arrays", "glTF", "DAE")
@@ -392,8 +410,11 @@ def sparse(folder, kind):
         padded[:, 2:5] = BOARD * [1, 1, 0]
         padded[2, 2:5] = -9.0  # sparse values replace it
         view = gltf.view(padded.tobytes(), byteStride=32)
-        values = {"count": 1, "indices": {"bufferView": gltf.view(np.uint16([2]).tobytes()), "componentType": 5123},
-                  "values": {"bufferView": gltf.view(BOARD[2].astype("<f4").tobytes())}}
+        values = {
+            "count": 1,
+            "indices": {"bufferView": gltf.view(np.uint16([2]).tobytes()), "componentType": 5123},
+            "values": {"bufferView": gltf.view(BOARD[2].astype("<f4").tobytes())},
+        }
         gltf.mesh(gltf.accessor(BOARD, bufferView=view, byteOffset=8, sparse=values))
         return gltf.save(folder / "m.glb"), upright(4.0)
     padded = np.column_stack([BOARD[:, 0], np.full(4, 7.0), BOARD[:, 1:], np.full((4, 2), 7.0)])
@@ -406,8 +427,11 @@ def sparse(folder, kind):
 def quantised(folder):
     gltf = Gltf().uses("KHR_mesh_quantization")
     places = gltf.accessor(32767 * BOARD, "i2", normalized=True, min=[-32767, -32767, 0], max=[32767, 32767, 0])
-    gltf.mesh(places, attributes={"TEXCOORD_0": gltf.uv(255 * UV * [1, 1] + [0, -254], "u1", normalized=True)},
-              material=gltf.textured())
+    gltf.mesh(
+        places,
+        attributes={"TEXCOORD_0": gltf.uv(255 * UV * [1, 1] + [0, -254], "u1", normalized=True)},
+        material=gltf.textured(),
+    )
     uv = np.column_stack([65535 * UV[:, 0], 65535 * (1 - UV[:, 1])])
     gltf.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = gltf.accessor(uv, "u2", normalized=True)
     return gltf.save(folder / "m.glb"), lambda mesh: (upright(4.0)(mesh), is_quarters(mesh))
@@ -441,18 +465,24 @@ def morphs(folder, kind):
 
 def controlled(folder, inside):
     """A COLLADA mesh behind a controller."""
-    text = dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
-               scene='<node id="n"><instance_controller url="#c"/></node>')
-    text = text.replace("<library_visual", f'<library_controllers><controller id="c">{inside}</controller>'
-                                           "</library_controllers><library_visual", 1)
+    text = dae(
+        dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
+        scene='<node id="n"><instance_controller url="#c"/></node>',
+    )
+    text = text.replace(
+        "<library_visual",
+        f'<library_controllers><controller id="c">{inside}</controller></library_controllers><library_visual',
+        1,
+    )
     return dae_file(folder, text), upright(4.0)
 
 
 @case("skins at their joints", "glTF", "DAE")
 def skins(folder, kind):
     if kind == "DAE":
-        return controlled(folder, '<skin source="#g"><bind_shape_matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'
-                                  "</bind_shape_matrix></skin>")
+        return controlled(
+            folder, '<skin source="#g"><bind_shape_matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</bind_shape_matrix></skin>'
+        )
     gltf = Gltf(scenes=[{"nodes": [0, 1, 2]}])
     joints = gltf.accessor([[0, 1, 0, 0]] * 4, "u1")
     weights = gltf.accessor([[0.5, 0.5, 0, 0]] * 4)
@@ -461,10 +491,13 @@ def skins(folder, kind):
     gltf.node(scale=[2, 2, 2])
     gltf.node(translation=[0, 0, 8])
     inverse = np.eye(4)
-    gltf.document["skins"] = [{"joints": [1, 2], "inverseBindMatrices": gltf.accessor(
-        np.stack([inverse.T.ravel(), inverse.T.ravel()]))}]
+    gltf.document["skins"] = [
+        {"joints": [1, 2], "inverseBindMatrices": gltf.accessor(np.stack([inverse.T.ravel(), inverse.T.ravel()]))}
+    ]
     return gltf.save(folder / "m.glb"), lambda mesh: (
-        upright(9.0)(mesh), np.testing.assert_allclose(mesh.vertices.mean(axis=0), [0, 0, 4], atol=1e-6))
+        upright(9.0)(mesh),
+        np.testing.assert_allclose(mesh.vertices.mean(axis=0), [0, 0, 4], atol=1e-6),
+    )
 
 
 @case("animations", "glTF", "DAE", says="animations are not read")
@@ -473,8 +506,13 @@ def animations(folder, kind):
         gltf = Gltf(animations=[{"channels": [], "samplers": []}])
         gltf.mesh()
         return gltf.save(folder / "m.glb"), upright(4.0)
-    return dae_file(folder, dae(dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
-                                before="<library_animations/>")), upright(4.0)
+    return dae_file(
+        folder,
+        dae(
+            dae_places() + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
+            before="<library_animations/>",
+        ),
+    ), upright(4.0)
 
 
 @case("lights of the file", "glTF", says="lights of the file do not shine")
@@ -487,14 +525,24 @@ def lights(folder):
 @case("Draco compression", "glTF")
 def draco(folder):
     gltf = Gltf().uses("KHR_draco_mesh_compression")
-    data = DracoPy.encode(BOARD.astype(np.float32), TWO.astype(np.uint32), quantization_bits=14, tex_coord=np.column_stack(
-        [UV[:, 0], 1 - UV[:, 1]]))
+    data = DracoPy.encode(
+        BOARD.astype(np.float32),
+        TWO.astype(np.uint32),
+        quantization_bits=14,
+        tex_coord=np.column_stack([UV[:, 0], 1 - UV[:, 1]]),
+    )
     view = gltf.view(data)
-    gltf.mesh(gltf.accessor(BOARD, bufferView=None), gltf.accessor(TWO.ravel(), "u2", bufferView=None),
-              gltf.textured(), {"TEXCOORD_0": gltf.accessor(UV, bufferView=None)}, extensions={
-                  "KHR_draco_mesh_compression": {"bufferView": view, "attributes": {"POSITION": 1, "TEXCOORD_0": 0}}})
-    return gltf.save(folder / "m.glb"), lambda mesh: (is_quarters(mesh), np.testing.assert_allclose(
-        area(mesh), 4.0, rtol=2e-4))
+    gltf.mesh(
+        gltf.accessor(BOARD, bufferView=None),
+        gltf.accessor(TWO.ravel(), "u2", bufferView=None),
+        gltf.textured(),
+        {"TEXCOORD_0": gltf.accessor(UV, bufferView=None)},
+        extensions={"KHR_draco_mesh_compression": {"bufferView": view, "attributes": {"POSITION": 1, "TEXCOORD_0": 0}}},
+    )
+    return gltf.save(folder / "m.glb"), lambda mesh: (
+        is_quarters(mesh),
+        np.testing.assert_allclose(area(mesh), 4.0, rtol=2e-4),
+    )
 
 
 @case("meshopt compression", "glTF", says="EXT_meshopt_compression.*gltf-transform copy")
@@ -529,8 +577,10 @@ def up_and_unit(folder, kind):
         gltf = Gltf()
         gltf.mesh(BOARD + [0, 0, 0.25])
         return gltf.save(folder / "m.glb"), look
-    text = dae(dae_places(100 * (BOARD + [0, 0, 0.25])) + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
-               asset='<unit meter="0.01"/><up_axis>Y_UP</up_axis>')
+    text = dae(
+        dae_places(100 * (BOARD + [0, 0, 0.25])) + f'<triangles count="2">{VERTEX}<p>0 1 2 0 2 3</p></triangles>',
+        asset='<unit meter="0.01"/><up_axis>Y_UP</up_axis>',
+    )
     return dae_file(folder, text), look
 
 
@@ -540,8 +590,11 @@ def up_and_unit(folder, kind):
 def dae_board(folder, diffuse, params="", extra="", uv=UV, bind="", colours=None, second=None):
     """A board with a material, coordinates and perhaps colours."""
     inputs, geometry, index = VERTEX, dae_places(), [[0, 1, 2, 0, 2, 3]]
-    for semantic, name, values, letters, number in (("TEXCOORD", "t", uv, "ST", 0), ("TEXCOORD", "w", second, "ST", 1),
-                                                    ("COLOR", "c", colours, "RGB", 0)):
+    for semantic, name, values, letters, number in (
+        ("TEXCOORD", "t", uv, "ST", 0),
+        ("TEXCOORD", "w", second, "ST", 1),
+        ("COLOR", "c", colours, "RGB", 0),
+    ):
         if values is not None:
             geometry = dae_source(name, values, letters) + geometry
             inputs += f'<input semantic="{semantic}" source="#{name}" offset="{len(index)}" set="{number}"/>'
@@ -569,14 +622,20 @@ def plain(folder, kind):
 def some_with_a_map(folder):
     text = V + VT + "v 3 -1 0\nv 5 -1 0\nv 5 1 0\nusemtl a\n" + QUAD + "usemtl b\nf 5/1 6/2 7/3\n"
     return obj(folder, text, "newmtl a\nmap_Kd q.png\nnewmtl b\nKd 0 0.8 0\n"), lambda mesh: (
-        is_quarters(mesh), is_colour([0, 0.8, 0], 4.5, 0.0)(mesh))
+        is_quarters(mesh),
+        is_colour([0, 0.8, 0], 4.5, 0.0)(mesh),
+    )
 
 
 @case("one colour for a material", "glTF")
 def specular_glossiness(folder):
     gltf = Gltf().uses("KHR_materials_pbrSpecularGlossiness")
-    gltf.mesh(material=gltf.add("materials", {"extensions": {"KHR_materials_pbrSpecularGlossiness": {
-        "diffuseFactor": [0.25, 0.5, 1.0, 1.0]}}}))
+    gltf.mesh(
+        material=gltf.add(
+            "materials",
+            {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0.25, 0.5, 1.0, 1.0]}}},
+        )
+    )
     return gltf.save(folder / "m.glb"), is_colour([0.25, 0.5, 1.0])
 
 
@@ -598,8 +657,16 @@ def textured(folder, kind, *, data=None, uv=UV, name="q.png"):
         vt = "".join(f"vt {u} {v}\n" for u, v in uv)
         path = obj(folder, V + vt + "usemtl a\n" + QUAD, f"newmtl a\nmap_Kd {name}\n")
     elif kind == "PLY":
-        path = ply_file(folder, ply(f"{XYZ},float s,float t", rows(np.column_stack([BOARD, uv])), RING, "4 0 1 2 3",
-                                    comments=f"comment TextureFile {name}\n"))
+        path = ply_file(
+            folder,
+            ply(
+                f"{XYZ},float s,float t",
+                rows(np.column_stack([BOARD, uv])),
+                RING,
+                "4 0 1 2 3",
+                comments=f"comment TextureFile {name}\n",
+            ),
+        )
     else:
         path = dae_board(folder, TEXTURE, SAMPLER.format(""), uv=np.asarray(uv))
         path.write_text(path.read_text().replace("q.png", name))
@@ -614,16 +681,24 @@ def texture(folder, kind):
 
 @case("a texture", "PLY")
 def texture_of_faces(folder):
-    text = ply(XYZ, rows(BOARD), f"{RING},list uchar float texcoord,int texnumber",
-               "4 0 1 2 3 8 0 0 1 0 1 1 0 1 1", comments="comment TextureFile a.png\ncomment TextureFile my q.png\n")
+    text = ply(
+        XYZ,
+        rows(BOARD),
+        f"{RING},list uchar float texcoord,int texnumber",
+        "4 0 1 2 3 8 0 0 1 0 1 1 0 1 1",
+        comments="comment TextureFile a.png\ncomment TextureFile my q.png\n",
+    )
     (folder / "my q.png").write_bytes(picture())
     return ply_file(folder, text), is_quarters
 
 
 @case("a texture", "glTF")
 def texture_beside(folder):
-    gltf = Gltf(images=[{"uri": "my%20q.png"}], textures=[{"source": 0}],
-                materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}])
+    gltf = Gltf(
+        images=[{"uri": "my%20q.png"}],
+        textures=[{"source": 0}],
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+    )
     gltf.mesh(material=0, attributes={"TEXCOORD_0": gltf.uv()})
     (folder / "my q.png").write_bytes(picture())
     return gltf.save(folder / "m.glb"), is_quarters
@@ -635,10 +710,15 @@ def factor(folder, kind):
     if kind == "OBJ":
         return obj(folder, V + VT + "usemtl a\n" + QUAD, "newmtl a\nKd 1 0.5 0.25\nmap_Kd q.png\n"), expected
     gltf = Gltf()
-    gltf.mesh(material=gltf.textured(pbrMetallicRoughness={"baseColorFactor": [1, 0.5, 0.25, 1]}),
-              attributes={"TEXCOORD_0": gltf.uv()})
-    gltf.mesh(BOARD + [3, 0, 0], material=gltf.textured(pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 1]}),
-              attributes={"TEXCOORD_0": gltf.uv()})
+    gltf.mesh(
+        material=gltf.textured(pbrMetallicRoughness={"baseColorFactor": [1, 0.5, 0.25, 1]}),
+        attributes={"TEXCOORD_0": gltf.uv()},
+    )
+    gltf.mesh(
+        BOARD + [3, 0, 0],
+        material=gltf.textured(pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 1]}),
+        attributes={"TEXCOORD_0": gltf.uv()},
+    )
     return gltf.save(folder / "m.glb"), lambda mesh: (expected(mesh), is_colour([0.0, 1.0, 0.0], 3.5, 0.5)(mesh))
 
 
@@ -663,9 +743,13 @@ def several(folder, kind):
         return obj(folder, text, "newmtl a\nmap_Kd q.png\nnewmtl b\nmap_Kd g.png\n"), look
     if kind == "PLY":
         (folder / "q.png").write_bytes(picture())
-        text = ply(XYZ, rows(both), f"{RING},list uchar float texcoord,uchar texnumber",
-                   "4 0 1 2 3 8 0 0 2 0 2 2 0 2 0\n4 4 5 6 7 8 0 0 2 0 2 2 0 2 1",
-                   comments="comment TextureFile q.png\ncomment TextureFile g.png\n")
+        text = ply(
+            XYZ,
+            rows(both),
+            f"{RING},list uchar float texcoord,uchar texnumber",
+            "4 0 1 2 3 8 0 0 2 0 2 2 0 2 0\n4 4 5 6 7 8 0 0 2 0 2 2 0 2 1",
+            comments="comment TextureFile q.png\ncomment TextureFile g.png\n",
+        )
         return ply_file(folder, text), look
     path = dae_board(folder, TEXTURE, SAMPLER.format(""), uv=2 * UV)
     text, second = path.read_text(), dae_effect(TEXTURE, SAMPLER.format("")).replace("q.png", "g.png")
@@ -675,8 +759,11 @@ def several(folder, kind):
     geometry = re.search(r"<geometry .*</geometry>", text, re.S)[0].replace('id="g"', 'id="h"')
     for name in ("p", "pa", "t", "ta", "v"):
         geometry = geometry.replace(f'id="{name}"', f'id="{name}2"').replace(f'"#{name}"', f'"#{name}2"')
-    node = ('<node id="o"><translate>3 0 0</translate><instance_geometry url="#h">'
-            + BOUND.format("").replace("#m", "#m2") + "</instance_geometry></node></visual_scene>")
+    node = (
+        '<node id="o"><translate>3 0 0</translate><instance_geometry url="#h">'
+        + BOUND.format("").replace("#m", "#m2")
+        + "</instance_geometry></node></visual_scene>"
+    )
     text = text.replace("<library_geometries>", second + "<library_geometries>").replace("</visual_scene>", node)
     return dae_file(folder, text.replace("</library_geometries>", geometry + "</library_geometries>")), look
 
@@ -699,7 +786,9 @@ def turned(folder):
     info = {"extensions": {"KHR_texture_transform": {"rotation": math.pi / 2, "offset": [0, 1], "texCoord": 1}}}
     gltf.mesh(material=gltf.textured(info=info), attributes={"TEXCOORD_0": gltf.uv(0 * UV), "TEXCOORD_1": gltf.uv()})
     return gltf.save(folder / "m.glb"), lambda mesh: (
-        is_colour([0, 0, 1.0], -0.5, 0.5)(mesh), is_colour([1.0, 0, 0], 0.5, 0.5)(mesh))
+        is_colour([0, 0, 1.0], -0.5, 0.5)(mesh),
+        is_colour([1.0, 0, 0], 0.5, 0.5)(mesh),
+    )
 
 
 @case("a second set of coordinates", "glTF", "DAE")
@@ -708,8 +797,10 @@ def second_set(folder, kind):
         bind = '<bind_vertex_input semantic="U" input_semantic="TEXCOORD" input_set="1"/>'
         return dae_board(folder, TEXTURE, SAMPLER.format(""), uv=0 * UV, second=UV, bind=bind), is_quarters
     gltf = Gltf()
-    gltf.mesh(material=gltf.textured(info={"texCoord": 1}),
-              attributes={"TEXCOORD_0": gltf.uv(0 * UV), "TEXCOORD_1": gltf.uv()})
+    gltf.mesh(
+        material=gltf.textured(info={"texCoord": 1}),
+        attributes={"TEXCOORD_0": gltf.uv(0 * UV), "TEXCOORD_1": gltf.uv()},
+    )
     return gltf.save(folder / "m.glb"), is_quarters
 
 
@@ -720,11 +811,14 @@ def clamps(folder, kind):
         vt = "".join(f"vt {u} {v}\n" for u, v in clamped)
         return obj(folder, V + vt + "usemtl a\n" + QUAD, "newmtl a\nmap_Kd -clamp on q.png\n"), is_quarters
     if kind == "DAE":
-        return dae_board(folder, TEXTURE, SAMPLER.format("<wrap_s>CLAMP</wrap_s><wrap_t>CLAMP</wrap_t>"),
-                         uv=clamped), is_quarters
+        return dae_board(
+            folder, TEXTURE, SAMPLER.format("<wrap_s>CLAMP</wrap_s><wrap_t>CLAMP</wrap_t>"), uv=clamped
+        ), is_quarters
     gltf = Gltf()
-    gltf.mesh(material=gltf.textured(sampler={"wrapS": 33648, "wrapT": 33071}),
-              attributes={"TEXCOORD_0": gltf.uv(np.column_stack([2 * UV[:, 0], clamped[:, 1]]))})
+    gltf.mesh(
+        material=gltf.textured(sampler={"wrapS": 33648, "wrapT": 33071}),
+        attributes={"TEXCOORD_0": gltf.uv(np.column_stack([2 * UV[:, 0], clamped[:, 1]]))},
+    )
 
     def look(mesh):  # mirrored along u: red, green, green, red
         for x, expected in ((-0.75, [1, 0, 0]), (-0.25, [0, 1, 0]), (0.25, [0, 1, 0]), (0.75, [1, 0, 0])):
@@ -740,10 +834,14 @@ def udim(folder):
     places = np.concatenate([BOARD, BOARD + [3, 0, 0], BOARD + [6, 0, 0]])
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in places)
     text += "".join(f"vt {u} {v}\n" for u, v in np.concatenate([UV, UV + [1, 0], UV + [0, 1]]))
-    text += "usemtl a\n" + "".join("f " + " ".join(f"{4 * k + i}/{4 * k + i}" for i in range(1, 5)) + "\n"
-                                   for k in range(3))
+    text += "usemtl a\n" + "".join(
+        "f " + " ".join(f"{4 * k + i}/{4 * k + i}" for i in range(1, 5)) + "\n" for k in range(3)
+    )
     return obj(folder, text, "newmtl a\nmap_Kd t.<UDIM>.png\n"), lambda mesh: (
-        is_colour([1, 0, 0])(mesh), is_colour([0, 1, 0], 3.1)(mesh), is_colour([0, 0, 1], 6.1)(mesh))
+        is_colour([1, 0, 0])(mesh),
+        is_colour([0, 1, 0], 3.1)(mesh),
+        is_colour([0, 0, 1], 6.1)(mesh),
+    )
 
 
 HALF = np.tile([0.5, 0.25, 0.0], (4, 1))
@@ -756,9 +854,15 @@ def bytes_of_vertices(folder, kind):
     if kind == "OFF":
         return off(folder, BOARD, [[0, 1, 2, 3]], "COFF", " 188 137 0 255"), is_colour(expected)
     if kind == "PLY":
-        return ply_file(folder, ply(f"{XYZ},uchar red,uchar green,uchar blue", rows(np.column_stack(
-            [BOARD, np.tile([188, 137, 0], (4, 1))]).astype(object)), RING, "4 0 1 2 3").replace(
-                "188.0 137.0 0.0", "188 137 0")), is_colour(expected)
+        return ply_file(
+            folder,
+            ply(
+                f"{XYZ},uchar red,uchar green,uchar blue",
+                rows(np.column_stack([BOARD, np.tile([188, 137, 0], (4, 1))]).astype(object)),
+                RING,
+                "4 0 1 2 3",
+            ).replace("188.0 137.0 0.0", "188 137 0"),
+        ), is_colour(expected)
     gltf = Gltf()  # linear, whatever the type
     gltf.mesh(attributes={"COLOR_0": gltf.accessor(np.tile([128, 64, 0, 255], (4, 1)), "u1", normalized=True)})
     return gltf.save(folder / "m.glb"), is_colour(np.array([128, 64, 0]) / 255.0)
@@ -768,14 +872,20 @@ def bytes_of_vertices(folder, kind):
 def words_of_vertices(folder, kind):
     if kind == "PLY":
         row = np.rint(65535 * SHADES).astype(int)
-        text = ply(f"{XYZ},ushort diffuse_red,ushort diffuse_green,ushort diffuse_blue", "\n".join(
-            f"{x} {y} {z} {row[0]} {row[1]} {row[2]}" for x, y, z in BOARD), RING, "4 0 1 2 3")
+        text = ply(
+            f"{XYZ},ushort diffuse_red,ushort diffuse_green,ushort diffuse_blue",
+            "\n".join(f"{x} {y} {z} {row[0]} {row[1]} {row[2]}" for x, y, z in BOARD),
+            RING,
+            "4 0 1 2 3",
+        )
         return ply_file(folder, text), lambda mesh: np.testing.assert_allclose(
-            colour_at(mesh, 0.3, 0.1), srgb_to_linear(SHADES), atol=2e-5)
+            colour_at(mesh, 0.3, 0.1), srgb_to_linear(SHADES), atol=2e-5
+        )
     gltf = Gltf()
     gltf.mesh(attributes={"COLOR_0": gltf.accessor(np.rint(65535 * HALF), "u2", normalized=True)})
     return gltf.save(folder / "m.glb"), lambda mesh: np.testing.assert_allclose(
-        colour_at(mesh, 0.3, 0.1), HALF[0], atol=2e-5)
+        colour_at(mesh, 0.3, 0.1), HALF[0], atol=2e-5
+    )
 
 
 @case("colours of vertices, real numbers", "glTF", "OBJ", "PLY", "DAE", "OFF")
@@ -783,15 +893,18 @@ def reals_of_vertices(folder, kind):
     linear = is_colour(HALF[0])
     if kind == "glTF":
         gltf = Gltf()
-        gltf.mesh(material=gltf.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 1, 1]}}),
-                  attributes={"COLOR_0": gltf.accessor(HALF)})
+        gltf.mesh(
+            material=gltf.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 1, 1]}}),
+            attributes={"COLOR_0": gltf.accessor(HALF)},
+        )
         return gltf.save(folder / "m.glb"), is_colour([0.5, 0.125, 0.0])
     if kind == "OBJ":  # as MeshLab and Meshroom write bytes of sRGB
         text = "".join(f"v {x} {y} {z} {SHADES[0]!r} {SHADES[1]!r} 0\n" for x, y, z in BOARD).replace("np.float64(", "")
         return obj(folder, text.replace(")", "") + "f 1 2 3 4\n", image=False), is_colour(srgb_to_linear(SHADES))
     if kind == "PLY":
-        return ply_file(folder, ply(f"{XYZ},float r,float g,float b", rows(np.column_stack([BOARD, HALF])), RING,
-                                    "4 0 1 2 3")), linear
+        return ply_file(
+            folder, ply(f"{XYZ},float r,float g,float b", rows(np.column_stack([BOARD, HALF])), RING, "4 0 1 2 3")
+        ), linear
     if kind == "DAE":
         return dae_board(folder, "<color>1 1 1 1</color>", uv=None, colours=HALF), linear
     return off(folder, BOARD, [[0, 1, 2, 3]], "COFF", " 0.5 0.25 0.0 1.0"), linear
@@ -804,15 +917,19 @@ def of_faces(folder, kind):
         path = folder / "m.stl"
         trimesh.Trimesh(BOARD, TWO, process=False).export(path)
         data = bytearray(path.read_bytes())
-        data[84 + 48:84 + 50] = b"\xff\xff"
+        data[84 + 48 : 84 + 50] = b"\xff\xff"
         path.write_bytes(data)
         return path, upright(4.0)
     if kind == "OFF":
         path = off(folder, both, quads)
-        path.write_text(path.read_text().replace("4 0 1 2 3", "4 0 1 2 3 255 0 0").replace("4 4 5 6 7", "4 4 5 6 7 0 255 0"))
+        path.write_text(
+            path.read_text().replace("4 0 1 2 3", "4 0 1 2 3 255 0 0").replace("4 4 5 6 7", "4 4 5 6 7 0 255 0")
+        )
     else:
-        path = ply_file(folder, ply(XYZ, rows(both), f"{RING},uchar red,uchar green,uchar blue",
-                                    "4 0 1 2 3 255 0 0\n4 4 5 6 7 0 255 0"))
+        path = ply_file(
+            folder,
+            ply(XYZ, rows(both), f"{RING},uchar red,uchar green,uchar blue", "4 0 1 2 3 255 0 0\n4 4 5 6 7 0 255 0"),
+        )
     return path, lambda mesh: (is_colour([1, 0, 0])(mesh), is_colour([0, 1, 0], 3.1)(mesh), upright(8.0)(mesh))
 
 
@@ -825,8 +942,16 @@ def tinted(folder, kind):
         return gltf.save(folder / "m.glb"), expected
     if kind == "PLY":
         (folder / "q.png").write_bytes(picture())
-        return ply_file(folder, ply(f"{XYZ},float s,float t,float red,float green,float blue", rows(np.column_stack(
-            [BOARD, UV, HALF])), RING, "4 0 1 2 3", comments="comment TextureFile q.png\n")), expected
+        return ply_file(
+            folder,
+            ply(
+                f"{XYZ},float s,float t,float red,float green,float blue",
+                rows(np.column_stack([BOARD, UV, HALF])),
+                RING,
+                "4 0 1 2 3",
+                comments="comment TextureFile q.png\n",
+            ),
+        ), expected
     return dae_board(folder, TEXTURE, SAMPLER.format(""), colours=HALF), expected
 
 
@@ -858,8 +983,12 @@ def mask_by_factor(folder):
     """Nothing is left of a mesh whose alpha is below the cutoff, and all of one whose alpha is not."""
     gltf = Gltf()
     for k, alpha in enumerate((0.4, 0.6)):
-        gltf.mesh(BOARD + [3 * k, 0, 0], material=gltf.add("materials", {
-            "alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, alpha]}}))
+        gltf.mesh(
+            BOARD + [3 * k, 0, 0],
+            material=gltf.add(
+                "materials", {"alphaMode": "MASK", "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, alpha]}}
+            ),
+        )
     return gltf.save(folder / "m.glb"), lambda mesh: (upright(4.0)(mesh), is_colour([1, 1, 1], 3.1)(mesh))
 
 
@@ -871,16 +1000,28 @@ def transparency(folder, kind):
         return gltf.save(folder / "m.glb"), upright(4.0)
     if kind == "OBJ":
         return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKd 1 1 1\nd 0.5\n"), upright(4.0)
-    return dae_board(folder, "<color>1 1 1 1</color>", extra="<transparency><float>0.5</float></transparency>"), upright(4.0)
+    return dae_board(
+        folder, "<color>1 1 1 1</color>", extra="<transparency><float>0.5</float></transparency>"
+    ), upright(4.0)
 
 
 @case("metal, bumps, emission", "glTF", "OBJ", says="not modelled")
 def not_modelled(folder, kind):
     if kind == "OBJ":
-        return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKd 1 1 1\nmap_Bump q.png\nnorm q.png\n"), upright(4.0)
+        return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKd 1 1 1\nmap_Bump q.png\nnorm q.png\n"), upright(
+            4.0
+        )
     gltf = Gltf()
-    gltf.mesh(material=gltf.add("materials", {"pbrMetallicRoughness": {"metallicFactor": 1.0},
-                                              "normalTexture": {"index": 0}, "emissiveTexture": {"index": 0}}))
+    gltf.mesh(
+        material=gltf.add(
+            "materials",
+            {
+                "pbrMetallicRoughness": {"metallicFactor": 1.0},
+                "normalTexture": {"index": 0},
+                "emissiveTexture": {"index": 0},
+            },
+        )
+    )
     return gltf.save(folder / "m.glb"), upright(4.0)
 
 
@@ -889,10 +1030,17 @@ def libraries(folder):
     (folder / "my b.mtl").write_text("newmtl b\nKd 0 1 0\n")
     (folder / "c.mtl").write_text("newmtl c\nKd 0 0 1\n")
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in np.concatenate([BOARD, BOARD + [3, 0, 0], BOARD + [6, 0, 0]]))
-    text = "mtllib my b.mtl\n" + text + "usemtl a\nf 1 2 3 4\nusemtl b\nf 5 6 7 8\nmtllib x.mtl c.mtl\nusemtl c\nf 9 10 11 12\n"
+    text = (
+        "mtllib my b.mtl\n"
+        + text
+        + "usemtl a\nf 1 2 3 4\nusemtl b\nf 5 6 7 8\nmtllib x.mtl c.mtl\nusemtl c\nf 9 10 11 12\n"
+    )
     (folder / "x.mtl").write_text("")
     return obj(folder, text, "newmtl a\nKd 1 0 0\n"), lambda mesh: (
-        is_colour([1, 0, 0])(mesh), is_colour([0, 1, 0], 3.1)(mesh), is_colour([0, 0, 1], 6.1)(mesh))
+        is_colour([1, 0, 0])(mesh),
+        is_colour([0, 1, 0], 3.1)(mesh),
+        is_colour([0, 0, 1], 6.1)(mesh),
+    )
 
 
 @case("coordinates without a texture", "glTF", "OBJ", "PLY", "DAE")
@@ -904,8 +1052,9 @@ def bare_uv(folder, kind):
     if kind == "OBJ":
         return obj(folder, V + VT + QUAD, image=False), is_grey
     if kind == "PLY":
-        return ply_file(folder, ply(f"{XYZ},float s,float t", rows(np.column_stack([BOARD, UV])), RING,
-                                    "4 0 1 2 3")), is_grey
+        return ply_file(
+            folder, ply(f"{XYZ},float s,float t", rows(np.column_stack([BOARD, UV])), RING, "4 0 1 2 3")
+        ), is_grey
     return dae_board(folder, "<color>0.5 0.5 0.5 1</color>"), is_grey
 
 
@@ -918,15 +1067,20 @@ def bare_texture(folder, kind):
     if kind == "OBJ":
         return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nmap_Kd q.png\n"), is_grey
     if kind == "PLY":
-        return ply_file(folder, ply(XYZ, rows(BOARD), RING, "4 0 1 2 3", comments="comment TextureFile q.png\n")), is_grey
+        return ply_file(
+            folder, ply(XYZ, rows(BOARD), RING, "4 0 1 2 3", comments="comment TextureFile q.png\n")
+        ), is_grey
     return dae_board(folder, TEXTURE, SAMPLER.format(""), uv=None), is_grey
 
 
 @case("a texture file that is not there", "glTF", "OBJ", "PLY", "DAE", says=r"is not there \(gone.png\)")
 def gone(folder, kind):
     if kind == "glTF":
-        gltf = Gltf(images=[{"uri": "gone.png"}], textures=[{"source": 0}],
-                    materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}])
+        gltf = Gltf(
+            images=[{"uri": "gone.png"}],
+            textures=[{"source": 0}],
+            materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        )
         gltf.mesh(material=0, attributes={"TEXCOORD_0": gltf.uv()})
         return gltf.save(folder / "m.glb"), is_grey
     path = textured(folder, kind, name="gone.png")
@@ -1002,7 +1156,9 @@ def before_the_first(folder):
     return obj(folder, V + "f -1 -2 -9\n", image=False)
 
 
-@case("coordinates of a texture that are not finite", "glTF", "OBJ", "PLY", "DAE", says="coordinates that are not finite")
+@case(
+    "coordinates of a texture that are not finite", "glTF", "OBJ", "PLY", "DAE", says="coordinates that are not finite"
+)
 def not_finite(folder, kind):
     uv = UV.copy()
     uv[2, 0] = np.nan
@@ -1013,5 +1169,5 @@ def not_finite(folder, kind):
 def broken_off(folder, kind):
     path, _ = triangles(folder, kind)
     data = path.read_bytes()
-    path.write_bytes(data[:len(data) * 2 // 3])
+    path.write_bytes(data[: len(data) * 2 // 3])
     return path

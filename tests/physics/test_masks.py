@@ -1,0 +1,242 @@
+"""Masks of mesh files cut holes, exactly where their alpha is below the cutoff, for every ray."""
+
+import numpy as np
+import pytest
+from made_meshes import BOARD, Gltf, picture
+
+from varos_warp.render.moments import NextFrame
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene import device
+from varos_warp.scene.file.load import scene_from_dict
+
+PIXELS = 64
+CHECKER = np.indices((4, 4)).sum(axis=0) % 2 * 255
+"""Alpha of the board, rows from the top: 4 x 4 squares, the first a hole."""
+FLAT = {"poses": [{"position": [0, 0, 0]}]}
+
+
+def net(path, alpha=CHECKER, tints=None, layers=1, cutoff=0.5, **more):
+    """Boards behind one another in the plane of x and y, 1 cm apart, with an alpha picture, upright."""
+    pixels = np.concatenate([np.full((*alpha.shape, 3), 188), alpha[..., None]], axis=2)
+    gltf = Gltf()
+    material = gltf.textured(picture(pixels), alphaMode="MASK", alphaCutoff=cutoff, **more)
+    for layer in range(layers):
+        attributes = {"TEXCOORD_0": gltf.uv()}
+        if tints is not None:
+            attributes["COLOR_0"] = gltf.accessor(tints)
+        gltf.mesh(BOARD - [0, 0, 0.01 * layer], material=material, attributes=attributes)
+    return gltf.save(path)
+
+
+def scene(folder, objects, *, lights=(), water="none", outputs="BCDSF", **render):
+    """A camera at the origin that looks along +y through nets, each of which fills its view at 2 m, at a wall at 4 m."""
+    wall = {"kind": "mesh", "file": "wall.glb", "up": "y", "position": [0, 4, 0]}
+    gltf = Gltf()
+    gltf.mesh(6.0 * BOARD)
+    gltf.save(folder / "wall.glb")
+    return scene_from_dict(
+        {
+            "objects": [*objects, wall],
+            "water": water,
+            "vehicle": {
+                "lights": list(lights),
+                "cameras": [{"resolution": [PIXELS, PIXELS], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}],
+            },
+            "trajectory": FLAT,
+            "render": {"outputs": [*outputs], "denoise_b": "none", **render},
+        },
+        folder,
+    )
+
+
+NET = {"file": "net.glb", "up": "y", "position": [0, 2, 0]}
+
+
+def expected_holes(alpha=CHECKER):
+    """Whether each pixel's centre looks through a hole, and whether it is a texel away from an edge."""
+    side = PIXELS // alpha.shape[0]
+    holes = (alpha < 128).repeat(side, 0).repeat(side, 1)
+    inner = np.tile([False, *[True] * (side - 2), False], alpha.shape[0])
+    return holes, inner[:, None] & inner[None, :]
+
+
+def rendered(scene, letters="BCDS", **options):
+    return FrameRenderer(scene, device="cpu").render(np.eye(4), outputs=letters, **options)
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("net")
+    net(folder / "net.glb")
+    return rendered(scene(folder, [NET]), spp_b=1)
+
+
+def test_depth_normals_and_segments_are_of_what_the_ray_meets_behind_a_hole(seen, truth):
+    holes, sure = expected_holes()
+    np.testing.assert_allclose(seen.D.depth[sure], np.where(holes, 4.0, 2.0)[sure], rtol=1e-6)
+    np.testing.assert_array_equal(seen.S.instance[sure], np.where(holes, 2, 1)[sure])
+    np.testing.assert_allclose(seen.C.normal[sure], np.broadcast_to([0, -1.0, 0], (sure.sum(), 3)), atol=1e-6)
+    truth(
+        "depth behind the holes of a mask [m]",
+        source="the wall is 4 m away",
+        got=seen.D.depth[sure & holes],
+        expected=4.0,
+        tolerance=4e-6,
+        reason="rounding of single precision",
+        subject="surfaces and lights",
+    )
+
+
+def test_an_edge_lies_where_the_blended_alpha_is_the_cutoff(tmp_path):
+    """Texels of alpha 0 and 255 in a row: their blend is 0.75 three quarters of the way between their centres."""
+    net(tmp_path / "net.glb", np.array([[0, 255]]).repeat(2, 0).repeat(1, 1), cutoff=0.75)
+    depth = rendered(scene(tmp_path, [NET]), "D").D.depth
+    edge = np.argmax(depth[32] < 3.0) / PIXELS  # picture() makes 16 texels of each: the blend is 1/16 of the board wide
+    assert edge == pytest.approx(0.5 + 0.25 / 32, abs=1.0 / PIXELS)
+
+
+@pytest.mark.parametrize("layers", [2, 50])
+def test_rays_pass_many_nets_behind_one_another(tmp_path, layers):
+    net(tmp_path / "net.glb", layers=layers)
+    holes, sure = expected_holes()
+    depth = rendered(scene(tmp_path, [NET]), "D").D.depth
+    near_middle = sure & (np.hypot(*np.indices(sure.shape) - 31.5) < 20)  # where parallax keeps holes in line
+    through = depth[near_middle & holes] == pytest.approx(4.0)
+    assert np.all(depth[near_middle & ~holes] < 2.001)
+    assert np.mean(through) > 0.0 or layers == 50
+    assert np.all((np.abs(depth - 4.0) < 1e-5) | (depth < 2.0 + 0.01 * layers))
+
+
+def test_alpha_of_vertices_multiplies_that_of_the_picture(tmp_path):
+    """Without holes of its own, alpha of 1 to 0 from left to right cuts the right half away."""
+    tints = np.array([[1.0, 1, 1, 1], [1, 1, 1, 0], [1, 1, 1, 0], [1, 1, 1, 1]])
+    net(tmp_path / "net.glb", np.full((2, 2), 255), tints)
+    depth = rendered(scene(tmp_path, [NET]), "D").D.depth
+    np.testing.assert_allclose(depth[:, :31], 2.0, rtol=1e-6)
+    np.testing.assert_allclose(depth[:, 33:], 4.0, rtol=1e-6)
+
+
+def test_holes_are_there_in_what_moves(tmp_path, seen):
+    net(tmp_path / "net.glb")
+    path = [{"time_s": 0, "position": [0, 2, 0]}, {"time_s": 1, "position": [0, 2, 1]}]
+    same = rendered(scene(tmp_path, [{"file": "net.glb", "up": "y", "path": path}]), "CD")
+    np.testing.assert_allclose(same.D.depth, seen.D.depth, rtol=1e-6)
+    np.testing.assert_array_equal(same.C.normal, seen.C.normal)
+
+
+def test_copies_have_the_same_holes_as_instances_and_in_one_mesh(tmp_path, monkeypatch):
+    net(tmp_path / "net.glb")
+    scatter = {"object": {"file": "net.glb", "up": "y", "scale": 0.3, "rotation_euler_deg": [0, 0, 20]}, "count": 40}
+    data = (
+        scene(tmp_path, []).model_dump(mode="json")
+        | {"scatter": [scatter]}
+        | {"terrain": {"kind": "procedural", "size_m": 6, "resolution": 5, "relief_m": 0, "position": [0, 3.2, -0.5]}}
+    )
+    made = scene_from_dict(data, tmp_path)
+    images = []
+    for most in (0, 1 << 20):
+        monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", most)
+        images.append(rendered(made, "DS"))
+    instances, joined = images
+    assert np.mean(instances.S.instance != joined.S.instance) < 2e-3
+    same = instances.S.instance == joined.S.instance
+    np.testing.assert_allclose(instances.D.depth[same], joined.D.depth[same], rtol=1e-5)
+    assert len(np.unique(joined.S.instance)) > 4
+
+
+def test_light_falls_through_holes_and_nowhere_else(tmp_path):
+    """A lamp at the lens lights through the holes just what the camera sees through them: no shadow is in sight."""
+    net(tmp_path / "net.glb")
+    holes, sure = expected_holes()
+    spot = {"kind": "spot", "position": [0, 0, 0], "cone_deg": 150, "intensity": [16.0] * 3}
+    A = rendered(
+        scene(tmp_path, [NET], lights=[spot], outputs="A"), "A", spp=16, integrator="path", layers=("direct",)
+    ).A.radiance[..., 0]
+    row, col = np.indices(A.shape) + 0.5
+    x, z = (col - 32) / 32 * 0.5, (32 - row) / 32 * 0.5  # tangents
+    cosine = 1.0 / np.sqrt(1.0 + x**2 + z**2)
+    for distance, albedo, where in ((4.0, 0.5, holes & sure), (2.0, 0.5028865, ~holes & sure)):
+        irradiance = 16.0 * cosine**3 / distance**2
+        np.testing.assert_allclose(A[where], (albedo / np.pi * irradiance)[where], rtol=3e-3)
+
+
+def test_a_lamp_beside_the_camera_casts_the_shadow_of_the_net(tmp_path):
+    """On the wall, at 4 m, the net at 2 m shadows a point p when (p + lamp) / 2 is on the net's whole parts."""
+    net(tmp_path / "net.glb")
+    lamp = {"kind": "spot", "position": [0.5, 0, 0], "cone_deg": 150, "intensity": [16.0] * 3}
+    A = rendered(
+        scene(tmp_path, [NET], lights=[lamp], outputs="A"), "A", spp=16, integrator="path", layers=("direct",)
+    ).A.radiance[..., 0]
+    holes, sure = expected_holes()
+    row, col = np.indices(A.shape) + 0.5
+    wall_x = (col - 32) / 32 * 2.0
+    u = (0.5 * (wall_x + 0.5) + 1.0) / 2.0  # where the light's ray meets the net, in pictures across
+    column = np.floor(4.0 * u).astype(int)
+    lit = CHECKER[(row // 16).astype(int), column.clip(0, 3)] < 128
+    clear = np.abs(4.0 * u - np.round(4.0 * u)) > 0.2
+    where = holes & sure & clear
+    assert np.all(A[where & lit] > 0.05)
+    assert np.all(A[where & ~lit] == 0.0)
+    assert np.count_nonzero(where & lit) > 100 < np.count_nonzero(where & ~lit)
+
+
+def test_path_and_reference_agree_in_turbid_water_behind_a_net(tmp_path):
+    """The mean of A in quarters of the image, by two integrators with their own code."""
+    net(tmp_path / "net.glb")
+    lamp = {
+        "kind": "spot",
+        "position": [0.4, 0, 0.2],
+        "direction": [-0.1, 1, 0],
+        "cone_deg": 80,
+        "intensity": [40.0] * 3,
+    }
+    water = {"coefficients": {"sigma_s": [0.3] * 3, "sigma_a": [0.1] * 3}}
+    made = scene(tmp_path, [NET], lights=[lamp], water=water, outputs="A")
+    renderer = FrameRenderer(made, device="cpu")
+
+    def quarters(image):
+        return image.reshape(2, 32, 2, 32, 3).mean(axis=(1, 3, 4))
+
+    means = {}
+    for integrator, spp, seeds in (("path", 16, 8), ("reference", 128, 8)):
+        runs = [
+            quarters(
+                renderer.render(
+                    np.eye(4), outputs="A", spp=spp, integrator=integrator, seed=seed, denoise="none"
+                ).A.radiance
+            )
+            for seed in range(seeds)
+        ]
+        means[integrator] = np.mean(runs, axis=0), np.std(runs, axis=0, ddof=1) / np.sqrt(seeds)
+    (a, sa), (b, sb) = means["path"], means["reference"]
+    assert np.all(np.abs(a - b) < 4.5 * np.hypot(sa, sb))
+    assert np.all(np.hypot(sa, sb) < 0.03 * a)
+
+
+def test_a_material_of_the_scene_has_no_holes(tmp_path):
+    net(tmp_path / "net.glb")
+    made = scene_from_dict(scene(tmp_path, [NET]).model_dump(mode="json") | {"materials": {"grey": {}}}, tmp_path)
+    data = made.model_dump(mode="json")
+    data["objects"][0]["material"] = "grey"
+    depth = rendered(scene_from_dict(data, tmp_path), "D").D.depth
+    np.testing.assert_allclose(depth, 2.0, rtol=1e-6)
+
+
+def test_flow_knows_what_hides_behind_the_net(tmp_path):
+    """The vehicle moves sideways: what is seen of the wall through a hole hides behind the net in the next frame."""
+    net(tmp_path / "net.glb")
+    made = scene(tmp_path, [NET], outputs="F")
+    data = made.model_dump(mode="json")
+    data["trajectory"] = {"poses": [{"time_s": 0, "position": [0, 0, 0]}, {"time_s": 1.0, "position": [0.25, 0, 0]}]}
+    made = scene_from_dict(data, tmp_path)
+    there = np.eye(4)
+    there[0, 3] = 0.25
+    frame = FrameRenderer(made, device="cpu").render(np.eye(4), outputs="DF", following=NextFrame(there))
+    holes, sure = expected_holes()
+    row, col = np.indices(holes.shape) + 0.5
+    wall_x = (col - 32) / 32 * 2.0
+    u = (0.5 * (wall_x + 0.25) + 1.0) / 2.0
+    hidden = CHECKER[(row // 16).astype(int), np.floor(4 * u).astype(int).clip(0, 3)] > 128
+    clear = (np.abs(4.0 * u - np.round(4.0 * u)) > 0.2) & (u < 0.98)
+    where = holes & sure & clear
+    np.testing.assert_array_equal(frame.F.occluded[where], hidden[where])
