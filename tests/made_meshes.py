@@ -1,5 +1,6 @@
 """Mesh files made by hand, byte by byte, as their specifications say."""
 
+import base64
 import io
 import json
 import struct
@@ -109,16 +110,25 @@ class Gltf:
             self.document.setdefault("extensionsRequired", []).append(name)
         return self
 
-    def save(self, path, cut=0):
-        """Write it as GLB; without the last bytes, if ``cut``."""
+    def save(self, path):
+        """Write it as GLB."""
+        path.write_bytes(self.packed())
+        return path
+
+    def text(self) -> str:
+        """It as text, with its bytes inside."""
+        data = "data:application/octet-stream;base64," + base64.b64encode(self.chunk).decode()
+        return json.dumps({**self.document, "buffers": [{"byteLength": len(self.chunk), "uri": data}]})
+
+    def packed(self) -> bytes:
+        """It as GLB."""
         self.document["buffers"] = [{"byteLength": len(self.chunk)}]
         text = json.dumps(self.document).encode()
         text += b" " * (-len(text) % 4)
         chunk = self.chunk + bytes(-len(self.chunk) % 4)
         data = struct.pack("<4sIII4s", b"glTF", 2, 28 + len(text) + len(chunk), len(text), b"JSON") + text
         data += struct.pack("<I4s", len(chunk), b"BIN\0") + chunk
-        path.write_bytes(data[: len(data) - cut])
-        return path
+        return data
 
 
 def dae(

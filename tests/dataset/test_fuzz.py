@@ -15,9 +15,25 @@ import signal
 import sys
 import warnings
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
+from made_meshes import (
+    BOARD,
+    BOUND,
+    QUARTERS,
+    SAMPLER,
+    UV,
+    VERTEX,
+    Gltf,
+    dae,
+    dae_effect,
+    dae_places,
+    dae_source,
+    picture,
+    ply,
+)
 from PIL import Image
 
 from varos_warp.dataset.reader.dataset import Dataset
@@ -40,7 +56,7 @@ VALUES = [None, True, -1, 10**12, 1e308, float("nan"), float("inf"), "", "../x",
           {"id": "/"}, [0] * 1000]
 
 
-def dae() -> bytes:
+def nodes_dae() -> bytes:
     """Triangles and a polygon under nodes, one of which stands in two places, in COLLADA."""
     return b"""<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -60,12 +76,74 @@ def dae() -> bytes:
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 
+QUADS = "mtllib quads.mtl\n" + "".join(f"v {x} {y} 0 1 0 0\n" for x, y, _ in BOARD) + (
+    "vt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3 4/1\ng b\nf -4 -3 -2\n")
+
+
+def board() -> Gltf:
+    """Much of what glTF has: a picture that masks, colours, sparse values, copies, a skin, morphs, a transform."""
+    made = Gltf(scenes=[{"nodes": [0]}], scene=0).uses("KHR_texture_transform").uses("EXT_mesh_gpu_instancing")
+    pixels = np.concatenate([QUARTERS, np.full((2, 2, 1), 200)], axis=2)
+    material = made.textured(picture(pixels, side=1), alphaMode="MASK", info={
+        "extensions": {"KHR_texture_transform": {"scale": [2, 2], "rotation": 0.5}}})
+    sparse = {"count": 1, "indices": {"bufferView": made.view(b"\2\0"), "componentType": 5123},
+              "values": {"bufferView": made.view(BOARD[2].astype("<f4").tobytes())}}
+    places = made.accessor(BOARD, sparse=sparse, min=[-1, -1, 0], max=[1, 1, 0])
+    made.mesh(places, material=material, node=False, targets=[{"POSITION": made.accessor(BOARD)}], attributes={
+        "TEXCOORD_0": made.uv(), "COLOR_0": made.accessor(np.full((4, 4), 200), "u1", normalized=True),
+        "JOINTS_0": made.accessor([[0, 0, 0, 0]] * 4, "u1"), "WEIGHTS_0": made.accessor([[1, 0, 0, 0]] * 4)})
+    made.document["meshes"][0]["weights"] = [0.5]
+    made.node(children=[1, 2])
+    made.node(mesh=0, skin=0)
+    made.node(mesh=0, matrix=np.eye(4).ravel().tolist(), extensions={"EXT_mesh_gpu_instancing": {
+        "attributes": {"TRANSLATION": made.accessor([[0.0, 0, 1], [0, 0, 2]])}}})
+    made.document["skins"] = [{"joints": [0], "inverseBindMatrices": made.accessor([np.eye(4).ravel()])}]
+    return made
+
+
+def polygons_dae() -> str:
+    """Polygons with a hole, fans, coordinates, colours and a material."""
+    places = dae_places(np.concatenate([BOARD, 0.5 * BOARD[::-1]]))
+    uv = dae_source("t", UV, "ST") + dae_source("c", np.full((1, 3), 0.5), "RGB")
+    inputs = VERTEX + ('<input semantic="TEXCOORD" source="#t" offset="1" set="0"/>'
+                       '<input semantic="COLOR" source="#c" offset="2"/>')
+    rings = [" ".join(f"{i} {i % 4} 0" for i in ring) for ring in (range(4), range(4, 8))]
+    cut = f"<ph><p>{rings[0]}</p><h>{rings[1]}</h></ph>"
+    geometry = uv + places + (f'<polygons material="x" count="1">{inputs}{cut}</polygons>'
+                              f'<trifans count="1">{VERTEX}<p>0 1 2 3</p></trifans>')
+    return dae(geometry, before=dae_effect('<texture texture="a" texcoord="U"/>', SAMPLER.format("")),
+               materials=BOUND.format(""))
+
+
+def strips_ply() -> str:
+    """Colours, texture coordinates, polygons and strips in text."""
+    return ply("float x,float y,float z,uchar red,uchar green,uchar blue,float s,float t", "\n".join(
+        f"{x} {y} 0 9 99 200 0 1" for x, y, _ in BOARD), "list uchar int vertex_indices", "4 0 1 2 3\n3 0 1 2",
+        more="element tristrips 1\nproperty list int int vertex_indices\n", comments="comment TextureFile q.png\n"
+        ) + "5 0 1 -1 2 3\n"
+
+
+def binary_ply() -> bytes:
+    """Quads and triangles with coordinates of their corners, big end first."""
+    head = ("ply\nformat binary_big_endian 1.0\nelement vertex 4\n" + "".join(f"property double {x}\n" for x in "xyz")
+            + "element face 2\nproperty list uchar uint vertex_index\nproperty list uchar float texcoord\nend_header\n")
+    body = BOARD.astype(">f8").tobytes()
+    for ring in ([0, 1, 2, 3], [0, 1, 2]):
+        body += bytes([len(ring)]) + np.array(ring, ">u4").tobytes()
+        body += bytes([2 * len(ring)]) + np.zeros(2 * len(ring), ">f4").tobytes()
+    return head.encode() + body
+
+
 def seeds() -> dict[str, bytes]:
     """A good file of each kind, by name."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     made = {f"x.{kind}": ball.export(file_type=kind) for kind in ("obj", "ply", "stl", "glb")}
     made |= {"ascii.ply": ball.export(file_type="ply", encoding="ascii"), "ascii.stl": ball.export(
-        file_type="stl_ascii"), "x.dae": dae(), "scene.yaml": template_text()}
+        file_type="stl_ascii"), "x.dae": nodes_dae(), "scene.yaml": template_text()}
+    made |= {"board.gltf": board().text(), "board.glb": board().packed(), "polygons.dae": polygons_dae(),
+             "polygons.off": "COFF\n4 2 0\n" + "".join(f"{x} {y} 0 255 0 0 255\n" for x, y, _ in BOARD)
+             + "4 0 1 2 3 0.5 0.5 0.5\n3 0 1 2\n", "strips.ply": strips_ply(), "binary.ply": binary_ply(),
+             "quads.obj": QUADS, "quads.mtl": "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 2 2 1 -clamp on q.png\nd 0.5\n"}
     for kind in ("png", "jpeg", "tiff"):
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)
@@ -125,6 +203,9 @@ def read(path, simulated: bool) -> None:
             simulate(load_scene(path, ("trajectory.duration_s=5",)))
     elif path.suffix in (".png", ".jpeg", ".tiff"):
         read_image(path)
+    elif path.suffix == ".mtl":
+        path.with_suffix(".obj").write_text(QUADS)
+        load_mesh(path.with_suffix(".obj"))
     else:
         load_mesh(path)
 
@@ -157,7 +238,7 @@ def attempt(path, simulated: bool) -> None:
 def changed(original: bytes, name: str, number: int) -> bytes:
     """A file changed: entries of dataset.json and of every other scene, else bytes."""
     rng = random.Random(f"{name} {number}")
-    if name.endswith((".json", ".yaml")) and (name == "dataset.json" or number % 2):
+    if name.endswith((".json", ".yaml", ".gltf")) and (name == "dataset.json" or number % 2):
         tree = yaml.safe_load(original) if name.endswith(".yaml") else json.loads(original)
         for _ in range(rng.choice((1, 1, 2, 5))):
             spoil(tree, rng)

@@ -29,7 +29,7 @@ def net(path, alpha=CHECKER, tints=None, layers=1, cutoff=0.5, **more):
 
 
 def scene(folder, objects, *, lights=(), water="none", outputs="BCDSF", **render):
-    """A camera at the origin that looks along +y through nets, each of which fills its view at 2 m, at a wall at 4 m."""
+    """A camera at the origin that looks along +y through nets, which fill its view at 2 m, at a wall at 4 m."""
     wall = {"kind": "mesh", "file": "wall.glb", "up": "y", "position": [0, 4, 0]}
     gltf = Gltf()
     gltf.mesh(6.0 * BOARD)

@@ -99,10 +99,10 @@ def print_info(facts: dict) -> None:
 
 def _print_files(files: list[dict]) -> None:
     """What became of the mesh files, and what to say where that is a guess."""
-    print_table(["mesh file", "of", "up", "unit [m]", "triangles", "without area", "textures (share outside of 0..1)"],
-                [[f["file"], f["name"], f["up"] + " (a guess)" * f["up_is_guess"], _number(f["unit_m"]),
-                  str(f["triangles"]), str(f["without_area"]), ", ".join(map(_texture, f["textures"])) or "none"]
-                 for f in files])
+    head = ["mesh file", "of", "up", "unit [m]", "triangles", "without area", "area [m2]", "textures (beside 0..1)"]
+    print_table(head, [[f["file"], f["name"], f["up"] + " (a guess)" * f["up_is_guess"], _number(f["unit_m"]),
+                        str(f["triangles"]), str(f["without_area"]), f"{f['area_m2']:.4g}",
+                        ", ".join(map(_texture, f["textures"])) or "none"] for f in files])
     if guessed := [f["name"] for f in files if f["up_is_guess"]]:
         print(f"Which way is up, the files of {', '.join(guessed)} do not say: z is taken. If they stand wrong, say "
               "`up: y` there.")

@@ -51,6 +51,7 @@ def _file_info(parts):
     """What became of every mesh file, once for each part that it makes."""
     return [{"name": part.name, "file": facts.file.name, "up": facts.up_axis, "up_is_guess": facts.up_is_guess,
              "unit_m": facts.unit_m, "triangles": facts.triangles, "without_area": facts.lost,
+             "area_m2": facts.area_m2, "area_lost": facts.area_lost,
              "textures": [{"name": name, "outside": share, "constant": name in facts.constant}
                           for name, share in facts.textures.items()]} for part in parts for facts in part.files]
 

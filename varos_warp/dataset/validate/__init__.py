@@ -5,6 +5,7 @@ of an integration. What is held against what:
 
 * `completeness`: files against dataset.json and ``checksums``; what a run has still to make is no damage.
 * `metadata`: dataset.json against the scene in it; segments, rays and time stamps against both.
+* `meshes`: the area of what was built against that of the faces in the mesh files, where these are at hand.
 * `motion`: poses in three forms, cameras and sensors against the vehicle, readings of the sensors against the poses.
 * `images`: PNG against EXR against the table of exposures; S against its table.
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
@@ -21,7 +22,7 @@ dataset.json that were changed together with the scene in it; changes below the 
 """
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.validate import alignment, completeness, images, metadata, motion, views
+from varos_warp.dataset.validate import alignment, completeness, images, meshes, metadata, motion, views
 from varos_warp.dataset.validate.outcome import Validation
 
 __all__ = ["Validation", "validate"]
@@ -42,7 +43,8 @@ def validate(root, quiet: bool = False) -> Validation:
     for check in (completeness.check_complete, completeness.check_files, completeness.check_checksums,
                   metadata.check_times):
         result.guard(check, data, result, pending)
-    for check in (metadata.check_metadata, metadata.check_segments, metadata.check_rays, *motion.CHECKS):
+    for check in (metadata.check_metadata, metadata.check_segments, metadata.check_rays, meshes.check_meshes,
+                  *motion.CHECKS):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
     if "D" in data.outputs:

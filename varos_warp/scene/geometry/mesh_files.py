@@ -27,6 +27,8 @@ READERS: dict[str, Callable[[Path, bool], MeshFile]] = {
     ".off": read_off,
 }
 FORMATS = tuple(READERS)
+LEAST_LOSS = 1e-6
+"""Share of a mesh's area whose loss is told: rounding is a hundredth of it."""
 RASTERS = (".png", ".tif", ".tiff", ".asc", ".npy", ".jpg", ".exr")
 """Endings of files that may hold heights on a grid."""
 
@@ -75,23 +77,33 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
     pieces, skin = _guarded(skins.made, path, key) if with_skin else (file.pieces, None)
     vertices, faces = _in_metres(file, pieces, up_axis, key)
     _tell(file, key, up_axis)
+    mesh, kept, area, built = _built(vertices, faces, path, key)
+    facts = MeshFacts(path, up_axis or file.up_axis or "z", file.up_axis is None and up_axis is None, file.unit_m,
+                      file.triangles, int(np.count_nonzero(~kept)), area, 1.0 - built / area,
+                      {texture.name: share for texture, share in shares_outside(pieces)}, skins.constant)
+    if facts.area_lost > LEAST_LOSS:
+        warn(f"{key}: {path.name}: {facts.area_lost:.2%} of its area is lost, for its vertices are nearer to each other "
+             "than 1e-8 of its unit: scale it up in the file, and give `scale`")
+    skin = skin if skin is None or kept.all() else skin.of_faces(kept)
+    return LoadedMesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin, facts)
+
+
+def _built(vertices, faces, path, key):
+    """The mesh with equal vertices merged, which of its faces have an area, and the area before and after [m2]."""
     bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
     if bad.any():
         raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
                          f"number {np.argmax(bad)})", file=path, key=key,
                          remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
+    area = float(mesh.area_faces.sum())
     mesh.merge_vertices()
-    kept = mesh.area_faces > 0.0
-    mesh.update_faces(kept)
+    areas = mesh.area_faces
+    mesh.update_faces(areas > 0.0)
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) == 0:
         raise InputError("all triangles of the mesh have zero area", file=path, key=key, remedy="Export it anew.")
-    facts = MeshFacts(path, up_axis or file.up_axis or "z", file.up_axis is None and up_axis is None, file.unit_m,
-                      file.triangles, int(np.count_nonzero(~kept)),
-                      {texture.name: share for texture, share in shares_outside(pieces)}, skins.constant)
-    skin = skin if skin is None or kept.all() else skin.of_faces(kept)
-    return LoadedMesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin, facts)
+    return mesh, areas > 0.0, area, float(areas.sum())
 
 
 def read_mesh(path: str | Path, key: str = "file", up_axis: str | None = None) -> tuple[np.ndarray, np.ndarray]:

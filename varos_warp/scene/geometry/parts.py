@@ -62,6 +62,10 @@ class MeshFacts:
     """In the file, with all copies of its nodes."""
     lost: int
     """Of these, triangles without area, which are left out."""
+    area_m2: float
+    """Of all faces in the file, before equal vertices are merged."""
+    area_lost: float
+    """Share of it that is not built."""
     textures: dict[str, float]
     """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
     constant: tuple[str, ...] = ()
