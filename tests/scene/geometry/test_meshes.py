@@ -10,7 +10,7 @@ import trimesh
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.geometry.mesh_files import load_mesh
+from varos_warp.scene.geometry.mesh_files import load_mesh, write_ply
 from varos_warp.scene.geometry.terrain import write_ply
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "munkholmen"
@@ -251,3 +251,14 @@ def test_the_example_has_its_terrain_in_metres_around_the_course():
     np.testing.assert_allclose(terrain.vertices[:, :2].min(axis=0), [850, 270])
     np.testing.assert_allclose(terrain.vertices[:, :2].max(axis=0), [930, 350])
     assert len(scene.trajectory.waypoints) == 20
+
+
+def test_area_that_merging_loses_is_told(tmp_path):
+    """A board of 1 m with a corner of 2 nm: its vertices become one, and the rest remains."""
+    small = 2e-9 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) + [5, 0, 0]
+    write_ply(tmp_path / "a.ply", np.concatenate([1e-5 * np.eye(3), small]), np.array([[0, 1, 2], [3, 4, 5]]))
+    assert load_mesh(tmp_path / "a.ply").facts.lost == 1
+    both = np.concatenate([1e-9 * np.eye(3), 3e-8 * np.eye(3)])
+    write_ply(tmp_path / "b.ply", both, np.array([[0, 1, 2], [3, 4, 5]]))
+    with pytest.warns(UserWarning, match=r"file: b.ply: 0.11% of its area is lost"):
+        assert load_mesh(tmp_path / "b.ply").facts.area_lost == pytest.approx(1 / 901, rel=1e-3)

@@ -82,8 +82,8 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
                       file.triangles, int(np.count_nonzero(~kept)), area, 1.0 - built / area,
                       {texture.name: share for texture, share in shares_outside(pieces)}, skins.constant)
     if facts.area_lost > LEAST_LOSS:
-        warn(f"{key}: {path.name}: {facts.area_lost:.2%} of its area is lost, for its vertices are nearer to each other "
-             "than 1e-8 of its unit: scale it up in the file, and give `scale`")
+        warn(f"{key}: {path.name}: {facts.area_lost:.2%} of its area is lost, for vertices nearer to each other than "
+             "1e-8 m are merged: scale it up in the file, and give `scale`")
     skin = skin if skin is None or kept.all() else skin.of_faces(kept)
     return LoadedMesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin, facts)
 

@@ -96,10 +96,9 @@ def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Keyword and the rest of each line, which a backslash continues in the next; empty for blank ones."""
     text = path.read_bytes().decode("utf-8-sig", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     for line in text.splitlines():
-        keyword, _, rest = line.split("#", 1)[0].strip().partition(" ") if not line.lstrip().startswith("map_") else (
-            line.strip().partition(" "))
-        keyword, more = (keyword.split(None, 1) + [""])[:2]  # a tab may follow the keyword
-        yield keyword, f"{more} {rest}".strip()
+        line = line.strip() if line.lstrip().startswith("map_") else line.split("#", 1)[0].strip()
+        keyword, *rest = line.split(None, 1)[:2] or [""]
+        yield keyword, rest[0] if rest else ""
 
 
 def _set(current, keyword, rest, path, file):

@@ -37,6 +37,8 @@ class Skins:
         parts = [self._piece(piece) for piece in pieces]
         corners, pages, tints = zip(*parts, strict=True)
         if not self.pages:
+            if not any(values.any() for values in corners):
+                self.file.note("its materials make it black all over: give it a material, if that is not meant")
             return pieces, Skin(np.concatenate(corners))
         plain = [np.ones((len(c), 3, 4), np.float32) for c in corners]
         tints = None if all(tint is None for tint in tints) else np.concatenate([
