@@ -83,7 +83,8 @@ def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
 
 
 def test_a_tolerance_replaces_the_scenes_samples():
-    assert options.Choices(tolerance=0.1).overrides() == ["render.tolerance=0.1", "render.spp=null"]
+    assert {change for change, _ in options.Choices(tolerance=0.1).overrides()} == {"render.tolerance=0.1",
+                                                                                    "render.spp=null"}
 
 
 def test_shards_together_make_a_whole_dataset(scene_file, tmp_path):
@@ -488,6 +489,22 @@ def test_an_unknown_device_is_refused_with_those_that_exist(scene_file, tmp_path
 def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):
     refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *arguments.split())
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("given", "key"), [
+    ("--spp 0", "render.spp = 0"), ("--spp 0.5", "render.spp = 0.5"), ("--set render.spp=0.0", "render.spp = 0.0"),
+    ("--tolerance 2", "render.tolerance = 2"), ("--outputs AX", "render.outputs.1 = 'X'"),
+    ("--layers direct,all", "render.layers.1 = 'all'"), ("--integrator magic", "render.integrator = 'magic'"),
+    ("--max-scatterings -1", "render.max_scatterings = -1"), ("--max-bounces -2", "render.max_bounces = -2"),
+    ("--seed -1", "seed = -1"), ("--denoise magic", "render.denoise = 'magic'")])
+def test_a_refused_option_is_named_as_it_was_given(scene_file, tmp_path, given, key):
+    said = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", *given.split())
+    assert said.startswith(f"varos-warp: {given}: {key}: ")
+
+
+def test_an_option_is_blamed_for_itself_also_beside_set(scene_file, tmp_path):
+    said = refused("run", scene_file, "-o", tmp_path / "out", "--spp", "0", "--set", "render.spp=8")
+    assert said.startswith("varos-warp: --spp 0: render.spp = 0: ")
 
 
 def test_an_output_folder_of_another_scene_is_refused(scene_file, tmp_path):

@@ -53,8 +53,8 @@ class Choices:
         "--linear-exr", help="Also write A before denoising, with its standard error.")] = False
     set_: Set = None
 
-    def overrides(self) -> list[str]:
-        """The choices that change the scene, as ``key.path=value``; ``--set`` first, so the others have the last word.
+    def overrides(self) -> list[str | tuple[str, str]]:
+        """The choices that change the scene, as `load_scene` takes them; ``--set`` first: others have the last word.
 
         Raises:
             InputError: If both a tolerance and a number of samples are given.
@@ -62,19 +62,34 @@ class Choices:
         if self.tolerance is not None and self.spp is not None:
             raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
         changes = {
-            "render.outputs": self.outputs and f"[{','.join(self.outputs.replace(',', ''))}]",
-            "render.tolerance": self.tolerance, "render.spp": "null" if self.tolerance is not None else self.spp,
-            "render.max_scatterings": self.max_scatterings, "render.max_bounces": self.max_bounces,
-            "render.layers": self.layers and f"[{self.layers}]", "render.integrator": self.integrator,
-            "seed": self.seed, "render.denoise": self.denoise, "render.linear_exr": "true" if self.linear_exr else None,
+            "outputs": ("render.outputs", self.outputs and f"[{','.join(self.outputs.replace(',', ''))}]"),
+            "tolerance": ("render.tolerance", self.tolerance), "spp": ("render.spp", self.spp),
+            "max_scatterings": ("render.max_scatterings", self.max_scatterings),
+            "max_bounces": ("render.max_bounces", self.max_bounces),
+            "layers": ("render.layers", self.layers and f"[{self.layers}]"),
+            "integrator": ("render.integrator", self.integrator), "seed": ("seed", self.seed),
+            "denoise": ("render.denoise", self.denoise),
+            "linear_exr": ("render.linear_exr", "true" if self.linear_exr else None),
         }
-        return [*(self.set_ or ()), *observer(self.vehicle),
-                *(f"{key}={value}" for key, value in changes.items() if value is not None)]
+        planned = [] if self.tolerance is None else [("render.spp=null", f"--tolerance {_plain(self.tolerance)}")]
+        return [*(self.set_ or ()), *observer(self.vehicle), *planned,
+                *((f"{key}={_plain(value)}", self._as_given(name)) for name, (key, value) in changes.items()
+                  if value is not None)]
+
+    def _as_given(self, name: str) -> str:
+        """An option of the command line as the user may have written it."""
+        value, option = getattr(self, name), f"--{name.replace('_', '-')}"
+        return option if value is True else f"{option} {_plain(value)}"
 
 
-def observer(vehicle: str | None) -> list[str]:
-    """What ``--vehicle`` changes in the scene, as ``key.path=value``."""
-    return [] if vehicle is None else [f"observer={json.dumps(vehicle)}"]
+def _plain(value) -> str:
+    """A number or a word without the decimals that it was not given with."""
+    return str(value).removesuffix(".0")
+
+
+def observer(vehicle: str | None) -> list[tuple[str, str]]:
+    """What ``--vehicle`` changes in the scene, as `load_scene` takes it."""
+    return [] if vehicle is None else [(f"observer={json.dumps(vehicle)}", f"--vehicle {vehicle}")]
 
 
 @dataclass(frozen=True, kw_only=True)
