@@ -1,7 +1,8 @@
 """Datasets in the formats of other programs: one module a format.
 
-Each has ``write(job)``; ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for the
-colour images that are chosen; and ``MOST_CAMERAS`` if the format has no room for all.
+Each has ``write(job)`` and ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for
+the colour images that are chosen. If the format has no room for all cameras, it has ``cameras(job)``, the ids of those
+that it holds, and ``HOLDS``, which they are.
 
 Images are linked or copied as they are; depth is encoded anew where a format has units of its own. No format states a
 shutter, so `shutters` writes a note of it, and `moving` the poses of what moves. An export is made in a hidden folder
@@ -63,10 +64,11 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     for camera in chosen:
         data.camera(camera)
     module = import_module(f"{__name__}.{to}")
-    most = getattr(module, "MOST_CAMERAS", len(chosen))
-    if left := chosen[most:]:
-        warnings.warn(f"{to} has room for {most}; left out: {', '.join(left)}", stacklevel=2)
-    job = Job(data, out, images, chosen[:most], quiet, raw)
+    job = Job(data, out, images, chosen, quiet, raw)
+    if hasattr(module, "cameras"):
+        job = replace(job, cameras=tuple(module.cameras(job)))
+    if left := [camera for camera in chosen if camera not in job.cameras]:
+        warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
     # ``A`` alone among A and B stands for the chosen one
     wanted = {images if letter == "A" and "B" not in module.IMAGES else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
