@@ -89,8 +89,11 @@ def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        remedy = "Check indentation, colons and brackets there."
+        if "escape character" in problem:
+            remedy = "Write / instead of \\ in paths, and text with \\ in single quotes."
         raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
-                         remedy="Check indentation, colons and brackets there.") from None
+                         remedy=remedy) from None
     except InputError:
         raise
     except (ValueError, RecursionError) as error:  # such as a date that does not exist
