@@ -491,22 +491,6 @@ def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("given", "key"), [
-    ("--spp 0", "render.spp = 0"), ("--spp 0.5", "render.spp = 0.5"), ("--set render.spp=0.0", "render.spp = 0.0"),
-    ("--tolerance 2", "render.tolerance = 2"), ("--outputs AX", "render.outputs.1 = 'X'"),
-    ("--layers direct,all", "render.layers.1 = 'all'"), ("--integrator magic", "render.integrator = 'magic'"),
-    ("--max-scatterings -1", "render.max_scatterings = -1"), ("--max-bounces -2", "render.max_bounces = -2"),
-    ("--seed -1", "seed = -1"), ("--denoise magic", "render.denoise = 'magic'")])
-def test_a_refused_option_is_named_as_it_was_given(scene_file, tmp_path, given, key):
-    said = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", *given.split())
-    assert said.startswith(f"varos-warp: {given}: {key}: ")
-
-
-def test_an_option_is_blamed_for_itself_also_beside_set(scene_file, tmp_path):
-    said = refused("run", scene_file, "-o", tmp_path / "out", "--spp", "0", "--set", "render.spp=8")
-    assert said.startswith("varos-warp: --spp 0: render.spp = 0: ")
-
-
 def test_an_output_folder_of_another_scene_is_refused(scene_file, tmp_path):
     call("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--frames", "0:1", "--outputs", "D")
     text = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--outputs", "D", "--spp", "99")

@@ -5,7 +5,7 @@ import functools
 import inspect
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -50,14 +50,15 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
     groups = {p.name: p.annotation for p in parameters if dataclasses.is_dataclass(p.annotation)}
 
     @functools.wraps(function)
-    def guarded(**given):
+    def guarded(**arguments):
+        given = dict(arguments)
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in dataclasses.fields(group)})
         logging.getLogger("varos_warp").setLevel(logging.WARNING if given.get("quiet") else logging.INFO)
         try:
             return function(**given)
         except InputError as error:
-            print(f"varos-warp: {error.message}", file=sys.stderr)
+            print(f"varos-warp: {_with_option(error, arguments).message}", file=sys.stderr)
             raise typer.Exit(2) from None
         except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)
@@ -73,6 +74,11 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
     guarded.__annotations__ = {p.name: p.annotation for p in options}
     panel = PANELS[function.__module__.rpartition(".")[2]]
     return app.command(cls=_Command, no_args_is_help=False, rich_help_panel=panel)(guarded)
+
+
+def _with_option(error: InputError, arguments: Iterable[str]) -> InputError:
+    """The error of an argument under the name that it has on the command line."""
+    return error.at(f"--{error.key.replace('_', '-')}") if error.file is None and error.key in arguments else error
 
 
 resumable = functools.partial(verb, goes_on=True)

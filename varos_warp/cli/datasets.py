@@ -85,7 +85,8 @@ def export(dataset: Folder,
     from varos_warp.dataset.export import export as write
     from varos_warp.dataset.export.job import NO_NOISE
 
-    job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
+    chosen = [part.strip() for each in camera or () for part in each.split(",")]
+    job = write(dataset, to, out, images, chosen, quiet, raw, start_ns)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return

@@ -126,7 +126,7 @@ def test_what_is_not_of_the_scene_stays_as_it_is_told(tmp_path):
     (tmp_path / "scene.yaml").write_text(SCENE)
     assert refusal(tmp_path / "scene.yaml", refuse) == "HERE/dataset.json: render.outputs = 'A': are too old"
     option = refusal(tmp_path / "scene.yaml", lambda scene: select(slice(5, 9), 2))
-    assert option.startswith("frames = '5:9:': names no frame")
+    assert option.startswith("frames = '5:9': names no frame")
 
 
 def build_object(scene):

@@ -17,7 +17,7 @@ from pathlib import Path
 from varos_warp.dataset import files
 from varos_warp.dataset.export import moving, shutters
 from varos_warp.dataset.export.job import EXPORTED, Clocked, Job
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
@@ -46,7 +46,8 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
     """
     if to not in FORMATS:
-        raise InputError("is no format", key="to", value=to, remedy=f"There are: {', '.join(FORMATS)}.")
+        raise InputError("is no format", key="to", value=to, remedy=did_you_mean(to.lower(), FORMATS) or
+                         f"There are: {', '.join(FORMATS)}; mcap is that of ROS.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
     if not 0 <= start_ns < LATEST_NS:
@@ -55,7 +56,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     data, module = Clocked(dataset_root, start_ns), import_module(f"{__name__}.{to}")
     if not _has_all_types(module):
         _require_colors(data, images)
-    chosen = tuple(cameras or data.cameras)
+    chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
     job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED))
@@ -84,5 +85,5 @@ def _require_colors(data: Clocked, images: str) -> None:
         raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
     colors = [letter for letter in data.outputs if letter in "AB"]  # P does not lie on D
     if images not in colors:
-        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
+        raise InputError("are no colour images of this dataset", key="images", value=images,
                          remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")

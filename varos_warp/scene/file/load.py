@@ -35,6 +35,9 @@ def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()
     path = Path(path)
     source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.",
                     Scene)
+    if "schema_version" in source.data:
+        raise InputError("describes a dataset, it is no scene file", file=path,
+                         remedy="Give the scene file that it was made of, or a file of what its key scene has.")
     for override in overrides:
         change, given = (override, f"--set {override}") if isinstance(override, str) else override
         _apply_override(source, change, given)
@@ -89,11 +92,8 @@ def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
-        remedy = "Check indentation, colons and brackets there."
-        if "escape character" in problem:
-            remedy = "Write / instead of \\ in paths, and text with \\ in single quotes."
         raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
-                         remedy=remedy) from None
+                         remedy=_escapes(problem) or "Check indentation, colons and brackets there.") from None
     except InputError:
         raise
     except (ValueError, RecursionError) as error:  # such as a date that does not exist
@@ -104,6 +104,13 @@ def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source
         raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
                          remedy=remedy)
     return Source(data, model, path, lines)
+
+
+def _escapes(problem: str) -> str | None:
+    """The remedy for what YAML says of a backslash in double quotes, such as that of a path of Windows."""
+    if "escape character" in problem or "hexdecimal" in problem:
+        return "Write / instead of \\ in paths, and text with \\ in single quotes."
+    return None
 
 
 def _collect_lines(node, path, lines, file, seen):
@@ -139,7 +146,7 @@ def _apply_override(source: Source, override: str, where: str) -> None:
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
-                         remedy="Quote it if it is text; lists are written [1, 2, 3].") from None
+                         remedy=_escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3].") from None
     block = source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
