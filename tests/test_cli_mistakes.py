@@ -63,6 +63,11 @@ def test_an_option_that_the_scene_cannot_serve_is_named_as_an_option(scene_file,
     assert said in refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *given.split())
 
 
+def test_what_is_no_option_is_not_named_as_one():
+    """The verb's argument is KEY."""
+    assert refused("schema", "key").startswith("varos-warp: key: no key 'key'.")
+
+
 def test_an_empty_option_is_seen_in_the_message(scene_file, tmp_path):
     said = refused("run", scene_file, "-o", tmp_path / "out", "--outputs", "")
     assert said.startswith("varos-warp: --outputs '': render.outputs: should be a list of ")
