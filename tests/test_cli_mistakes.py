@@ -155,7 +155,8 @@ def test_cameras_of_an_export_are_taken_with_commas_or_one_by_one_and_each_once(
 
 @pytest.mark.parametrize(("given", "said"), [
     ("-o x.obj", "--out = 'x.obj': is no name of a PLY file, and only those are written. Such as x.ply."),
-    ("-o x", "--out = 'x': is no name of a PLY file"), ("-o x.ply --scale 0", "--scale = 0.0: is not above 0."),
+    ("-o x", "--out = 'x': is no name of a PLY file"), ("-o .", "--out = '.': is no name of a PLY file"),
+    ("-o x.ply --scale 0", "--scale = 0.0: is not above 0."),
     ("-o x.ply --scale -1", "--scale = -1.0: is not above 0."), ("-o x.ply --scale nan", "--scale = nan: is not above"),
     ("-o x.ply --region 0,0,1", "--region = '0,0,1': is not XMIN,YMIN,XMAX,YMAX with the lower end first. For example"),
     ("-o x.ply --region 1,1,0,0", "--region = '1,1,0,0': is not XMIN"),

@@ -48,7 +48,7 @@ def like_it(path: Path) -> str | None:
         meant = Path(str(path).replace("\\", "/"))
         there = "the file is there" if is_file(meant) else "a backslash parts no folders here"
         return f"Write / instead of \\, which works everywhere: {there}."
-    if not path.name.isprintable():
+    if not str(path).isprintable():
         return "YAML takes \\ in double quotes for the beginning of a sign: write / instead."
     try:
         with os.scandir(path.parent) as entries:

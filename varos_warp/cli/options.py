@@ -175,7 +175,7 @@ def check_meshes(meshes: list[Path], out: Path) -> None:
         require_file(mesh, "mesh file", "Give the path of a mesh file.", "MESH")
     if out.suffix.lower() != ".ply":
         raise InputError("is no name of a PLY file, and only those are written", key="--out", value=str(out),
-                         remedy=f"Such as {out.with_suffix('.ply')}.")
+                         remedy=f"Such as {out.stem or 'mesh'}.ply.")
     if out.is_dir() or any(out.resolve() == mesh.resolve() for mesh in meshes):
         raise InputError("is a folder" if out.is_dir() else "is one of the meshes", key="--out", value=str(out),
                          remedy="Name another file.")

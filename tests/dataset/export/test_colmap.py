@@ -9,7 +9,7 @@ import pytest
 from readback import ROUNDING, rows
 from standins import make_scene
 
-from varos_warp.dataset.export import export
+from varos_warp.dataset.export import colmap, export
 from varos_warp.dataset.export.seed import COUNT
 from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.file.load import load_scene
@@ -113,6 +113,11 @@ def test_the_database_has_the_cameras_rigs_frames_and_images_of_the_model(out, m
             number: rig.ref_sensor_id for number, rig in model.rigs.items()}
         assert {frame.frame_id: (frame.rig_id, frame.data_ids) for frame in database.read_all_frames()} == {
             number: (frame.rig_id, frame.data_ids) for number, frame in model.frames.items()}
+
+
+def test_every_camera_model_has_colmaps_number():
+    assert colmap.NUMBERS.keys() == colmap.PARAMETERS.keys()
+    assert colmap.NUMBERS == {name: int(pycolmap.CameraModelId.__members__[name]) for name in colmap.PARAMETERS}
 
 
 def test_a_camera_behind_a_port_has_no_database_for_colmap_would_take_it_for_one_in_air(tmp_path):

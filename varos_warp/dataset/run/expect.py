@@ -30,7 +30,8 @@ SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
 PIXEL_S = {"CDS": {"cpu": 0.5e-6, "cuda": 5e-9}, "F": {"cpu": 1.5e-6, "cuda": 30e-9}}
-"""For a pixel of what first hits tell, all of C, D and S together, and of F; on a GPU the host that encodes them."""
+"""For a pixel of what first hits tell, all of C, D and S together, and of F: on one core (3dab77d); beside a GPU, where
+encoding takes longest, what that takes on 16 such cores."""
 COMPILE_S = {"AP": 24.0, "B": 5.0, "CDSF": 4.0}
 """To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
 device, however many cores."""
