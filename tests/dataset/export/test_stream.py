@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 import struct
 from collections import defaultdict
 from itertools import pairwise
@@ -18,6 +19,7 @@ from varos_warp.dataset.layout import READINGS
 from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
+from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import NoiseProfile
 
 PAGE = (Path(__file__).parents[3] / "docs/exports.md").read_text(encoding="utf-8")
@@ -133,6 +135,14 @@ def test_images_of_all_types_and_cameras_are_pointed_to_at_their_times(streamed)
 def test_what_the_numbers_of_s_mean_lies_beside_the_stream(streamed):
     data, folder, _ = streamed
     assert (folder / "segments.json").read_bytes() == data.layout.segments.read_bytes()
+
+
+def test_without_what_the_numbers_of_s_mean_there_is_no_stream(everything, tmp_path):
+    copy = shutil.copytree(everything / "data", tmp_path / "copy")
+    (copy / "segments.json").unlink()
+    with pytest.raises(InputError, match=r"segments.json: there is no such file. `run` again"):
+        export(copy, "stream", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_first_message_describes_the_dataset_and_every_id(streamed):

@@ -50,7 +50,7 @@ Message = tuple[int, int, bytes]
 def write(job: Job) -> None:
     """Write the stream, and link the images of all types to ``images/cam<id>/<type>``, with what numbers of S mean."""
     if "S" in job.data.outputs:
-        files.link(job.data.layout.segments, job.out / job.data.layout.segments.name)
+        files.write_json(job.out / job.data.layout.segments.name, files.read_json(job.data.layout.segments))
     cameras = job.cameras if job.data.frames else ()
     sources = [*job.data.recorded, *cameras, *(job.data.moving if cameras else ())]
     streams = [*_readings(job.data), *(_poses(job.data, i, name) for i, name in enumerate(sources)),
