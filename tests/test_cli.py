@@ -83,7 +83,8 @@ def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
 
 
 def test_a_tolerance_replaces_the_scenes_samples():
-    assert options.Choices(tolerance=0.1).overrides() == ["render.tolerance=0.1", "render.spp=null"]
+    assert {change for change, _ in options.Choices(tolerance=0.1).overrides()} == {"render.tolerance=0.1",
+                                                                                    "render.spp=null"}
 
 
 def test_shards_together_make_a_whole_dataset(scene_file, tmp_path):
@@ -252,6 +253,25 @@ def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     planned = call("info", scene_file, "--set", "render.spp=null").output
     assert "with 4 samples per pixel of A (a plan may take more: many more in turbid water near a floor)" in planned
     assert " free core" in planned or "on a GPU" in planned
+
+
+def test_info_expects_little_of_images_without_water_and_speaks_of_no_samples_of_a(scene_file):
+    """Ten frames of 48 x 27 take less than a second, and what first hits need is compiled within a few."""
+    told = json.loads(call("info", scene_file, "--json", "--set", "render.outputs=[C, D]").stdout)["dataset"]
+    assert told["compile_seconds"] < told["seconds"] < told["compile_seconds"] + 2.0 < 10.0
+    assert (told["spp"], told["spp_is_planned"], told["plan_seconds"]) == (None, False, 0.0)
+    text = call("info", scene_file, "--set", "render.outputs=[B, C, D]").output
+    assert "samples" not in text
+    assert "of that, compiling: 5 seconds, the first time only" in text
+
+
+@pytest.mark.parametrize("outputs", ["C", "S", "F", "B"])
+def test_info_expects_more_of_more_pixels_whatever_the_image(scene_file, outputs):
+    """A thousand times as many."""
+    one, more = (json.loads(call("info", scene_file, "--json", "--set", f"render.outputs=[{outputs}]",
+                                 "--set", f"vehicle.cameras.0.resolution={size}").stdout)["dataset"]["seconds"]
+                 for size in ("[48,27]", "[1536,864]"))
+    assert more > one
 
 
 def test_info_and_run_refuse_missing_files_before_anything_is_made(scene_file, tmp_path):

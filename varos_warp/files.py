@@ -43,7 +43,13 @@ def require_file(path: Path, what: str, remedy: str, key: str | None = None) -> 
 
 
 def like_it(path: Path) -> str | None:
-    """Remedy for a file that is not there, if one beside it has a name much like it."""
+    """Remedy for a file that is not there: for a backslash in its name, or if one beside it has a name much like it."""
+    if os.sep == "/" and "\\" in str(path):  # a backslash is a character of the name here
+        meant = Path(str(path).replace("\\", "/"))
+        there = "the file is there" if is_file(meant) else "a backslash parts no folders here"
+        return f"Write / instead of \\, which works everywhere: {there}."
+    if not str(path).isprintable():
+        return "YAML takes \\ in double quotes for the beginning of a sign: write / instead."
     try:
         with os.scandir(path.parent) as entries:
             names = [entry.name for entry in itertools.islice(entries, MOST_NAMES) if entry.is_file()]

@@ -5,10 +5,11 @@ import functools
 import inspect
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.models import ArgumentInfo
 
 from varos_warp.errors import InputError, RunFailed
 
@@ -48,6 +49,9 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
     """
     parameters = inspect.signature(function).parameters.values()
     groups = {p.name: p.annotation for p in parameters if dataclasses.is_dataclass(p.annotation)}
+    options = [option for p in parameters
+               for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
+    named = {p.name for p in options if not any(isinstance(about, ArgumentInfo) for about in p.annotation.__metadata__)}
 
     @functools.wraps(function)
     def guarded(**given):
@@ -57,7 +61,7 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
         try:
             return function(**given)
         except InputError as error:
-            print(f"varos-warp: {error.message}", file=sys.stderr)
+            print(f"varos-warp: {_with_option(error, named).message}", file=sys.stderr)
             raise typer.Exit(2) from None
         except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)
@@ -67,12 +71,15 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
             print(f"varos-warp: interrupted{rest}", file=sys.stderr)
             raise typer.Exit(130) from None
 
-    options = [option for p in parameters
-               for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
     guarded.__signature__ = inspect.Signature([p.replace(kind=p.KEYWORD_ONLY) for p in options])
     guarded.__annotations__ = {p.name: p.annotation for p in options}
     panel = PANELS[function.__module__.rpartition(".")[2]]
     return app.command(cls=_Command, no_args_is_help=False, rich_help_panel=panel)(guarded)
+
+
+def _with_option(error: InputError, named: Iterable[str]) -> InputError:
+    """The error of an option under the name that it has on the command line; ``named``: names of parameters."""
+    return error.at(f"--{error.key.replace('_', '-')}") if error.file is None and error.key in named else error
 
 
 resumable = functools.partial(verb, goes_on=True)

@@ -69,8 +69,8 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="FORMAT",
-                                           help="euroc, tum, kitti, colmap, nerfstudio or mcap: see docs/exports.md.")],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="euroc, tum, kitti, colmap, nerfstudio, mcap "
+                                                                          "or stream: see docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(metavar="ID", help="Only this camera; repeatable.")] = None,
@@ -85,7 +85,8 @@ def export(dataset: Folder,
     from varos_warp.dataset.export import export as write
     from varos_warp.dataset.export.job import NO_NOISE
 
-    job = write(dataset, to, out, images, camera, quiet, raw, start_ns)
+    chosen = [part.strip() for each in camera or () for part in each.split(",")]
+    job = write(dataset, to, out, images, chosen, quiet, raw, start_ns)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return

@@ -1,6 +1,9 @@
 """Arguments and options of the command line, and what their words mean."""
 
 import json
+import math
+import re
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +11,7 @@ from typing import Annotated
 import typer
 
 from varos_warp.errors import InputError
+from varos_warp.files import require_file
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")]
 Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `varos-warp run` wrote to.")]
@@ -53,8 +57,8 @@ class Choices:
         "--linear-exr", help="Also write A before denoising, with its standard error.")] = False
     set_: Set = None
 
-    def overrides(self) -> list[str]:
-        """The choices that change the scene, as ``key.path=value``; ``--set`` first, so the others have the last word.
+    def overrides(self) -> list[str | tuple[str, str]]:
+        """The choices that change the scene, as `load_scene` takes them; ``--set`` first: others have the last word.
 
         Raises:
             InputError: If both a tolerance and a number of samples are given.
@@ -62,19 +66,34 @@ class Choices:
         if self.tolerance is not None and self.spp is not None:
             raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
         changes = {
-            "render.outputs": self.outputs and f"[{','.join(self.outputs.replace(',', ''))}]",
-            "render.tolerance": self.tolerance, "render.spp": "null" if self.tolerance is not None else self.spp,
-            "render.max_scatterings": self.max_scatterings, "render.max_bounces": self.max_bounces,
-            "render.layers": self.layers and f"[{self.layers}]", "render.integrator": self.integrator,
-            "seed": self.seed, "render.denoise": self.denoise, "render.linear_exr": "true" if self.linear_exr else None,
+            "outputs": ("render.outputs", self.outputs and f"[{','.join(re.sub('[, ]', '', self.outputs))}]"),
+            "tolerance": ("render.tolerance", self.tolerance), "spp": ("render.spp", self.spp),
+            "max_scatterings": ("render.max_scatterings", self.max_scatterings),
+            "max_bounces": ("render.max_bounces", self.max_bounces),
+            "layers": ("render.layers", self.layers and f"[{self.layers}]"),
+            "integrator": ("render.integrator", self.integrator), "seed": ("seed", self.seed),
+            "denoise": ("render.denoise", self.denoise),
+            "linear_exr": ("render.linear_exr", "true" if self.linear_exr else None),
         }
-        return [*(self.set_ or ()), *observer(self.vehicle),
-                *(f"{key}={value}" for key, value in changes.items() if value is not None)]
+        planned = [] if self.tolerance is None else [("render.spp=null", f"--tolerance {_plain(self.tolerance)}")]
+        return [*(self.set_ or ()), *observer(self.vehicle), *planned,
+                *((f"{key}={_plain(value)}", self._as_given(name)) for name, (key, value) in changes.items()
+                  if value is not None)]
+
+    def _as_given(self, name: str) -> str:
+        """An option of the command line as the user may have written it."""
+        value, option = getattr(self, name), f"--{name.replace('_', '-')}"
+        return option if value is True else f"{option} {shlex.quote(_plain(value))}"
 
 
-def observer(vehicle: str | None) -> list[str]:
-    """What ``--vehicle`` changes in the scene, as ``key.path=value``."""
-    return [] if vehicle is None else [f"observer={json.dumps(vehicle)}"]
+def _plain(value) -> str:
+    """A number or a word without the decimals that it was not given with."""
+    return str(value).removesuffix(".0")
+
+
+def observer(vehicle: str | None) -> list[tuple[str, str]]:
+    """What ``--vehicle`` changes in the scene, as `load_scene` takes it."""
+    return [] if vehicle is None else [(f"observer={json.dumps(vehicle)}", f"--vehicle {shlex.quote(vehicle)}")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +150,47 @@ class Repair:
         Raises:
             InputError: If one is not what its help says.
         """
+        if not (math.isfinite(self.scale) and self.scale > 0.0):
+            raise InputError("is not above 0", key="--scale", value=self.scale, remedy="For example 0.001.")
         check_choice("--up-axis", self.up_axis, (None, "x", "y", "z"))
         check_choice("--close", self.close, ("skirt", "solid", "none"))
         return {"vertices": self.vertices, "merge_tolerance_m": self.merge_tolerance, "fill_holes_m": self.fill_holes,
                 "smoothing_rounds": self.smooth, "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap),
                 "close": self.close, "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis}
+
+
+REPAIR_KEYS = {"region": "--region", "merge_tolerance_m": "--merge-tolerance", "fill_holes_m": "--fill-holes",
+               "smoothing_rounds": "--smooth", "shrinkwrap_resolution": "--shrinkwrap", "close": "--close",
+               "target_vertices": "--vertices", "up_axis": "--up-axis"}
+"""What `preprocess` calls the keys of ``terrain.preprocess``, as its messages have them."""
+
+
+def check_meshes(meshes: list[Path], out: Path) -> None:
+    """Refuse meshes that are not there, and a result that is no PLY file or would take the place of one of them.
+
+    Raises:
+        InputError: Before anything is read.
+    """
+    for mesh in meshes:
+        require_file(mesh, "mesh file", "Give the path of a mesh file.", "MESH")
+    if out.suffix.lower() != ".ply":
+        raise InputError("is no name of a PLY file, and only those are written", key="--out", value=str(out),
+                         remedy=f"Such as {out.stem or 'mesh'}.ply.")
+    if out.is_dir() or any(out.resolve() == mesh.resolve() for mesh in meshes):
+        raise InputError("is a folder" if out.is_dir() else "is one of the meshes", key="--out", value=str(out),
+                         remedy="Name another file.")
+
+
+def with_options(error: InputError) -> InputError:
+    """An error of `preprocess_meshes` in the words of the command line."""
+    block, _, key = (error.key or "").partition(".")
+    if block != "preprocess":
+        return error
+    remedy = error.remedy
+    for name, option in REPAIR_KEYS.items():
+        remedy = remedy.replace(name, option) if remedy and "_" in name else remedy
+    return InputError(error.problem, file=error.file, key=REPAIR_KEYS.get(key.partition(".")[0], error.key),
+                      value=error.value, remedy=remedy)
 
 
 def parse_frames(text: str | None) -> slice:
@@ -167,13 +222,16 @@ def parse_shard(text: str | None) -> tuple[int, int]:
 
 def parse_region(text: str | None) -> tuple[float, float, float, float] | None:
     """Four numbers with commas."""
+    if not text:
+        return None
     try:
-        values = tuple(float(part) for part in text.split(",")) if text else None
-        if values is not None and len(values) != 4:
+        xmin, ymin, xmax, ymax = (float(part) for part in text.split(","))
+        if not -math.inf < xmin < xmax < math.inf or not -math.inf < ymin < ymax < math.inf:
             raise ValueError
     except ValueError:
-        raise InputError("is not XMIN,YMIN,XMAX,YMAX", key="--region", value=text) from None
-    return values
+        raise InputError("is not XMIN,YMIN,XMAX,YMAX with the lower end first", key="--region", value=text,
+                         remedy="For example -5,-5,5,5.") from None
+    return xmin, ymin, xmax, ymax
 
 
 def parse_shrinkwrap(text: str) -> int | str | None:

@@ -17,7 +17,9 @@ from varos_warp.cli.options import (
     SceneFile,
     Set,
     Vehicle,
+    check_meshes,
     observer,
+    with_options,
 )
 from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed, print_table
 from varos_warp.errors import InputError
@@ -148,10 +150,13 @@ def preprocess(
     from varos_warp.scene.device import resolve_device
     from varos_warp.scene.geometry.terrain import STEPS, preprocess_meshes, write_ply
 
-    options = repair.parsed()
-    with NamedSteps("preprocess", STEPS, quiet) as steps:
-        (points, faces), facts = preprocess_meshes(meshes, **options, device=resolve_device(device),
-                                                   progress=steps.reach)
+    options, device = repair.parsed(), resolve_device(device)
+    check_meshes(meshes, out)
+    try:
+        with NamedSteps("preprocess", STEPS, quiet) as steps:
+            (points, faces), facts = preprocess_meshes(meshes, **options, device=device, progress=steps.reach)
+    except InputError as error:
+        raise with_options(error) from None
     write_ply(out, points, faces)
     write_json(out.with_suffix(".json"), {"out": out.name, **facts})
     if json_:

@@ -133,15 +133,26 @@ def _place(values: list[float]) -> str:
 def _print_dataset(dataset: dict) -> None:
     """What `varos-warp run` will make, and take."""
     where = "a GPU" if dataset["device"] == "cuda" else counted(dataset["cores"], "free core")
-    samples = f"{counted(dataset['spp'], 'sample')} per pixel of A" + (
-        " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     made = f"{counted(dataset['frames'], 'frame')}{through}, {counted(dataset['images'], 'image')}"
     print(f"dataset: {made}, about {_size(dataset['bytes'])}, "
-          f"roughly {_duration(dataset['seconds'])} on {where} with {samples}; varos-warp plan measures it")
+          f"roughly {_duration(dataset['seconds'])} on {where}{_samples(dataset)}; varos-warp plan measures it")
+    once = []
+    if dataset["compile_seconds"] >= 0.1 * dataset["seconds"]:
+        once.append(f"compiling: {_duration(dataset['compile_seconds'])}, the first time only")
     if dataset["plan_seconds"] >= 5.0:
         less = "--spp N takes less" if dataset["spp_is_planned"] else "none with --integrator field or path"
-        print(f"of that, planning: {_duration(dataset['plan_seconds'])}, once for this scene; {less}")
+        once.append(f"planning: {_duration(dataset['plan_seconds'])}, once for this scene; {less}")
+    for part in once:
+        print(f"of that, {part}")
+
+
+def _samples(dataset: dict) -> str:
+    """How many samples images in the water have, where there are such."""
+    if dataset["spp"] is None:
+        return ""
+    return f" with {counted(dataset['spp'], 'sample')} per pixel of A" + (
+        " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
 
 
 def _size(count: float) -> str:

@@ -27,6 +27,8 @@ from varos_warp.limits import check_limit
 from varos_warp.scene.images import open_image
 
 HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
+IN_THE_WAY = (errno.ENOTDIR, errno.EISDIR, errno.EEXIST)
+"""Errors that mean: something else has the name."""
 OWNER = ".owner.lock"
 """In a folder that is being made: held by the process that makes it."""
 _counter = itertools.count()
@@ -121,8 +123,10 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path,
-                         remedy="Free some space, mend the permissions or choose another folder with -o.") from error
+        instead = "choose another folder or name with -o"
+        remedy = (f"A file is where a folder is needed, or a folder where a file is: {instead}."
+                  if error.errno in IN_THE_WAY else f"Free some space, mend the permissions or {instead}.")
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path, remedy=remedy) from error
 
 
 def write_bytes(path: Path, data: bytes) -> bool:
@@ -199,6 +203,7 @@ def _remove_left(folders: Iterable[Path]) -> None:
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
+_ANEW = "`run` again to make it anew."
 _REMEDY = "The file is damaged; delete it and `run` again to make it anew."
 
 
@@ -210,7 +215,7 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
     except InputError:
         raise
     except FileNotFoundError as error:
-        raise InputError("there is no such file", file=path) from error
+        raise InputError("there is no such file", file=path, remedy=_ANEW) from error
     except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, TypeError, AttributeError, OverflowError,
             MemoryError, struct.error, zlib.error, csv.Error, yaml.YAMLError) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error

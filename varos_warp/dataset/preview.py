@@ -95,7 +95,7 @@ class View(NamedTuple):
 
 
 def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int | None = None, device: str = "auto",
-            overrides: Iterable[str] = (), once: bool = False, quiet: bool = False) -> None:
+            overrides: Iterable[str | tuple[str, str]] = (), once: bool = False, quiet: bool = False) -> None:
     """Show a scene, and again whenever one of its files is saved, until the user interrupts it.
 
     A scene that cannot be loaded any more is told of, and the last image stays.
@@ -106,7 +106,7 @@ def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int 
         viewpoint: From where.
         spp: Most samples per pixel; absent: the scene's, or 64.
         device: ``auto``, ``cpu`` or ``cuda:N``.
-        overrides: ``key.path=value``.
+        overrides: As of `load_scene`.
         once: Return when the image is as good as it gets.
         quiet: Nothing on stderr but what is wrong with the scene.
 
@@ -202,7 +202,8 @@ def added(mean: RadianceImage, image: RadianceImage) -> RadianceImage:
 class _EditedScene:
     """A scene file at work, and what was made of it so far."""
 
-    def __init__(self, path: Path, viewpoint: Viewpoint, device: str, overrides: tuple[str, ...], console: Console):
+    def __init__(self, path: Path, viewpoint: Viewpoint, device: str, overrides: tuple[str | tuple[str, str], ...],
+                 console: Console):
         self.path, self.viewpoint, self.device, self.overrides = path, viewpoint, device, overrides
         self.console = console
         self.since = time.monotonic()

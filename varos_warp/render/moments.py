@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from varos_warp.errors import InputError
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records
+from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.shutter import STILL, in_ns, instants, row_offsets_s
 
 Motion = Callable[[np.ndarray], np.ndarray]
@@ -26,6 +28,20 @@ class NextFrame(NamedTuple):
     """Of the vehicle around it, for a rolling shutter."""
     time_ns: int | None = None
     """For objects that move [ns]; absent: that of this frame, as for a pair."""
+
+
+def checked_motion(name: str, motion: Motion | None) -> Motion | None:
+    """A motion that a caller gives, whose poses are checked whenever it is asked for them.
+
+    Raises:
+        InputError: If it is no function, by the argument's name; and when it gives something else than poses.
+    """
+    if motion is None:
+        return None
+    if not callable(motion):
+        raise InputError("is no function", key=name, remedy="Give one of times [ns] that returns poses [N, 4, 4], such "
+                         "as Simulation.motion(time_ns).")
+    return lambda offset_ns: checked_poses(name, motion(offset_ns), len(offset_ns))
 
 
 def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, rng: np.random.Generator,

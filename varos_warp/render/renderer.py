@@ -19,13 +19,13 @@ from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.kinds import kernels_needed, twin_of
 from varos_warp.render.launch import Launcher, Steps, finish
-from varos_warp.render.moments import Motion, NextFrame, poses_of_rows, times_seen
+from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
-from varos_warp.scene.frames import camera_pose, inverse
+from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.launch import compiling
@@ -47,6 +47,15 @@ def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
 def _centre_rays(view: Camera) -> Rays:
     """Rays of the pixels' centres in camera axes, kept from frame to frame: a second at 1280 x 720 with distortion."""
     return camera_model(view).rays(pixel_centres(*view.resolution))
+
+
+def _points(points: ArrayLike, size: int) -> np.ndarray:
+    """Points [..., size] that a caller gives, as float64."""
+    array = numeric("points", points, f"Give an array [..., {size}].")
+    if not array.ndim or array.shape[-1] != size:
+        raise InputError(f"has the shape {array.shape}, not [..., {size}]", key="points",
+                         remedy="Image points have two numbers, points of the world three.")
+    return array
 
 
 class Exposed(NamedTuple):
@@ -146,7 +155,7 @@ class FrameRenderer:
             options: Fields of `RenderOptions` (render/options.py): spp, integrator, denoise ...
 
         Raises:
-            InputError: If something unknown is asked for, or F without ``following``.
+            InputError: If something unknown is asked for, or F without ``following``, or a pose is none.
             TypeError: If there is no such option.
         """
         return finish(self.steps(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns, seed=seed,
@@ -164,7 +173,11 @@ class FrameRenderer:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
                              remedy="Give it, or leave F out of the outputs.")
         how = options_of(self.scene, options)
-        view, T_w_v = self._camera(camera), np.asarray(T_w_v, np.float64)
+        view, T_w_v = self._camera(camera), checked_pose("T_w_v", T_w_v)
+        motion = checked_motion("motion", motion)
+        if following is not None:
+            following = following._replace(T_w_v=checked_pose("following.T_w_v", following.T_w_v),
+                                           motion=checked_motion("following.motion", following.motion))
         seed = self.scene.seed if seed is None else seed
         here = self._exposed(view, T_w_v, motion, time_ns)
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
@@ -186,7 +199,7 @@ class FrameRenderer:
             images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
         if "F" in geometry and following is not None:
             there = self._exposed(self._camera(following.camera) if following.camera else view,
-                                  np.asarray(following.T_w_v, np.float64), following.motion,
+                                  np.asarray(following.T_w_v), following.motion,
                                   time_ns if following.time_ns is None else following.time_ns)
             images["F"] = yield from self._render_flow(here, there, images["D"].range,
                                                         images["S"].instance if "S" in images else None)
@@ -208,11 +221,11 @@ class FrameRenderer:
             that in the water. Where a camera sees no water: NaN, and weight 0.
 
         Raises:
-            InputError: If there is no such camera or channel.
+            InputError: If there is no such camera or channel, or the pose or the points are none.
         """
         view, number = self._camera(camera), channel_number(channel)
-        image = pixel_centres(*view.resolution) if points is None else np.asarray(points, np.float64)
-        return camera_model(view).rays(image, number).moved(camera_pose(view, np.asarray(T_w_v, np.float64)))
+        image = pixel_centres(*view.resolution) if points is None else _points(points, 2)
+        return camera_model(view).rays(image, number).moved(camera_pose(view, checked_pose("T_w_v", T_w_v)))
 
     def project(self, points: ArrayLike, T_w_v: ArrayLike, camera: str | Camera | None = None,
                 channel: str = "green") -> np.ndarray:
@@ -221,11 +234,11 @@ class FrameRenderer:
         What lies between is not looked at, and image points may lie outside of the image. Arguments as for `rays`.
 
         Raises:
-            InputError: If there is no such camera or channel.
+            InputError: If there is no such camera or channel, or the pose or the points are none.
         """
         view, number = self._camera(camera), channel_number(channel)
-        T_w_c = camera_pose(view, np.asarray(T_w_v, np.float64))
-        return camera_model(view).project((np.asarray(points, np.float64) - T_w_c[:3, 3]) @ T_w_c[:3, :3], number)
+        T_w_c = camera_pose(view, checked_pose("T_w_v", T_w_v))
+        return camera_model(view).project((_points(points, 3) - T_w_c[:3, 3]) @ T_w_c[:3, :3], number)
 
     def _camera(self, name: str | Camera | None) -> Camera:
         if name is None or isinstance(name, Camera):

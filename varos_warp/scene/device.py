@@ -43,11 +43,11 @@ def resolve_device(name: str = "auto") -> str:
     known = [str(device) for device in wp.get_devices()]
     if name == "auto":
         return next((device for device in known if device.startswith("cuda")), "cpu")
-    name = "cuda:0" if name == "cuda" else name
-    if name not in known:
+    found = "cuda:0" if name == "cuda" else name
+    if found not in known:
         raise InputError("no such device here", key="--device", value=name,
                          remedy=f"Use auto or one of: {', '.join(known)}.")
-    return name
+    return found
 
 
 def kind_of(device: str) -> str:

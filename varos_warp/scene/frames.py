@@ -8,8 +8,13 @@ import warnings
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.errors import InputError
+
 R_V_C = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """An unrotated camera on the vehicle looks along +y, its image upright."""
+RIGID = 1e-5
+"""How far a pose that is given may be from a rotation: ten times what six decimals or single precision leave."""
+MATRIX = "A pose is a matrix [4, 4] of a rotation and a position [m]"
 
 
 def euler_to_matrix(angles_deg) -> np.ndarray:
@@ -99,3 +104,85 @@ def intrinsics(camera) -> np.ndarray:
     fx = camera.focal_mm / camera.sensor_mm[0] * width
     fy = camera.focal_mm / camera.sensor_mm[1] * height
     return np.array([[fx, 0.0, width / 2], [0.0, fy, height / 2], [0.0, 0.0, 1.0]])
+
+
+def numeric(name: str, values, remedy: str) -> np.ndarray:
+    """Real numbers as float64, of any shape.
+
+    Raises:
+        InputError: If they are something else, by the argument's name.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "fiu":
+            return array.astype(np.float64, copy=False)
+    except (ValueError, TypeError):  # of unlike lengths, or of a library that refuses
+        pass
+    raise InputError(f"is not made of real numbers, it is of the type {type(values).__name__}", key=name, remedy=remedy)
+
+
+def checked_pose(name: str, T) -> np.ndarray:
+    """A pose [4, 4] that a caller gives, as float64.
+
+    Raises:
+        InputError: If it is no rigid transform, by the argument's name.
+    """
+    pose = numeric(name, T, f"{MATRIX}.")
+    if pose.shape != (4, 4):
+        raise InputError(f"has the shape {pose.shape}, not (4, 4)", key=name, remedy=_missing(pose.shape))
+    if flaw := _flaw(pose):
+        raise InputError(flaw[0], key=name, remedy=flaw[1])
+    return pose
+
+
+def checked_poses(name: str, T, count: int | None = None) -> np.ndarray:
+    """Poses [N, 4, 4] that a caller gives, as float64; ``count``: how many they must be.
+
+    Raises:
+        InputError: If they are no rigid transforms, by the argument's name and the number of the first that is none.
+    """
+    remedy = f"{MATRIX}; give one for each."
+    poses = numeric(name, T, remedy)
+    if poses.ndim != 3 or poses.shape != (len(poses) if count is None else count, 4, 4):
+        raise InputError(f"has the shape {poses.shape}, not ({'N' if count is None else count}, 4, 4)", key=name,
+                         remedy=remedy)
+    for i in np.flatnonzero(~_are_rigid(poses))[:1]:
+        problem, remedy = _flaw(poses[i])
+        raise InputError(problem, key=f"{name}[{i}]", remedy=remedy)
+    return poses
+
+
+def _are_rigid(T: np.ndarray) -> np.ndarray:
+    """Whether each of poses [..., 4, 4] is finite, and a rotation with a position; bool [...]."""
+    R = T[..., :3, :3]
+    with np.errstate(all="ignore"):
+        off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max((-1, -2))
+        last = np.abs(T[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(-1)
+        return np.isfinite(T).all((-1, -2)) & (off <= RIGID) & (last <= RIGID) & (np.linalg.det(R) > 0.0)
+
+
+def _flaw(T: np.ndarray) -> tuple[str, str] | None:
+    """What is wrong with a pose [4, 4], and what to do; None if nothing is."""
+    if _are_rigid(T):
+        return None
+    if not np.isfinite(T).all():
+        return "has numbers that are not finite", f"{MATRIX}."
+    if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID:
+        return (f"has the last row {T[3].tolist()}, not 0 0 0 1",
+                "It maps columns, p_w = T_w_v @ p_v: transpose it if it maps rows.")
+    R = T[:3, :3]
+    lengths = np.linalg.norm(R, axis=0)
+    if np.abs(lengths - 1.0).max() > RIGID:
+        return (f"scales: its axes have the lengths {lengths.round(6).tolist()}, not 1",
+                "Divide the first three columns by them; a scene file has the scale of objects.")
+    if np.linalg.det(R) < 0.0:
+        return "mirrors: its determinant is -1", "Axes are right-handed here; turn the sign of one column."
+    return "has axes that are not at right angles", "Give a rotation, as scipy's Rotation.as_matrix makes them."
+
+
+def _missing(shape: tuple[int, ...]) -> str:
+    """What to do with numbers that are no matrix [4, 4]."""
+    return {(3, 4): "Add the last row 0 0 0 1.", (3, 3): "Add a position, and the last row 0 0 0 1.",
+            (4,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
+            (7,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
+            }.get(shape, f"{MATRIX}.")

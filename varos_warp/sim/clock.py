@@ -70,6 +70,7 @@ def select(frames: slice, count: int) -> list[int]:
     chosen = list(range(count))[frames]
     if not chosen:
         words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))
+        words = words.removesuffix(":")
         raise InputError("names no frame", key="frames", value=words,
                          remedy=f"The sequence has frames 0 to {count - 1}.")
     return chosen

@@ -28,7 +28,7 @@ def out(written, tmp_path_factory):
     """An export in each format, by name."""
     root = tmp_path_factory.mktemp("exports")
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "tum has room for 1")
+        warnings.filterwarnings("ignore", "tum holds one camera")
         for name in FORMATS:
             export(written, name, root / name)
     return root

@@ -1,14 +1,18 @@
 """The COLMAP export comes back through pycolmap and nerfbaselines."""
 
+import shutil
+
+import cv2
 import numpy as np
 import pycolmap
 import pytest
 from readback import ROUNDING, rows
 from standins import make_scene
 
-from varos_warp.dataset.export import export
+from varos_warp.dataset.export import colmap, export
 from varos_warp.dataset.export.seed import COUNT
 from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.file.load import load_scene
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +91,96 @@ def test_without_depth_images_have_a_line_of_no_points(tmp_path):
     assert lines[1::2] == [""] * 20
     model = pycolmap.Reconstruction(folder)
     assert (len(model.images), len(model.points3D)) == (20, 0)
+
+
+# ------------------------------------------------------------------------------------------------------- the database
+
+
+def test_the_database_has_the_cameras_rigs_frames_and_images_of_the_model(out, model, tmp_path):
+    """COLMAP changes what it opens: it adds the tables that are not there."""
+    shutil.copyfile(out / "colmap/database.db", tmp_path / "database.db")
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        cameras = {camera.camera_id: camera for camera in database.read_all_cameras()}
+        assert set(cameras) == set(model.cameras)
+        for number, camera in model.cameras.items():
+            known = cameras[number]
+            assert (known.model, known.width, known.height) == (camera.model, camera.width, camera.height)
+            np.testing.assert_array_equal(known.params, camera.params)
+            assert known.has_prior_focal_length
+        assert {image.image_id: (image.name, image.camera_id) for image in database.read_all_images()} == {
+            number: (image.name, image.camera_id) for number, image in model.images.items()}
+        assert {rig.rig_id: rig.ref_sensor_id for rig in database.read_all_rigs()} == {
+            number: rig.ref_sensor_id for number, rig in model.rigs.items()}
+        assert {frame.frame_id: (frame.rig_id, frame.data_ids) for frame in database.read_all_frames()} == {
+            number: (frame.rig_id, frame.data_ids) for number, frame in model.frames.items()}
+
+
+def test_every_camera_model_has_colmaps_number():
+    assert colmap.NUMBERS.keys() == colmap.PARAMETERS.keys()
+    assert colmap.NUMBERS == {name: int(pycolmap.CameraModelId.__members__[name]) for name in colmap.PARAMETERS}
+
+
+def test_a_camera_behind_a_port_has_no_database_for_colmap_would_take_it_for_one_in_air(tmp_path):
+    camera = {"id": "M0", "resolution": [16, 9], "port": {"kind": "flat", "distance_m": 0.01}}
+    scene = make_scene(vehicle={"cameras": [camera], "imu": {}, "depth_gauge": {}}, render={"outputs": ["A"]})
+    produce(scene, tmp_path / "data", quiet=True)
+    export(tmp_path / "data", "colmap", tmp_path / "out")
+    assert not (tmp_path / "out/database.db").exists()
+
+
+TEXTURED = """
+name: triangulation
+seed: 1
+water: none
+terrain: {kind: procedural, size_m: 6, resolution: 33, relief_m: 0.0, material: floor}
+materials: {floor: {kind: slope_blend, flat: &noise {texture: noise.png, tiles: 1}, steep: *noise}}
+vehicle:
+  cameras:
+  - &left {id: L0, position: [-0.3, 0, 0], rotation_euler_deg: [-80, 0, 0], resolution: [240, 160],
+           sensor_mm: [4.8, 3.2], focal_mm: 4.0}
+  - {<<: *left, id: R0, position: [0.3, 0, 0]}
+  lights: []
+trajectory:
+  poses:
+  - {time_s: 0, position: [0, -0.4, 2.5]}
+  - {time_s: 1, position: [0, 0.4, 2.5], rotation_euler_deg: [0, 0, 10]}
+render: {outputs: [B, D], spp_b: 4, denoise_b: none, frame_rate_hz: 2}
+"""
+"""A floor at z = 0 with a texture for SIFT, before a stereo pair with a focal length of 200 px, 2.5 m above it."""
+
+
+def texture(size=512):
+    """Noise of five octaves."""
+    rng = np.random.default_rng(1)
+    octaves = [cv2.resize(rng.standard_normal((n, n)), (size, size), interpolation=cv2.INTER_CUBIC)
+               for n in (8, 16, 32, 64, 128)]
+    return cv2.normalize(sum(octaves), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def triangulated(tmp_path_factory):
+    """COLMAP's model of points that it found in images, from the exact poses; rendered, not by the stand-ins."""
+    folder = tmp_path_factory.mktemp("triangulated")
+    cv2.imwrite(str(folder / "noise.png"), texture())
+    (folder / "scene.yaml").write_text(TEXTURED)
+    produce(load_scene(folder / "scene.yaml"), folder / "data", device="cpu", quiet=True)
+    out = folder / "out"
+    export(folder / "data", "colmap", out, images="B")
+    pycolmap.extract_features(out / "database.db", out / "images", device=pycolmap.Device.cpu)
+    pycolmap.match_exhaustive(out / "database.db", device=pycolmap.Device.cpu)
+    model = pycolmap.Reconstruction(out / "sparse/0")
+    found = pycolmap.triangulate_points(model, out / "database.db", out / "images", tmp_path_factory.mktemp("model"))
+    found.update_point_3d_errors()
+    return found
+
+
+def test_colmaps_triangulator_finds_points_from_the_exact_poses(triangulated):
+    """A quarter of a pixel is what SIFT is good for in such images."""
+    assert len(triangulated.images) == 6
+    assert len(triangulated.points3D) > 200
+    assert np.median([point.error for point in triangulated.points3D.values()]) < 0.25
+
+
+def test_triangulated_points_lie_on_the_floor(triangulated):
+    """Half of them nearer than a quarter of a pixel: 2.5 m away that is 2.5 / 200 * 0.25 m."""
+    assert np.median([abs(point.xyz[2]) for point in triangulated.points3D.values()]) < 2.5 / 200 * 0.25

@@ -23,7 +23,7 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.camera import CameraModel
 
-pytestmark = pytest.mark.filterwarnings("ignore:tum has room for 1")
+pytestmark = pytest.mark.filterwarnings("ignore:tum holds one camera")
 
 
 @pytest.mark.parametrize(("form", "folder", "unit", "largest"), [
@@ -94,7 +94,7 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
     def full(*_args, **_options):
         raise OSError(28, "No space left on device")
 
-    for owner, function in ((files, "write_bytes"), (Writer, "write")):
+    for owner, function in ((files, "write_bytes"), (Writer, "write"), (files, "atomic")):
         monkeypatch.setattr(owner, function, full)
     with pytest.raises(InputError, match="No space left"):
         export(written, name, tmp_path / "out")
@@ -103,7 +103,7 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
 
 
 def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
-    for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"), ({"to": "stream"}, "no format.*Use mcap"),
+    for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"),
                           ({"images": "C"}, "no colour images.*A, B"),
                           ({"cameras": ["X1"]}, "no such camera"), ({"start_ns": -1}, "nanoseconds since 1970"),
                           ({"start_ns": 2**31 * 10**9}, "before the year 2038"),
@@ -180,6 +180,22 @@ def test_the_command_line_exports_and_refuses(written, tmp_path):
     again = CliRunner().invoke(cli.app, arguments)
     assert again.exit_code == 2
     assert "is there already" in again.output
+
+
+@pytest.mark.parametrize(("form", "cameras"), [("kitti", ["L0"]), ("euroc", ["L0"]), ("tum", ["L0"]),
+                                               ("colmap", ["L0", "O0"])])
+@pytest.mark.filterwarnings("ignore:kitti holds|euroc holds|tum holds")
+def test_the_command_line_names_the_cameras_that_an_export_has_and_no_others(tmp_path, form, cameras):
+    scene = make_scene(vehicle={"cameras": [
+        {"id": "L0", "resolution": [16, 9]}, {"id": "O0", "mount": "world", "position": [0, -2, 0],
+                                              "resolution": [16, 9]}], "imu": {}, "depth_gauge": {}},
+        render={"outputs": ["A"]})
+    produce(scene, tmp_path / "data", quiet=True)
+    call = ["export", str(tmp_path / "data"), "--to", form, "-o"]
+    done = CliRunner().invoke(cli.app, [*call, str(tmp_path / "out")])
+    assert done.stdout == f"{tmp_path / 'out'}: 10 frames of {', '.join(cameras)} as {form}\n"
+    told = json.loads(CliRunner().invoke(cli.app, [*call, str(tmp_path / "more"), "--json"]).stdout)
+    assert told["cameras"] == cameras
 
 
 def test_the_command_line_sets_the_clock_and_tells_of_noise(noisy, tmp_path):

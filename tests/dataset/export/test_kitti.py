@@ -83,7 +83,7 @@ def test_cameras_that_are_no_rectified_pair_are_not_made_one(tmp_path):
         for name, x, yaw in (("L0", -0.1, 0), ("R0", 0.1, 1))], "imu": {}, "depth_gauge": {}},
         render={"outputs": ["A"]})
     produce(scene, tmp_path / "data", quiet=True)
-    with pytest.warns(UserWarning, match="R0 left out"):
+    with pytest.warns(UserWarning, match="left out: R0"):
         export(tmp_path / "data", "kitti", tmp_path / "out")
     files = {p.name for p in (tmp_path / "out/sequences/01").iterdir()}
     assert files == {"image_0", "image_2", "times.txt", "calib.txt"}

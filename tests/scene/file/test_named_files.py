@@ -1,5 +1,6 @@
 """Files that a scene or its meshes name and that are not there are told before anything is rendered."""
 
+import os
 
 import pytest
 
@@ -85,8 +86,41 @@ def test_what_is_not_of_the_scene_stays_as_it_is_told(tmp_path):
     (tmp_path / "scene.yaml").write_text(SCENE)
     assert refusal(tmp_path / "scene.yaml", refuse) == "HERE/dataset.json: render.outputs = 'A': are too old"
     option = refusal(tmp_path / "scene.yaml", lambda scene: select(slice(5, 9), 2))
-    assert option.startswith("frames = '5:9:': names no frame")
+    assert option.startswith("frames = '5:9': names no frame")
 
 
 def build_object(scene):
     object_part(scene, scene.objects[0], "objects.0")
+
+
+@pytest.mark.skipif(os.sep != "/", reason="backslashes part folders")
+@pytest.mark.parametrize("block", [
+    {"terrain": {"file": "parts\\rock.obj"}}, {"objects": [{"file": "parts\\rock.obj"}]},
+    {"materials": {"wall": {"kind": "slope_blend", "flat": {"texture": "parts\\rock.obj"}}}},
+    {"vehicle": {"lights": [{"kind": "profile", "file": "parts\\rock.obj"}]}}])
+def test_a_backslash_is_told_of_and_whether_the_file_is_there_with_a_slash(tmp_path, block):
+    """Of a scene that was written on Windows."""
+    made = scene(tmp_path, **block)
+
+    def read():
+        require_files(made)
+        distribution(made.lights[0], made)
+
+    with pytest.raises(InputError, match=r"Write / instead of \\, which works everywhere: a backslash parts no"):
+        read()
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/rock.obj").touch()
+    with pytest.raises(InputError, match=r"Write / instead of \\, which works everywhere: the file is there"):
+        read()
+
+
+def test_a_backslash_that_yaml_took_for_a_sign_is_told_of(tmp_path):
+    """In double quotes: a carriage return, and what YAML has no sign for."""
+    text = 'trajectory: {poses: [{position: [0, 0, 0]}]}\nterrain: {file: "parts\\%s"}'
+    path = tmp_path / "scene.yaml"
+    path.write_text(text % "rock.obj")
+    said = refusal(path, require_files)
+    assert "YAML takes \\ in double quotes for the beginning of a sign: write / instead." in said
+    path.write_text(text % "map.obj")
+    with pytest.raises(InputError, match=r"unknown escape character. Write / instead of \\ in paths"):
+        load_scene(path)

@@ -1,7 +1,8 @@
 """Datasets in the formats of other programs: one module a format.
 
-Each has ``write(job)``; ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for the
-colour images that are chosen; and ``MOST_CAMERAS`` if the format has no room for all.
+Each has ``write(job)`` and ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for
+the colour images that are chosen. If the format has no room for all cameras, it has ``cameras(job)``, the ids of those
+that it holds, and ``HOLDS``, which they are; if it has readings of other sensors than `EXPORTED`, it has ``SENSORS``.
 
 Images are linked or copied as they are; depth is encoded anew where a format has units of its own. No format states a
 shutter, so `shutters` writes a note of it, and `moving` the poses of what moves. An export is made in a hidden folder
@@ -15,10 +16,10 @@ from pathlib import Path
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export import moving, shutters
-from varos_warp.dataset.export.job import Clocked, Job
-from varos_warp.errors import InputError
+from varos_warp.dataset.export.job import EXPORTED, Clocked, Job
+from varos_warp.errors import InputError, did_you_mean
 
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap")
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
@@ -45,33 +46,44 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
         InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
     """
     if to not in FORMATS:
-        instead = "Use mcap: it holds the same." if to == "stream" else f"There are: {', '.join(FORMATS)}."
-        raise InputError("is no format", key="to", value=to, remedy=instead)
+        raise InputError("is no format", key="to", value=to, remedy=did_you_mean(to.lower(), FORMATS) or
+                         f"There are: {', '.join(FORMATS)}; mcap is that of ROS.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
     if not 0 <= start_ns < LATEST_NS:
         raise InputError("is no time that every format has", key="start_ns", value=start_ns,
                          remedy="Give nanoseconds since 1970, of a time before the year 2038.")
-    data, out = Clocked(dataset_root, start_ns), Path(out)
-    if not data.frames:
-        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
-    colors = [letter for letter in data.outputs if letter in "AB"]  # P does not lie on D
-    if images not in colors:
-        raise InputError("are no colour images of this dataset", file=data.root, key="images", value=images,
-                         remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")
-    chosen = tuple(cameras or data.cameras)
+    data, module = Clocked(dataset_root, start_ns), import_module(f"{__name__}.{to}")
+    if not _has_all_types(module):
+        _require_colors(data, images)
+    chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    module = import_module(f"{__name__}.{to}")
-    most = getattr(module, "MOST_CAMERAS", len(chosen))
-    if left := chosen[most:]:
-        warnings.warn(f"{to} has room for {most}; left out: {', '.join(left)}", stacklevel=2)
-    job = Job(data, out, images, chosen[:most], quiet, raw)
+    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED))
+    if hasattr(module, "cameras"):
+        job = replace(job, cameras=tuple(module.cameras(job)))
+    if left := [camera for camera in chosen if camera not in job.cameras]:
+        warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
     # ``A`` alone among A and B stands for the chosen one
-    wanted = {images if letter == "A" and "B" not in module.IMAGES else letter for letter in module.IMAGES}
+    wanted = {images if letter == "A" and not _has_all_types(module) else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
-    with files.new_folder(out) as temp:
+    with files.new_folder(job.out) as temp:
         module.write(replace(job, out=temp))
         shutters.write(replace(job, out=temp))
         moving.write(replace(job, out=temp))
     return job
+
+
+def _has_all_types(module) -> bool:
+    """Whether a format holds images of every type, whichever are the colour images, also where there are none."""
+    return {*"AB"} <= {*module.IMAGES}
+
+
+def _require_colors(data: Clocked, images: str) -> None:
+    """Refuse a dataset without frames, or without the colour images that are chosen."""
+    if not data.frames:
+        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+    colors = [letter for letter in data.outputs if letter in "AB"]  # P does not lie on D
+    if images not in colors:
+        raise InputError("are no colour images of this dataset", key="images", value=images,
+                         remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")

@@ -4,8 +4,6 @@ The body frame B is the IMU's, as in EuRoC and as readers take it for; without a
 sensor to body coordinates.
 """
 
-import warnings
-
 import numpy as np
 
 from varos_warp.dataset import files
@@ -17,26 +15,29 @@ from varos_warp.errors import InputError
 from varos_warp.scene.frames import inverse
 
 IMAGES = "A"
+HOLDS = "cameras on the vehicle"
 TIME = "#timestamp [ns]"
 
 
+def cameras(job: Job) -> tuple[str, ...]:
+    """Those on the vehicle: one that stands in the world has no T_BS."""
+    return tuple(camera for camera in job.cameras if job.data.camera(camera)["mount"] != "world")
+
+
 def write(job: Job) -> None:
-    """Write the folder; cameras that stand in the world have no T_BS and are left out."""
+    """Write the folder."""
     if "vehicle" not in job.data.recorded:
         raise InputError("EuRoC needs the course of the vehicle, which this dataset lacks", file=job.data.root,
                          remedy="`varos-warp simulate` into the same folder adds it.")
-    cameras = [camera for camera in job.cameras if job.data.camera(camera)["mount"] != "world"]
-    if fixed := sorted(set(job.cameras) - set(cameras)):
-        warnings.warn(f"not on the vehicle, so left out: {', '.join(fixed)}", stacklevel=2)
-    if not cameras:
+    if not job.cameras:
         raise InputError("no camera is on the vehicle, so none has a T_BS", file=job.data.root,
                          remedy="Export to colmap, nerfstudio or tum.")
     has_imu = "imu0" in job.data.recorded
     body = np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if has_imu else np.eye(4)  # T_v_B
-    T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in cameras}
+    T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in job.cameras}
     write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if has_imu else
                                        "varos_warp: B is the vehicle, x right, y forward, z up"})
-    for number, camera in enumerate(cameras):
+    for number, camera in enumerate(job.cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
     if not has_imu:

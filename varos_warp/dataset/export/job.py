@@ -17,7 +17,7 @@ NO_NOISE = "without noise"
 PROFILE_BLOCKS = {**SENSOR_BLOCKS, "A": "camera"}
 """Block of a noise profile by what has the noise."""
 EXPORTED = ("imu0", "depth0")
-"""Sensors whose readings formats have."""
+"""Sensors whose readings most formats have."""
 
 
 class Clocked(Dataset):
@@ -56,6 +56,8 @@ class Job:
     """No progress on stderr."""
     raw: bool = False
     """MCAP: uncompressed images beside the compressed ones."""
+    sensors: tuple[str, ...] = EXPORTED
+    """Whose readings the format has."""
 
     def link_images(self, camera: str, names: Iterable[str]) -> None:
         """The colour images under other names, frame by frame: hard links, or copies where there can be none."""
@@ -128,7 +130,7 @@ class Job:
     @property
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
-        sensors = [name for name in EXPORTED if name in self.data.recorded]
+        sensors = [name for name in self.sensors if name in self.data.recorded]
         return {name: self.noise(name) for name in (*sensors, self.images)}
 
 

@@ -4,8 +4,6 @@ Depth has the units of KITTI's depth benchmark, 256 to the metre and 0 for none.
 ``depth_3``) of the sequence, and under ``train`` as the benchmark names and numbers it, beside its colour images.
 """
 
-import warnings
-
 import numpy as np
 
 from varos_warp.dataset import files
@@ -13,23 +11,26 @@ from varos_warp.dataset.export.job import Job, baseline, lens_of, numbers, secon
 from varos_warp.scene.frames import inverse
 
 IMAGES = "AD"
+HOLDS = "one camera, or a rectified pair"
 PER_METRE = 256.0
 T_CAMERA_VELODYNE = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
 """There is no lidar: one with KITTI's axes (x forward, y left, z up) in the place of the camera."""
 
 
+def cameras(job: Job) -> tuple[str, ...]:
+    """The first and, if another is its rectified partner to the right, that."""
+    left, *others = job.cameras
+    return (left, *[camera for camera in others if baseline(job, left, camera) is not None][:1])
+
+
 def write(job: Job) -> None:
-    """Write one sequence of the first camera and, if another is its rectified partner to the right, of that."""
+    """Write one sequence of one camera, or of a left and a right one."""
     number = job.data.meta["sequence"]
     folder = f"sequences/{number}"
-    left, *others = job.cameras
-    baselines = {camera: b for camera in others if (b := baseline(job, left, camera)) is not None}
-    pair = [left, *list(baselines)[:1]]
-    for camera in pair:
+    left, *right = job.cameras
+    for camera in job.cameras:
         lens_of(job, camera, "KITTI")
-    if skipped := [camera for camera in job.cameras if camera not in pair]:
-        warnings.warn(f"KITTI holds a rectified pair at most: {', '.join(skipped)} left out", stacklevel=2)
-    for place, camera in enumerate(pair, start=2):
+    for place, camera in enumerate(job.cameras, start=2):
         names = [f"{i:06d}.png" for i in range(len(job.data))]
         job.greys(camera, [f"{folder}/image_{place - 2}/{name}" for name in names])
         job.link_images(camera, [f"{folder}/image_{place}/{name}" for name in names])
@@ -38,8 +39,8 @@ def write(job: Job) -> None:
             _depth_benchmark(job, folder, f"train/varos_drive_{number}_sync", place)
     time_ns, T_w_c = job.data.views(left)
     job.text(f"{folder}/times.txt", [seconds(t - time_ns[0]) for t in time_ns])
-    job.text(f"{folder}/calib.txt", calibration(job.data.intrinsics(left, "opencv"),
-                                                baselines[pair[1]] if len(pair) > 1 else 0.0))
+    baseline_m = baseline(job, left, right[0]) if right else None
+    job.text(f"{folder}/calib.txt", calibration(job.data.intrinsics(left, "opencv"), baseline_m or 0.0))
     T = inverse(T_w_c[0]) @ T_w_c
     T[0] = np.eye(4)
     job.text(f"poses/{number}.txt", [numbers(pose[:3]) for pose in T])

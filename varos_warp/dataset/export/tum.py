@@ -8,8 +8,13 @@ import numpy as np
 from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion, seconds
 
 IMAGES = "AD"
-MOST_CAMERAS = 1
+HOLDS = "one camera"
 PER_METRE = 5000.0
+
+
+def cameras(job: Job) -> tuple[str, ...]:
+    """The first."""
+    return job.cameras[:1]
 
 
 def write(job: Job) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import READINGS, STATES, Layout, datasets_in, from_runs, runs
+from varos_warp.dataset.layout import READINGS, STATES, Layout, from_runs, runs
 from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader import rows, schema
 from varos_warp.dataset.reader.exposures import read_exposures
@@ -55,10 +55,7 @@ class Dataset:
         self.root = Path(root)
         self._kept: dict[Any, Any] = {}
         if not is_file(self.root / "dataset.json"):
-            inside = " and ".join(str(path) for path in datasets_in(self.root) if path != self.root)
-            raise InputError("there is no dataset.json in it, so it is not a dataset", file=self.root,
-                             remedy=f"Several vehicles have a dataset each: give {inside}, one at a time." if inside
-                             else "Give the folder that `varos-warp run` wrote to.")
+            raise schema.no_dataset(self.root)
         refuse_links_out(self.root)
         self.meta = files.read_json(self.root / "dataset.json", remedy="Make the dataset anew.")
         if not isinstance(self.meta, dict) or self.meta.get("schema_version") != SCHEMA_VERSION:

@@ -4,10 +4,14 @@
 paths, here and in exports, are held to the same patterns as in a scene file: no dataset leads out of its folder.
 """
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from varos_warp.dataset.layout import datasets_in
+from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.limits import check_limit
 from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
 from varos_warp.scene.description.lights import Strobe
@@ -23,6 +27,21 @@ Side = Annotated[Whole, Field(ge=1, le=2**16)]
 Denoiser = Literal["oidn", "nlm", "none"] | None
 FRAMES_NAMED = 10**8
 """The names of images have eight digits."""
+
+
+def no_dataset(root: Path) -> InputError:
+    """What to say of a path that holds no dataset.json: what it may be instead."""
+    remedy = "Give the folder that `varos-warp run` wrote to."
+    if not root.exists():
+        return InputError("there is no such folder", file=root, remedy=remedy)
+    inside = [str(path) for path in datasets_in(root) if path != root]
+    around = [str(folder) for folder in root.parents if is_file(folder / "dataset.json")]
+    if inside:
+        remedy = f"Several vehicles have a dataset each: give {' and '.join(inside)}, one at a time."
+    elif around:
+        remedy = f"Give {around[0]}, the dataset that it lies in."
+    return InputError("there is no dataset.json in it, so it is not a dataset" if root.is_dir() else
+                      "is a file, and a dataset is a folder", file=root, remedy=remedy)
 
 
 def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:

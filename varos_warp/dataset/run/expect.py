@@ -10,6 +10,7 @@ import numpy as np
 from varos_warp.render.planner.decisions import open_questions
 from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import resolve_device
 from varos_warp.scene.frames import camera_pose
@@ -28,8 +29,14 @@ SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 """For a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
-START_S = {"cpu": 25.0, "cuda": 25.0}
-"""To compile and load: seconds on one device, however many cores."""
+PIXEL_S = {"CDS": {"cpu": 0.5e-6, "cuda": 5e-9}, "F": {"cpu": 1.5e-6, "cuda": 30e-9}}
+"""For a pixel of what first hits tell, all of C, D and S together, and of F: on one core (3dab77d); beside a GPU, where
+encoding takes longest, what that takes on 16 such cores."""
+COMPILE_S = {"AP": 24.0, "B": 5.0, "CDSF": 4.0}
+"""To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
+device, however many cores."""
+LOAD_S = 1.5
+"""To load a small scene."""
 TEST_SPP, COMPARED_SPP = 20, 16
 """Samples by which the planner often finds the samples of A: of a pixel of all test images; and of the small images by
 which two integrators are compared."""
@@ -76,20 +83,38 @@ def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camer
 
 
 def dataset_facts(scene: Scene, frames: int) -> dict:
-    """Frames, cameras, images, bytes on disk, and seconds on the device at hand, as plain JSON types."""
+    """Frames, cameras, images, bytes on disk, and seconds on the device at hand, as plain JSON types.
+
+    ``seconds`` are from nothing; ``plan_seconds`` and ``compile_seconds`` of them are spent once.
+    """
     render, device = scene.render, resolve_device("auto").partition(":")[0]
     pixels = frames * sum(camera.resolution[0] * camera.resolution[1] for camera in scene.vehicle.cameras)
     per_pixel = sum(BYTES[letter] for letter in render.outputs)
     per_pixel += sum(size for key, size in EXR_BYTES.items() if getattr(render, key))
-    of_a = sum(letter in render.outputs for letter in "AP") * (render.spp or USUAL_SPP) * SAMPLE_S[device]
-    of_b = ("B" in render.outputs) * render.spp_b * SAMPLE_B_S[device]
     cores = usable_cores() if device == "cpu" else 1
     planning = _samples_to_plan(scene, frames) * SAMPLE_S[device] / cores
-    seconds = START_S[device] + planning + pixels * (of_a + of_b) / cores
+    compiling = max(seconds for letters, seconds in COMPILE_S.items() if {*letters} & {*render.outputs})
+    seconds = LOAD_S + compiling + planning + pixels * _pixel_seconds(scene, device) / cores
     return {"frames": frames, "cameras": len(scene.vehicle.cameras),
             "images": frames * len(scene.vehicle.cameras) * len(render.outputs), "bytes": round(pixels * per_pixel),
-            "seconds": round(seconds, 1), "plan_seconds": round(planning, 1), "device": device, "cores": cores,
-            "spp": render.spp or USUAL_SPP, "spp_is_planned": render.spp is None}
+            "seconds": round(seconds, 1), "plan_seconds": round(planning, 1), "compile_seconds": compiling,
+            "device": device, "cores": cores, **_samples(scene)}
+
+
+def _samples(scene: Scene) -> dict:
+    """Samples per pixel of images of light in water, and whether a plan chooses them; None where there are none."""
+    if not sees_water(scene.render.outputs):
+        return {"spp": None, "spp_is_planned": False}
+    return {"spp": scene.render.spp or USUAL_SPP, "spp_is_planned": scene.render.spp is None}
+
+
+def _pixel_seconds(scene: Scene, device: str) -> float:
+    """For a pixel of all the images of a frame, on one core or a GPU."""
+    render = scene.render
+    of_water = sum(letter in "AP" for letter in render.outputs) * (_samples(scene)["spp"] or 0) * SAMPLE_S[device]
+    of_b = ("B" in render.outputs) * render.spp_b * SAMPLE_B_S[device]
+    return of_water + of_b + sum(seconds[device] for letters, seconds in PIXEL_S.items()
+                                 if {*letters} & {*render.outputs})
 
 
 def _samples_to_plan(scene: Scene, frames: int) -> int:

@@ -90,7 +90,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
     start = time.monotonic()
     if workers is not None and (workers < 1 or shard[1] > 1):
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
-                         value=workers)
+                         value=workers, remedy="Leave one of them out." if workers > 0 else "Such as 2.")
     layout = Layout.of(scene, out)
     if images and workers is None:
         device = resolve_device(device) if renderer is None else renderer.device

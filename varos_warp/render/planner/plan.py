@@ -28,6 +28,7 @@ from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.device import kind_of
+from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.pinhole import port_worth
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
@@ -77,11 +78,11 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
         progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
 
     Raises:
-        InputError: If the tolerance is not above 0.
+        InputError: If the tolerance is not above 0, or a pose is none.
     """
     if not scene.render.tolerance > 0.0:
         raise InputError("must be above 0", key="render.tolerance", value=scene.render.tolerance)
-    frames = Frames.of(scene, renderer, poses, time_ns, motion)
+    frames = Frames.of(scene, renderer, checked_poses("poses", poses), time_ns, motion)
     plan = Planner(scene, frames, progress).plan()
     if measure_cost:
         progress("time", 0.0)

@@ -21,12 +21,13 @@ DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""
 
 
-def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()) -> Scene:
     """Read a scene file.
 
     Args:
         path: YAML file; the files that it names are relative to its folder.
-        overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``.
+        overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``; or a pair of that
+            and what messages are to name instead, such as an option of the command line.
 
     Raises:
         InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
@@ -34,8 +35,12 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
     path = Path(path)
     source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.",
                     Scene)
+    if "schema_version" in source.data:
+        raise InputError("describes a dataset, it is no scene file", file=path,
+                         remedy="Give the scene file that it was made of, or a file of what its key scene has.")
     for override in overrides:
-        _apply_override(source, override)
+        change, given = (override, f"--set {override}") if isinstance(override, str) else override
+        _apply_override(source, change, given)
     scene = _validate(source, path.parent)
     for key, instead in keys_without_effect(scene).items():
         warnings.warn(f"{key} has no effect any more: {instead}", stacklevel=2)
@@ -88,7 +93,7 @@ def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
         raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
-                         remedy="Check indentation, colons and brackets there.") from None
+                         remedy=_escapes(problem) or "Check indentation, colons and brackets there.") from None
     except InputError:
         raise
     except (ValueError, RecursionError) as error:  # such as a date that does not exist
@@ -99,6 +104,13 @@ def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source
         raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
                          remedy=remedy)
     return Source(data, model, path, lines)
+
+
+def _escapes(problem: str) -> str | None:
+    """The remedy for what YAML says of a backslash in double quotes, such as that of a path of Windows."""
+    if "escape character" in problem or "hexdecimal" in problem:
+        return "Write / instead of \\ in paths, and text with \\ in single quotes."
+    return None
 
 
 def _collect_lines(node, path, lines, file, seen):
@@ -123,11 +135,10 @@ def _collect_lines(node, path, lines, file, seen):
 # ---------------------------------------------------------------------------------------------------------- overrides
 
 
-def _apply_override(source: Source, override: str) -> None:
-    """Set one key of the data, making the blocks on the way to it."""
+def _apply_override(source: Source, override: str, where: str) -> None:
+    """Set one key of the data, making the blocks on the way to it; ``where``: what messages name."""
     key, equals, text = override.partition("=")
     path = tuple(int(part) if part.isdigit() else part for part in key.strip().split("."))
-    where = f"--set {override}"
     if not equals or "" in path:
         raise InputError("is not of the form key.path=value", file=where, remedy="For example render.spp=64.")
     try:
@@ -135,15 +146,15 @@ def _apply_override(source: Source, override: str) -> None:
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
-                         remedy="Quote it if it is text; lists are written [1, 2, 3].") from None
+                         remedy=_escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3].") from None
     block = source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
-            source.overridden[path[:depth + 1]] = override
+            source.overridden[path[:depth + 1]] = where
         block = _child(block, part, path[:depth], where)
     _child(block, path[-1], path[:-1], where)
     block[path[-1]] = value
-    source.overridden[path] = override
+    source.overridden[path] = where
     for inner in [known for known in source.lines if known[:len(path)] == path]:
         del source.lines[inner]  # what stood there is gone
 

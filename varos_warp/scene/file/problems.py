@@ -62,7 +62,7 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     where = source.where(path)
     changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner)
     if "line" in where and path and changes:  # which may have made the block wrong
-        problem += f" (with --set {' and '.join(changes)})"
+        problem += f" (with {' and '.join(changes)})"
         remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
     return InputError(problem, value=value, remedy=remedy or None, **where)
 

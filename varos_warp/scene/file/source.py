@@ -23,14 +23,14 @@ class Source:
     lines: dict[tuple, int] = field(default_factory=dict, compare=False)
     """Line of every key, by its path."""
     overridden: dict[tuple, str] = field(default_factory=dict, compare=False)
-    """The override that set a key, by its path."""
+    """What set a key instead of the file, such as ``--set seed=3``, by its path."""
 
     def where(self, path: tuple) -> dict[str, Any]:
         """File, line and key for a message about ``path``, or about the nearest block around it that has a line."""
         key = ".".join(str(part) for part in path) or None
         for end in range(len(path), -1, -1):
             if path[:end] in self.overridden:
-                return {"file": f"--set {self.overridden[path[:end]]}", "key": key}
+                return {"file": self.overridden[path[:end]], "key": key}
             if path[:end] in self.lines:
                 return {"file": self.file, "line": self.lines[path[:end]], "key": key}
         return {"file": self.file, "key": key}

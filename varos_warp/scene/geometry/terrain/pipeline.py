@@ -79,8 +79,8 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         asked = Preprocess(**options)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(first["msg"], key=".".join(map(str, (key, *first["loc"]))), value=first["input"],
-                         remedy="docs/terrain.md tells of the options.") from None
+        raise InputError(first["msg"].removeprefix("Value error, "), key=".".join(map(str, (key, *first["loc"]))),
+                         value=first["input"], remedy="docs/terrain.md tells of the options.") from None
     if log is None:
         result = preprocess(vertices, faces, key=key, device=device, log=(log := Log()), **options)
         for text in log.warnings:
