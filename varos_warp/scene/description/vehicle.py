@@ -12,6 +12,7 @@ from varos_warp.scene.description.block import (
     NonNegative,
     Position,
     Positive,
+    Quaternion,
     Vec3,
     VehicleId,
     check_look_at,
@@ -255,7 +256,8 @@ class Vehicle(Block):
 class Waypoint(Block):
     """A pose to pass; ``strict`` ones are reached exactly.
 
-    Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
+    Without ``look_at``, ``rotation_euler_deg`` and ``quaternion`` the attitude of the waypoint before it is kept, at
+    first identity.
     """
 
     position: Position = Field(examples=[[0.5, 2.5, 1.0]])
@@ -263,8 +265,10 @@ class Waypoint(Block):
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
-    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the waypoint before."""
+    quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
+    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
     speed: Positive | None = Field(default=None, examples=[0.3])
     """Speed of the leg that ends here [m/s]; absent: that of the trajectory."""
     strict: bool = False
@@ -273,6 +277,7 @@ class Waypoint(Block):
     """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
+    _written = unwritten_if_absent("quaternion")
 
 
 class Pose(Block):
@@ -285,14 +290,17 @@ class Pose(Block):
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
-    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the pose before."""
+    quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
+    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
+    _written = unwritten_if_absent("quaternion")
 
 
 class Trajectory(Block):
-    """One of: waypoints for the simulated vehicle to follow, a pattern of them, or exact poses."""
+    """One of: waypoints for the simulated vehicle to follow, a pattern of them, exact poses, or a file of them."""
 
     waypoints: list[Waypoint] | None = None
     """Waypoints for the simulated vehicle to follow, from rest at the first one."""

@@ -19,6 +19,7 @@ ELSEWHERE = {
     "f_stop": ("aperture", "f_number", "fnumber"),
     "distortion": ("dist", "dist_coeffs", "distortion_coefficients", "distortion_coeffs"),
     "position": ("translation", "xyz", "origin", "location", "t"),
+    "quaternion": ("q", "quat", "q_wxyz", "rotation_quaternion"),
     "rotation_euler_deg": ("rotation", "rpy", "orientation", "euler", "quaternion"),
     "intensity": ("power", "power_w", "watts", "energy", "lumens", "brightness"),
     "cone_deg": ("angle", "beam_angle", "spot_size", "fov"),
