@@ -55,7 +55,8 @@ def test_what_is_no_attitude_is_refused_by_its_key(form, block, says):
 
 
 def test_an_object_begins_its_path_with_the_attitude_of_its_quaternion():
-    path = [{"time_s": 0, "position": [0, 3, 0], "quaternion": list(QUARTER_LEFT)}, {"time_s": 1, "position": [0, 4, 0]}]
+    path = [{"time_s": 0, "position": [0, 3, 0], "quaternion": list(QUARTER_LEFT)},
+            {"time_s": 1, "position": [0, 4, 0]}]
     block = scene_from_dict({"objects": [{"kind": "boulder", "diameter": 1.0, "path": path}],
                              "trajectory": {"poses": [{"position": [0, 0, 0]}]}}).objects[0]
     turned = Rotation.concatenate(attitudes(block.stops)).as_euler("xyz", degrees=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from varos_warp.files import stamp_of
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.hull import vehicle_radius
@@ -34,13 +35,18 @@ def motions(scene: Scene) -> dict[str, PosesAt]:
 
 
 def _course(scene: Scene) -> PosesAt:
-    trajectory, end_ns = _course_of(json.dumps(scene_to_dict(scene)), scene.resolve(""))
+    file = scene.trajectory.file
+    stamp = stamp_of(scene.resolve(file)) if file else None
+    trajectory, end_ns = _course_of(json.dumps(scene_to_dict(scene)), scene.resolve(""), stamp)
     return lambda time_ns: trajectory.from_before(np.minimum(time_ns, end_ns)).poses()
 
 
 @lru_cache(maxsize=16)
-def _course_of(scene: str, folder: Path) -> tuple[Trajectory, int]:
-    """The motion of a scene's vehicle, once for all who ask, and the time of its last frame [ns]."""
+def _course_of(scene: str, folder: Path, stamp: tuple | None) -> tuple[Trajectory, int]:
+    """The motion of a scene's vehicle, once for all who ask, and the time of its last frame [ns].
+
+    ``stamp`` differs when the file of a recorded course was saved.
+    """
     run = drive(scene_from_dict(json.loads(scene), folder))
     return run.trajectory, int(run.frames.time_ns[-1])
 
