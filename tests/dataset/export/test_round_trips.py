@@ -1,4 +1,4 @@
-"""A course that was exported, or stands in a dataset, comes back through `trajectory.file` as it was."""
+"""A course that was exported, or stands in a dataset, comes back as it was; the noise of its IMU, too."""
 
 import json
 import shutil
@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 import standins
 from readback import ROUNDING
+from typer.testing import CliRunner
 
+from varos_warp.cli import app
 from varos_warp.dataset.export import export
 from varos_warp.dataset.layout import POSE_FORMS
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.file.noise_profiles import load_profile
 from varos_warp.scene.frames import transform
 from varos_warp.sim.driving import drive
 
@@ -96,3 +100,31 @@ def test_the_course_through_an_export_is_at_its_times_where_the_dataset_has_the_
 def test_an_export_of_another_epoch_comes_back_alike(data, tmp_path):
     export(data.root, "tum", tmp_path / "tum", cameras=["L0"], start_ns=1_700_000_000_123_456_789)
     check_vehicle(followed(tmp_path / "tum/groundtruth.txt", of="L0"), data, "L0")
+
+
+# ---------------------------------------------------------------------------------------------------- noise of the IMU
+
+
+@pytest.mark.parametrize("name", ["kalibr_imu.yaml", "mav0/imu0/sensor.yaml", "openvins/kalibr_imu_chain.yaml"])
+def test_the_noise_of_an_export_is_that_of_the_dataset(noisy, tmp_path, recwarn, name):
+    export(noisy.root, "euroc", tmp_path / "euroc")
+    known = noisy.meta["sensors"]["imu0"]["noise"]
+    found = load_profile(tmp_path / "euroc" / name, 200.0).imu.model_dump()
+    for key in ("accelerometer_noise_density", "gyroscope_noise_density", "gyroscope_random_walk"):
+        assert found[key] == known[key]
+    assert found["accelerometer_random_walk"] == 1e-5  # which stands for none, that estimators refuse
+    assert not [warning for warning in recwarn.list if "rate_hz" in str(warning.message)]
+
+
+def test_the_command_line_takes_what_it_exported_for_a_profile(data, out, tmp_path):
+    file = out / "euroc/kalibr_imu.yaml"
+    done = CliRunner().invoke(app, ["noise", str(data.root), "--profile", str(file), "-o", str(tmp_path / "noisy")])
+    assert done.exit_code == 0, done.output
+    made = Dataset(tmp_path / "noisy")
+    assert made.meta["noise"]["profile"]["name"] == "kalibr_imu"
+    assert made.meta["sensors"]["imu0"]["noise"]["gyroscope_noise_density"] == 1e-4
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(file.read_text().replace("1.0e-05", "none"))
+    done = CliRunner().invoke(app, ["noise", str(data.root), "--profile", str(bad), "-o", str(tmp_path / "other")])
+    assert done.exit_code == 2
+    assert "bad.yaml:4: accelerometer_random_walk = 'none': should be a finite number" in done.stderr

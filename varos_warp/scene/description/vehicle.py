@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, PrivateAttr, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -120,11 +120,23 @@ class ImuNoise(Block):
     """Standard deviation of the part of the bias that is drawn once per sequence [rad/s]."""
 
 
+def _is_read(noise):
+    """Files are read where a scene is loaded, for their paths are relative to its folder."""
+    if isinstance(noise, str):
+        raise ValueError(f"is a file, which load_scene and scene_from_dict read; here give the block: '{noise}'")
+    return noise
+
+
+def _or_file(schema: dict) -> None:
+    schema["anyOf"].insert(1, {"type": "string"})
+
+
 class Imu(Mounted):
     """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
 
-    noise: ImuNoise | None = None
-    """White noise and bias of the readings. Absent: they are exact; ``varos-warp noise`` adds noise later."""
+    noise: Annotated[ImuNoise | None, BeforeValidator(_is_read), Field(json_schema_extra=_or_file)] = None
+    """White noise and bias of the readings, or a file of them by Kalibr or imu_utils (docs/noise.md). Absent: they are
+    exact; ``varos-warp noise`` adds noise later."""
 
 
 FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]

@@ -10,12 +10,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
-from varos_warp.files import read_text
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
 from varos_warp.scene.file import plain_yaml
+from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
+from varos_warp.scene.file.yaml_files import parse_file
 
 DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""
@@ -32,8 +33,8 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
         InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
     """
     path = Path(path)
-    source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.",
-                    Scene)
+    source = parse_file(path, "scene file",
+                        "Give the path of a scene file; `varos-warp init` writes one to begin with.", Scene)
     for override in overrides:
         _apply_override(source, override)
     scene = _validate(source, path.parent)
@@ -59,7 +60,7 @@ def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str)
     Raises:
         InputError: As for `load_scene`.
     """
-    return _validated(_parse(Path(path), what, remedy, model))
+    return _validated(parse_file(Path(path), what, remedy, model))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -70,54 +71,6 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def demo_scene_path() -> Path:
     """The scene of ``varos-warp demo``."""
     return Path(str(DATA / "demo.yaml"))
-
-
-# --------------------------------------------------------------------------------------------------------------- YAML
-
-
-def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source:
-    """Data and line numbers of a YAML file."""
-    text = read_text(path, what, remedy)
-    try:
-        node = plain_yaml.compose(text)
-        lines: dict[tuple, int] = {}
-        if node is not None:
-            _collect_lines(node, (), lines, path, set())
-        data = plain_yaml.construct(node)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
-        raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
-                         remedy="Check indentation, colons and brackets there.") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:  # such as a date that does not exist
-        raise InputError(f"is not valid YAML: {error}", file=path, remedy="Quote the value if it is text.") from None
-    if data is None:
-        raise InputError(f"the {what} is empty", file=path, remedy=remedy)
-    if not isinstance(data, dict):
-        raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
-                         remedy=remedy)
-    return Source(data, model, path, lines)
-
-
-def _collect_lines(node, path, lines, file, seen):
-    """Note the line of every key under a YAML node; a key given twice is an error, for the first would be lost."""
-    if id(node) in seen:  # an alias
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.SequenceNode):
-        for i, item in enumerate(node.value):
-            lines[*path, i] = item.start_mark.line + 1
-            _collect_lines(item, (*path, i), lines, file, seen)
-    elif isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            inner, line = (*path, key.value), key.start_mark.line + 1
-            if inner in lines and key.value != "<<":
-                raise InputError("is given twice", file=file, line=line, key=".".join(map(str, inner)),
-                                 remedy=f"Keep one; the first is in line {lines[inner]}.")
-            lines[inner] = line
-            _collect_lines(value, inner, lines, file, seen)
 
 
 # ---------------------------------------------------------------------------------------------------------- overrides
@@ -168,7 +121,7 @@ def _child(block, part, path, where):
 
 
 def _validate(source: Source, base_dir: Path) -> Scene:
-    scene = _validated(source)
+    scene = _validated(with_noise_files(source, base_dir))
     scene._base_dir, scene._source = Path(base_dir).resolve(), source
     return scene
 
