@@ -1,7 +1,7 @@
 """Where the other vehicles of a scene are, and all else that moves besides the one that observes."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -19,19 +19,20 @@ PosesAt = Callable[[np.ndarray], np.ndarray]
 """Poses [N, 4, 4] at times of the sequence, int64 [N] [ns]."""
 
 
-def companions(scene: Scene) -> dict[str, PosesAt]:
+def companions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
     """Where the other vehicles of a scene are: poses T_w_v [N, 4, 4] at times of the sequence int64 [N] [ns], by key.
 
-    Each is where its own simulation has it, up to its last frame; there it stays.
+    Each is where its own simulation has it, up to its last frame; there it stays. Keys may be ``left_out``.
     """
-    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()}
+    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()
+            if key not in left_out}
 
 
-def motions(scene: Scene) -> dict[str, PosesAt]:
-    """Where all of `Scene.tracked` are, by key."""
+def motions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
+    """Where all of `Scene.tracked` are, by key, but those other vehicles that are ``left_out``."""
     found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
                                 if block.path}
-    return found | {key: poses for key, poses in companions(scene).items() if key in scene.tracked}
+    return found | {key: poses for key, poses in companions(scene, left_out).items() if key in scene.tracked}
 
 
 def _course(scene: Scene) -> PosesAt:
