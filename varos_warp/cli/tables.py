@@ -107,6 +107,11 @@ def _print_recorded(trajectory: dict) -> None:
     attitude = "" if about["attitude"] == "recorded" else f", attitude {about['attitude']}"
     print(f"recorded course: {about['file']} ({about['format']}), poses of {whose}, one in {about['step_s']:.4g} s, "
           f"frame {about['frame']}{axes}{attitude}")
+    if smoothing := about.get("smoothing"):
+        changes = [f"{words} by {smoothing[key]['rms']:.2g} {unit} RMS, {smoothing[key]['peak']:.2g} at most"
+                   for key, words, unit in (("moved_m", "moves poses", "m"), ("turned_deg", "turns them", "degrees"))
+                   if key in smoothing]
+        print(f"smoothing: {'; '.join(changes)}")
     felt, turned = trajectory["acceleration"], trajectory["angular_velocity"]
     degrees = 180.0 / pi
     print(f"acceleration: {felt['rms']:.3g} m/s^2 RMS, {felt['peak']:.3g} at most; angular rate: "

@@ -64,8 +64,11 @@ def test_a_course_is_smoothed_and_says_by_how_much(course):
     share = np.sqrt(np.mean(gain(1.0 / np.linspace(1e-6, 50.0, 200_001), 1.0)**2))
     off = (stops.position - places)[100:-100].std()
     assert off == pytest.approx(0.01 * share, rel=0.3)  # some 40 independent values in each axis: 6 % standard error
-    (words,) = stops.messages
-    assert words.startswith("trajectory.file: smoothing_s = 1 moves poses by 0.017 m RMS")
+    moved = np.linalg.norm(stops.position - noisy, axis=1)
+    told = stops.about["smoothing"]
+    assert told["moved_m"] == {"rms": pytest.approx(np.sqrt(np.mean(moved**2))), "peak": pytest.approx(moved.max())}
+    assert told["turned_deg"]["peak"] == pytest.approx(0.0, abs=1e-6)
+    assert stops.messages == ()
     np.testing.assert_array_equal(course(text).position, noisy)
 
 

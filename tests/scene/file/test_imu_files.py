@@ -136,10 +136,12 @@ def test_each_of_several_vehicles_may_have_its_file(tmp_path):
     assert scene.vehicle.imu.noise is None
 
 
-def test_a_file_may_be_set_and_is_relative_to_the_scene_file(tmp_path):
+def test_a_file_may_be_set_and_is_relative_to_the_scene_file(tmp_path, monkeypatch):
     (tmp_path / "imu.yaml").write_text(KALIBR)
     (tmp_path / "scene.yaml").write_text("trajectory: {poses: [{position: [0, 0, 0]}]}\n")
-    assert densities(load_scene(tmp_path / "scene.yaml", ["vehicle.imu.noise=imu.yaml"])) == DENSITIES
+    monkeypatch.chdir(tmp_path.parent)
+    for path in (tmp_path / "scene.yaml", f"{tmp_path.name}/scene.yaml"):
+        assert densities(load_scene(path, ["vehicle.imu.noise=imu.yaml"])) == DENSITIES
 
 
 @pytest.mark.parametrize(("text", "line", "key", "says"), [

@@ -37,7 +37,8 @@ class RecordedCourse(Sequence):
 
     file: Path
     about: dict[str, Any]
-    """What it is, as plain types: ``format``, ``of``, ``frame``, ``body``, ``attitude``, ``poses``, ``step_s`` ..."""
+    """What it is, as plain types: ``format``, ``of``, ``frame``, ``body``, ``attitude``, ``poses``, ``step_s``, and
+    what ``smoothing`` has done, ``moved_m`` and ``turned_deg``, each with ``rms`` and ``peak``."""
     time_ns: np.ndarray
     """int64 [N], increasing; the sequence begins at 0."""
     position: np.ndarray
@@ -89,10 +90,9 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
     turned = _attitudes(layout, course, lines, values[:, 3:])
     told = [*_gaps(seconds, step_s, lines), *_whole_times(layout, seconds, step_s),
             *_small_angles(layout, turned, values[:, 3:])]
-    place, turned, more = _poses(scene, layout, seconds, values[:, :3], turned)
-    told += more
+    place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
     about = {"file": path.name, "format": layout.format, **_stated(course, layout), "poses": len(lines),
-             "step_s": step_s}
+             "step_s": step_s, **changes}
     return RecordedCourse(path, about, time_ns - time_ns[0] - start_ns, place, turned, lines,
                           tuple(f"{KEY}: {words}" for words in told))
 
@@ -215,8 +215,8 @@ def _small_angles(layout: Layout, turned: Rotation | None, values: np.ndarray) -
 
 
 def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarray, turned: Rotation | None
-           ) -> tuple[np.ndarray, Rotation, list[str]]:
-    """Poses of the vehicle in our axes, smoothed where that is asked for, and what to tell of it."""
+           ) -> tuple[np.ndarray, Rotation, dict[str, dict]]:
+    """Poses of the vehicle in our axes, smoothed where that is asked for, and how far that moves them."""
     course, about = scene.trajectory, _stated(scene.trajectory, layout)
     far = np.abs(position).max(axis=0) > FARTHEST_M
     if far.any():
@@ -228,13 +228,13 @@ def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarr
     raw = place, attitude
     if course.smoothing_s:
         place, attitude = _smoothed(layout, seconds, place, attitude, course.smoothing_s)
-    told = _changes(course, raw, (place, attitude))
+    changes = _changes(course, raw, (place, attitude))
     if attitude is None:
         # differences from the first place, or a spline of UTM coordinates would lose digits
         velocity = CubicSpline(seconds, place - place[0], bc_type="natural")(seconds, 1)
         attitude = along_path(velocity) if course.attitude == "along_path" else Rotation.identity(len(place))
         place = place - attitude.apply(T_v_x[:3, 3])
-    return place, attitude, told
+    return place, attitude, changes
 
 
 def _smoothed(layout: Layout, seconds: np.ndarray, place: np.ndarray, attitude: Rotation | None, period_s: float
@@ -251,20 +251,15 @@ def _smoothed(layout: Layout, seconds: np.ndarray, place: np.ndarray, attitude: 
                          key=KEY, remedy="Leave out poses, or trajectory.smoothing_s.") from None
 
 
-def _changes(course: Trajectory, raw: tuple, made: tuple) -> list[str]:
-    """How far smoothing has moved the poses."""
+def _changes(course: Trajectory, raw: tuple, made: tuple) -> dict[str, dict]:
+    """How far smoothing has moved [m] and turned [degrees] the poses, root mean square and most."""
     if not course.smoothing_s:
-        return []
-    moved = np.linalg.norm(made[0] - raw[0], axis=1)
-    words = f"smoothing_s = {course.smoothing_s:g} moves poses by {_rms(moved):.2g} m RMS, {moved.max():.2g} m at most"
+        return {}
+    sizes = {"moved_m": np.linalg.norm(made[0] - raw[0], axis=1)}
     if raw[1] is not None:
-        turn = np.degrees((raw[1].inv() * made[1]).magnitude())
-        words += f", and turns them by {_rms(turn):.2g} and {turn.max():.2g} degrees"
-    return [words]
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+        sizes["turned_deg"] = np.degrees((raw[1].inv() * made[1]).magnitude())
+    return {"smoothing": {key: {"rms": float(np.sqrt(np.mean(size**2))), "peak": float(size.max())}
+                          for key, size in sizes.items()}}
 
 
 def _stated(course: Trajectory, layout: Layout) -> dict[str, str]:

@@ -121,8 +121,9 @@ def _child(block, part, path, where):
 
 
 def _validate(source: Source, base_dir: Path) -> Scene:
-    scene = _validated(with_noise_files(source, base_dir))
-    scene._base_dir, scene._source = Path(base_dir).resolve(), source
+    folder = Path(base_dir).resolve()
+    scene = _validated(with_noise_files(source, folder))
+    scene._base_dir, scene._source = folder, source
     return scene
 
 
