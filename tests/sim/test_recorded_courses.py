@@ -213,6 +213,15 @@ def test_the_local_origin_is_in_the_middle_of_a_course_far_away(scene):
     assert len(standpoints(recorded, [])) == 11
 
 
+def test_poses_outside_of_the_sequence_are_neither_looked_at_nor_in_the_middle(scene):
+    """One pose each before and after the seconds 20 to 30 belongs to the splines there."""
+    text = "".join(f"{k} {100 * k} 0 {-5 if 15 < k < 35 else 5} 0 0 0 1\n" for k in range(0, 100, 4))
+    recorded = scene(text, {"water": {"jerlov": {"type": "IB"}}}, start_s=21.0, duration_s=8.0)
+    assert check_scene(recorded, [])[0].startswith("vehicle.lights")  # that there is no light, but none above the sea
+    np.testing.assert_array_equal(standpoints(recorded, [])[:, 0], [2000, 2400, 2800, 3200])
+    np.testing.assert_array_equal(local_origin(recorded, []), [2600, 0, -5])
+
+
 def test_a_scene_is_itself_whether_its_file_was_read_or_not(scene):
     read, other = scene(circle()), scene(circle())
     simulate(read)

@@ -11,7 +11,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.named_files import check_textures
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
-from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns
+from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
@@ -412,15 +412,16 @@ def _stop(scene):
 
 def _looked_at(scene):
     """Numbers of the stops that are looked at: all of a scene file; of a recorded course some, first and last too."""
-    count = len(scene.trajectory.stops)
-    return np.arange(count) if scene.trajectory.file is None or count <= MOST_POSES else np.unique(
-        np.linspace(0, count - 1, MOST_POSES).astype(int))
+    used = used_stops(scene.trajectory)
+    if scene.trajectory.file is None or len(used) <= MOST_POSES:
+        return used
+    return used[np.linspace(0, len(used) - 1, MOST_POSES).astype(int)]
 
 
 def _which(scene, chosen):
     """Stops in words, of bool [N]: waypoint 3; waypoints 0, 1 and 71 more; all 73 waypoints."""
     of, name = _looked_at(scene), _stop(scene)
-    numbers, left_out = of[chosen], len(scene.trajectory.stops) - len(of)
+    numbers, left_out = of[chosen], len(used_stops(scene.trajectory)) - len(of)
     among = f" of the {len(of)} that are looked at" * (left_out > 0)
     if len(numbers) == 1:
         return f"{name} {numbers[0]}{among}"

@@ -33,8 +33,8 @@ STEP_NS = 1_000_000
 JOLT = CubicHermiteSpline([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])
 """Speed that comes of a unit acceleration at the last pose, which fades away in a unit of time."""
 
-MOST_KNOTS, BEYOND = 50_000, 64
-"""Attitudes of a spline, and those of its neighbours that it knows."""
+MOST_KNOTS, BEYOND = 2**17, 64
+"""Attitudes of a spline, more than a scene file can list, and those of its neighbours that it knows."""
 
 RATES = ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration")))
 """Order of the derivatives of position and attitude, and their names."""
@@ -141,7 +141,7 @@ def at_ticks(knots: Knots, tick: np.ndarray) -> dict[str, np.ndarray]:
         for order, names in RATES:
             columns[names[0]][:] = path(t, order)
         for rows, attitude in _attitude_splines(times * TICK_S, knots.turned, t):
-            columns["quaternion"][rows & between] = attitude(t[rows & between]).as_quat(scalar_first=True)
+            columns["quaternion"][rows & between] = attitude(t[rows]).as_quat(scalar_first=True)[between[rows]]
             for order, names in RATES:
                 columns[names[1]][rows] = attitude(t[rows], order)
         legs = np.minimum(np.diff(times)[[0, -1]] * TICK_S, REST_S)

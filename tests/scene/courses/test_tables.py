@@ -177,7 +177,7 @@ GOOD = HEADER + "0,0,0,0,1,0,0,0\n" + ROW
     (GOOD.replace(",", ";").replace("1;1;", "1;1,5;"), 3, "x '1,5' has a decimal comma"),
     (GOOD + "1,2,0,0,1,0,0,0\n", 4, "its time is that of line 3"),
     (GOOD + "0.5,2,0,0,1,0,0,0\n", 4, "its time is before that of line 3"),
-    (GOOD + "2,1e10,0,0,1,0,0,0\n", None, "has a coordinate of 1e+10, beyond 1e+09 m"),
+    (GOOD + "2,1e10,0,0,1,0,0,0\n", 4, "its place is farther than 1e+09 m: 1e+10, 0, 0"),
     (GOOD + "2,1,0,0,0.9,0,0,0\n", 4, "the length of its quaternion is not 1: 0.9, 0, 0, 0"),
     (GOOD + "2,1,0,0,0,0,0,0\n", 4, "the length of its quaternion is not 1"),
     (GOOD.replace(",x,y,z,", ",x,y,x,"), 1, "no column that may be a position"),
@@ -225,15 +225,20 @@ def test_columns_that_do_not_fit_are_refused(course, columns, says):
     assert error.value.key == "trajectory.file"
 
 
-def test_angles_that_are_too_large_for_radians_are_refused(course):
-    text = "t,x,y,z,a,b,c\n0,0,0,0,0,0,0\n1,0,0,0,0,0,90\n"
-    columns = {"time": "t", "position": ["x", "y", "z"]}
-    with pytest.raises(InputError, match=re.escape("its angles are too large: 0, 0, 90")) as error:
-        course(text, columns=columns | {"euler": ["a", "b", "c"]})
+@pytest.mark.parametrize(("form", "angle", "told"), [
+    ("euler", "1.57", None), ("euler", "90", "up to 90 radians; if they are in degrees"), ("euler_deg", "90", None),
+    ("euler_deg", "-1.57", "up to 1.57 degrees; if they are in radians"), ("euler_deg", "0", None)])
+def test_angles_that_may_be_in_the_other_unit_are_told_of(course, form, angle, told):
+    text = f"t,x,y,z,a,b,c\n0,0,0,0,0,0,0\n1,0,0,0,0,0,{angle}\n"
+    messages = course(text, columns={"time": "t", "position": ["x", "y", "z"], form: ["a", "b", "c"]}).messages
+    assert [told in words for words in messages] == [True] * bool(told)
+
+
+def test_angles_without_digits_for_a_turn_are_refused(course):
+    columns = {"time": "t", "position": ["x", "y", "z"], "euler": ["a", "b", "c"]}
+    with pytest.raises(InputError, match="its angles are too large: 0, 0, 1e\\+07") as error:
+        course("t,x,y,z,a,b,c\n0,0,0,0,0,0,0\n1,0,0,0,0,0,1e7\n", columns=columns)
     assert error.value.line == 3
-    assert course(text, columns=columns | {"euler_deg": ["a", "b", "c"]}).messages == ()
-    radians = course(text.replace("90", "1.57"), columns=columns | {"euler_deg": ["a", "b", "c"]})
-    assert any("if they are in radians" in words for words in radians.messages)
 
 
 def test_a_file_that_is_not_there_is_refused(course):

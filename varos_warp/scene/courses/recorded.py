@@ -1,5 +1,6 @@
 """Poses of a recorded course: read once, checked, moved to our axes, and kept as arrays however many there are."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from varos_warp.errors import InputError, counted
 from varos_warp.limits import check_limit
 from varos_warp.scene.courses.axes import along_path, mount, vehicle_poses
-from varos_warp.scene.courses.cells import Cells
 from varos_warp.scene.courses.layout import Layout, layout_of
 from varos_warp.scene.courses.lines import REMEDY, rows_of
 from varos_warp.scene.courses.smoothing import smoothed, smoothed_attitudes
@@ -27,6 +27,10 @@ FARTHEST_M = 1e9
 """Coordinates beyond are refused, as those of a scene file are."""
 MOST_SMOOTHED = 5000.0
 """Median steps in the period of smoothing, beyond which its equations lose digits that matter [1e-6 m]."""
+OUR_FILES = re.compile(r"(vehicle\w|vehicles\.\w|cam(?P<camera>\w\w)|(?P<sensor>imu0|depth0|mag0|dvl0))_poses_")
+"""Names of files of poses in our datasets, which say whose they are."""
+LARGEST_ANGLE = 1e6
+"""[rad] or [degrees]; much larger ones would lose all digits to whole turns."""
 WORDS = {"of": "vehicle", "frame": "enu", "attitude": "recorded"}
 """What holds where the scene does not say."""
 
@@ -47,6 +51,8 @@ class RecordedCourse(Sequence):
     """N attitudes, vehicle to world."""
     line: np.ndarray
     """Number of the line of each pose, int [N]."""
+    used: slice
+    """Rows of the poses that the sequence begins and ends between."""
     messages: tuple[str, ...]
     """What the user should know, in words."""
 
@@ -82,6 +88,8 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
     layout, lines, time_ns, values = _table(path, course)
     _check_times(layout, lines, time_ns)
     _check_axes(layout, course, path)
+    _refuse(layout, lines, np.abs(values[:, :3]).max(axis=1) > FARTHEST_M, values[:, :3],
+            f"its place is farther than {FARTHEST_M:g} m", "Positions are in metres.")
     start_ns = round(1e9 * (course.start_s or 0.0))
     seconds, step_s = (time_ns - time_ns[0]) / 1e9, float(np.median(np.diff(time_ns))) / 1e9
     if start_ns >= time_ns[-1] - time_ns[0]:
@@ -89,12 +97,20 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
                          remedy=f"The poses of the file last {seconds[-1]:g} s.")
     turned = _attitudes(layout, course, lines, values[:, 3:])
     told = [*_gaps(seconds, step_s, lines), *_whole_times(layout, seconds, step_s),
-            *_small_angles(layout, turned, values[:, 3:])]
+            *_odd_angles(layout, turned, values[:, 3:])]
     place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
     about = {"file": path.name, "format": layout.format, **_stated(course, layout), "poses": len(lines),
              "step_s": step_s, **changes}
-    return RecordedCourse(path, about, time_ns - time_ns[0] - start_ns, place, turned, lines,
+    time_ns = time_ns - time_ns[0] - start_ns
+    return RecordedCourse(path, about, time_ns, place, turned, lines, _used(time_ns, course.duration_s),
                           tuple(f"{KEY}: {words}" for words in told))
+
+
+def _used(time_ns: np.ndarray, duration_s: float | None) -> slice:
+    """Rows from the last time that is not after the beginning of the sequence to the first not before its end."""
+    end_ns = 1e9 * duration_s if duration_s else time_ns[-1]
+    first, last = np.searchsorted(time_ns, 0, "right") - 1, np.searchsorted(time_ns, end_ns, "left")
+    return slice(int(first), min(int(last), len(time_ns) - 1) + 1)
 
 
 def _table(path: Path, course: Trajectory) -> tuple[Layout, np.ndarray, np.ndarray, np.ndarray]:
@@ -119,13 +135,12 @@ def _table(path: Path, course: Trajectory) -> tuple[Layout, np.ndarray, np.ndarr
 
 def _check_times(layout: Layout, lines: np.ndarray, time_ns: np.ndarray) -> None:
     """Times increase."""
-    cells: Cells = layout.cells
     backward = np.flatnonzero(time_ns[1:] <= time_ns[:-1])
     if backward.size:
         i = int(backward[0])
         how = "is that of" if time_ns[i + 1] == time_ns[i] else "is before that of"
-        raise cells.problem(int(lines[i + 1]), f"its time {how} line {lines[i]}, the pose before it",
-                            "Give the poses in order of time, each its own time.")
+        raise layout.cells.problem(int(lines[i + 1]), f"its time {how} line {lines[i]}, the pose before it",
+                                   "Give the poses in order of time, each its own time.")
 
 
 def _check_axes(layout: Layout, course: Trajectory, path: Path) -> None:
@@ -139,17 +154,15 @@ def _check_axes(layout: Layout, course: Trajectory, path: Path) -> None:
     if course.frame == "ned" or course.body not in (None, "rfu"):
         raise problem(layout.header, f"{layout.format} are in our axes, frame enu and body rfu",
                       "Leave trajectory.frame and trajectory.body out.")
-    whose = path.name.partition("_poses_")[0] if "_poses_" in path.name else "vehicle"
-    whose = {"imu0": "imu"}.get(whose, whose[3:] if whose.startswith("cam") else whose)
-    if (whose.startswith("vehicle") and course.of in (None, "vehicle")) or whose == course.of:
+    if (name := OUR_FILES.match(path.name)) is None:
         return
-    if whose.startswith("vehicle") or whose == "imu" or len(whose) == 2:
-        whose = "vehicle" if whose.startswith("vehicle") else whose
-        raise problem(None, f"by its name has poses of {whose}, not of {course.of or 'vehicle'}",
-                      f"Say trajectory.of: {whose}.")
-    if path.name.startswith(("depth0", "mag0", "dvl0", "objects.", "vehicles.")):
+    whose = name["camera"] or ("imu" if name["sensor"] == "imu0" else name["sensor"]) or "vehicle"
+    if name["sensor"] not in (None, "imu0"):
         raise problem(None, f"by its name has poses of {whose}, from which no vehicle's follow",
                       "Take the poses of the vehicle, a camera or the IMU.")
+    if whose != (course.of or WORDS["of"]):
+        raise problem(None, f"by its name has poses of {whose}, not of {course.of or WORDS['of']}",
+                      f"Say trajectory.of: {whose}.")
 
 
 def _attitudes(layout: Layout, course: Trajectory, lines: np.ndarray, values: np.ndarray) -> Rotation | None:
@@ -171,11 +184,9 @@ def _attitudes(layout: Layout, course: Trajectory, lines: np.ndarray, values: np
         _refuse(layout, lines, (off > QUATERNION_SLACK) | (np.linalg.det(R) < 0.0), values,
                 "its matrix is no rotation", "Its rows must be unit vectors at right angles.")
         return Rotation.from_matrix(R)
-    angles = np.radians(values) if layout.attitude == "euler_deg" else values
-    most = 3.0 * np.pi if layout.attitude == "euler" else np.radians(1080.0)
-    _refuse(layout, lines, np.abs(angles).max(axis=1) > most, values, "its angles are too large",
-            "Angles in degrees are columns.euler_deg, in radians columns.euler.")
-    return Rotation.from_euler(layout.euler_order, angles)
+    _refuse(layout, lines, np.abs(values).max(axis=1) > LARGEST_ANGLE, values, "its angles are too large",
+            "Check which columns they are.")
+    return Rotation.from_euler(layout.euler_order, values, degrees=layout.attitude == "euler_deg")
 
 
 def _refuse(layout: Layout, lines: np.ndarray, wrong: np.ndarray, values: np.ndarray, problem: str, remedy: str
@@ -206,22 +217,21 @@ def _whole_times(layout: Layout, seconds: np.ndarray, step: float) -> list[str]:
             "trajectory.columns.time_unit states their unit"]
 
 
-def _small_angles(layout: Layout, turned: Rotation | None, values: np.ndarray) -> list[str]:
-    """Angles that may well be in radians."""
-    most = 0.0 if turned is None or layout.attitude != "euler_deg" else float(np.abs(values).max())
-    if not 0.0 < most <= 2.0 * np.pi:
+def _odd_angles(layout: Layout, turned: Rotation | None, values: np.ndarray) -> list[str]:
+    """Angles that may well be in radians where degrees are said, or the other way round."""
+    if turned is None or layout.attitude not in ("euler", "euler_deg") or not values.any():
         return []
-    return [f"its angles are {most:.3g} degrees at most; if they are in radians, name them in columns.euler"]
+    most, degrees = float(np.abs(values).max()), layout.attitude == "euler_deg"
+    if degrees == (most > 2.0 * np.pi):
+        return []
+    said, other, key = ("degrees", "radians", "euler") if degrees else ("radians", "degrees", "euler_deg")
+    return [f"its angles are up to {most:.3g} {said}; if they are in {other}, name them in columns.{key}"]
 
 
 def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarray, turned: Rotation | None
            ) -> tuple[np.ndarray, Rotation, dict[str, dict]]:
     """Poses of the vehicle in our axes, smoothed where that is asked for, and how far that moves them."""
     course, about = scene.trajectory, _stated(scene.trajectory, layout)
-    far = np.abs(position).max(axis=0) > FARTHEST_M
-    if far.any():
-        raise layout.cells.problem(None, f"has a coordinate of {np.abs(position).max():.6g}, beyond {FARTHEST_M:g} m",
-                                   "Positions are in metres.")
     T_v_x = mount(scene, about["of"])
     place, attitude = vehicle_poses(position, turned, about["frame"], about.get("body", "rfu"), T_v_x,
                                     course.origin or (0.0, 0.0, 0.0))

@@ -57,7 +57,14 @@ def standpoints(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
     """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
     find_course(scene, parts)
     fixed = [camera.position for camera in scene.vehicle.cameras if camera.mount == "world"]
-    return np.vstack([places(scene.trajectory), np.array(fixed, float).reshape(-1, 3)])
+    passed = places(scene.trajectory)[used_stops(scene.trajectory)]
+    return np.vstack([passed, np.array(fixed, float).reshape(-1, 3)])
+
+
+def used_stops(trajectory: Trajectory) -> np.ndarray:
+    """Numbers of the stops of a course that is found; of a recorded one, of those within the sequence."""
+    stops = trajectory.stops
+    return np.arange(len(stops))[stops.used if isinstance(stops, RecordedCourse) else slice(None)]
 
 
 def places(trajectory: Trajectory) -> np.ndarray:
