@@ -212,6 +212,6 @@ def test_keys_of_a_recorded_course_mean_nothing_without_one(key, value):
 
 
 def test_a_file_in_the_place_of_poses_is_told_its_key():
-    with pytest.raises(InputError, match=r"a recorded course, file: recorded\.csv") as error:
+    with pytest.raises(InputError, match=r"a file of them is a recorded course, trajectory\.file") as error:
         scene_from_dict({"trajectory": {"poses": "recorded.csv"}})
-    assert error.value.key.startswith("trajectory")
+    assert (error.value.key, error.value.value) == ("trajectory.poses", "recorded.csv")

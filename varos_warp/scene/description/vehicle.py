@@ -382,12 +382,12 @@ class Trajectory(Block):
     """Poses of the file, once they were read by `scene.courses`."""
     _written = unwritten_if_absent("pattern", "constant_speed", "file", *KEYS)
 
-    @model_validator(mode="before")
+    @field_validator("poses", mode="before")
     @classmethod
-    def _file_is_not_a_list(cls, block):
-        if isinstance(block, dict) and isinstance(block.get("poses"), str):
-            raise ValueError(f"poses: is a list of poses; a file of them is a recorded course, file: {block['poses']}")
-        return block
+    def _is_no_file(cls, poses):
+        if isinstance(poses, str):
+            raise ValueError("should be a list of poses; a file of them is a recorded course, trajectory.file")
+        return poses
 
     @model_validator(mode="after")
     def _one_form(self):
