@@ -1,5 +1,6 @@
 """Files that scenes and datasets name: whether they exist, and their text."""
 
+import contextlib
 import itertools
 import os
 from pathlib import Path
@@ -17,6 +18,15 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError, RuntimeError):
         return False
+
+
+def stamp_of(path: Path) -> tuple | None:
+    """What differs when a file was saved; None where there is none."""
+    with contextlib.suppress(OSError, ValueError):
+        if is_file(path):
+            state = path.stat()
+            return state.st_mtime_ns, state.st_size, state.st_ino
+    return None
 
 
 def absolute(base: Path, name: str) -> Path:

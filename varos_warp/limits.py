@@ -15,9 +15,10 @@ DEFAULTS = {
     "TEXTURE_PIXELS": 8192 * 8192,
     "FRAMES": 1_000_000,
     "TEXT_BYTES": 2_000_000,
+    "POSES": 5_000_000,
 }
 """Triangles of a mesh file with all its copies, copies of its nodes, pixels of an image file, frames of a sequence,
-bytes of a YAML file."""
+bytes of a YAML file, poses of a recorded course."""
 
 
 def limit(name: str) -> int:

@@ -391,3 +391,20 @@ def test_a_course_along_an_object_is_driven_anew_when_the_object_moves(scene_fil
     screen = watch(scene_file, lambda: edit(scene_file, objects=moved), viewpoint=Viewpoint(width=48))
     np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
     assert counted == {"built": 2, "simulated": 2}
+
+
+@pytest.mark.parametrize("change", ["file", "camera"])
+def test_a_recorded_course_is_followed_anew_when_its_file_or_the_camera_that_it_is_of_changes(scene_file, counted,
+                                                                                              change):
+    def write(height):
+        scene_file.with_name("course.txt").write_text(f"0 0 0 {height} 0 0 0 1\n1 0 0.5 {height} 0 0 0 1\n")
+
+    write(1.0)
+    cameras = yaml.safe_load(scene_file.read_text())["vehicle"]["cameras"]
+    edit(scene_file, trajectory={"file": "course.txt", "of": "R0"})
+    moved = [cameras[0], cameras[1] | {"position": [0.4, 0, 0], "rotation_euler_deg": [0, 0, 0]}]
+    save = {"file": lambda: write(1.3), "camera": lambda: edit(scene_file, cameras=moved)}[change]
+    screen = watch(scene_file, save, viewpoint=Viewpoint(width=48))
+    np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
+    assert (screen.images[0] != screen.images[1]).any()
+    assert counted == {"built": 1, "simulated": 2}

@@ -9,7 +9,7 @@ from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Moving
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.poses import REST_S, poses_along, through_poses
+from varos_warp.sim.poses import REST_S, Knots, poses_along, through_poses
 
 STOPS = [{"time_s": 1, "position": [0, 2, 0]}, {"time_s": 2, "position": [1, 2, 0], "rotation_euler_deg": [0, 0, 50]},
          {"time_s": 4, "position": [1, 3, 1], "look_at": [0, 3, 0]}]
@@ -57,7 +57,7 @@ def test_the_motion_is_that_of_a_vehicle_through_the_same_poses():
     """At ticks to the last digit, and between them to the sixth order of a tick."""
     stops = scene_with(path=STOPS).objects[0].stops
     ticks = 1500
-    motion = Trajectory(times_ns(ticks, 200), **through_poses(stops, ticks))
+    motion = Trajectory(times_ns(ticks, 200), **through_poses(Knots.of(stops), ticks))
     T = poses_along(stops, motion.time_ns)
     np.testing.assert_allclose(T, motion.poses(), atol=1e-15)
     between = motion.time_ns[:-1] + 1_234_567

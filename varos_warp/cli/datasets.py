@@ -98,15 +98,18 @@ def export(dataset: Folder,
 
 @verb
 def noise(dataset: Folder,
-          profile: Annotated[list[str], typer.Option("--profile", metavar="NAME|FILE",
-                                                     help="What errs and how; repeatable for several sensors.")],
+          profile: Annotated[list[str], typer.Option(
+              "--profile", metavar="NAME|FILE", help="What errs and how: a profile, or a file of an IMU's noise by "
+              "Kalibr or imu_utils; repeatable for several sensors.")],
           out: NewFolder,
           seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0, json_: Json = False, quiet: Quiet = False):
     """Add noise of sensors and cameras to a copy of a dataset; the truth stays beside it."""
     from varos_warp.dataset.noise_pass import add_noise
+    from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.scene.file.noise_profiles import load_profile, merge_profiles
 
-    chosen = [load_profile(name) for name in profile]
+    imu = Dataset(dataset).meta["sensors"].get("imu0")
+    chosen = [load_profile(name, imu and imu["rate_hz"]) for name in profile]
     made = add_noise(dataset, chosen[0] if len(chosen) == 1 else merge_profiles(chosen), out, seed, quiet)
     if json_:
         print_json({"out": str(out), "frames": len(made), **made.meta["noise"]})

@@ -1,6 +1,7 @@
 """What commands print: JSON, and tables of what was planned, found or made."""
 
 import json
+from math import pi
 from pathlib import Path
 
 from varos_warp.errors import counted
@@ -68,6 +69,7 @@ def print_info(facts: dict) -> None:
     body = f" with {facts['vehicle']['thrusters']} thrusters" if facts["vehicle"].get("thrusters") else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
           f"{trajectory['duration_s']:.1f} s{part}, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
+    _print_recorded(trajectory)
     _print_dataset(facts["dataset"])
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
@@ -112,6 +114,26 @@ def _texture(facts: dict) -> str:
     """A texture in words."""
     outside = f" ({facts['outside']:.0%})" if facts["outside"] > 0.0 else ""
     return facts["name"] + outside + ", one colour throughout" * facts["constant"]
+
+
+def _print_recorded(trajectory: dict) -> None:
+    """What a file of poses was read as, and what its course makes the IMU feel."""
+    if (about := trajectory.get("recorded")) is None:
+        return
+    whose = {"vehicle": "the vehicle", "imu": "the IMU, in its axes"}.get(about["of"], f"camera {about['of']}")
+    axes = f", body axes {about['body']}" if "body" in about else ""
+    attitude = "" if about["attitude"] == "recorded" else f", attitude {about['attitude']}"
+    print(f"recorded course: {about['file']} ({about['format']}), poses of {whose}, one in {about['step_s']:.4g} s, "
+          f"frame {about['frame']}{axes}{attitude}")
+    if smoothing := about.get("smoothing"):
+        changes = [f"{words} by {smoothing[key]['rms']:.2g} {unit} RMS, {smoothing[key]['peak']:.2g} at most"
+                   for key, words, unit in (("moved_m", "moves poses", "m"), ("turned_deg", "turns them", "degrees"))
+                   if key in smoothing]
+        print(f"smoothing: {'; '.join(changes)}")
+    felt, turned = trajectory["acceleration"], trajectory["angular_velocity"]
+    degrees = 180.0 / pi
+    print(f"acceleration: {felt['rms']:.3g} m/s^2 RMS, {felt['peak']:.3g} at most; angular rate: "
+          f"{degrees * turned['rms']:.3g} deg/s RMS, {degrees * turned['peak']:.3g} at most")
 
 
 def _print_mounts(facts: dict) -> None:

@@ -10,13 +10,16 @@ from varos_warp.scene.file.load import scene_from_dict
 def rebuilt(data: Dataset) -> tuple[Scene, list]:
     """The scene of a dataset, and everything solid in it, as ``build_parts`` makes it.
 
+    Where its own vehicle was the poses of the dataset tell: of a recorded course the file is not needed.
+
     Raises:
         InputError: If a file that it names is not at hand, or not as it was when the dataset was made.
     """
     from varos_warp.scene.geometry.build import build_parts
 
     scene = scene_from_dict(data.meta["scene"])
-    changed = [name for name, digest in writers.sources(scene).items() if digest != data.meta["sources"].get(name)]
+    changed = [name for name, digest in writers.sources(scene).items()
+               if digest != data.meta["sources"].get(name) and name != scene.trajectory.file]
     if changed:
         raise InputError(f"{changed[0]} is not at hand, or not as it was")
     return scene, build_parts(scene)

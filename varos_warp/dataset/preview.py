@@ -5,7 +5,6 @@ Lights, water and cameras cost nothing but the image. That is computed by paths 
 have to be solved again for each new water or cone, which takes longer than the samples that it saves here.
 """
 
-import contextlib
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -18,7 +17,7 @@ import numpy as np
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.produce import simulated
 from varos_warp.errors import InputError
-from varos_warp.files import is_file
+from varos_warp.files import stamp_of
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
 from varos_warp.render.image.frame import RadianceImage
@@ -30,6 +29,7 @@ from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.source import located
+from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.optics.shutter import open_ns
 
@@ -220,7 +220,7 @@ class _EditedScene:
         Raises:
             InputError: If something is wrong with it.
         """
-        self._stamps = {self.path: _stamp(self.path)}  # before it is read: what is saved meanwhile is a change
+        self._stamps = {self.path: stamp_of(self.path)}  # before it is read: what is saved meanwhile is a change
         scene = load_scene(self.path, self.overrides)
         self._stamps |= files_named(scene, scene.model_dump())
         with located(scene):
@@ -239,6 +239,9 @@ class _EditedScene:
         moving = scene.model_dump(exclude=NOT_MOVING) | {"open_ns": open_ns(scene.vehicle.cameras)}
         if isinstance(scene.trajectory.pattern, HullFollowing):
             moving["followed"] = _solid(scene)
+        if recorded := [course.file for course in scene.trajectories.values() if course.file]:
+            # which may have the poses of a camera
+            moving["recorded"] = files_named(scene, recorded), [pose_matrix(c).tolist() for c in scene.vehicle.cameras]
         if moving != self._moving:
             self._simulation = simulated(scene, self.console.quiet, [])  # what a DVL reads is not looked at
             self._moving = moving
@@ -271,25 +274,16 @@ class _EditedScene:
             before, now = now, self._now()
 
     def _now(self) -> dict[Path, tuple | None]:
-        return {path: _stamp(path) for path in self._stamps}
+        return {path: stamp_of(path) for path in self._stamps}
 
 
 def files_named(scene: Scene, content: Any) -> dict[Path, tuple | None]:
     """Stamps of the files that the texts in some content of a scene may name; None for what is no file, or not yet."""
     if isinstance(content, str):
         path = scene.resolve(content)
-        return {path: _stamp(path)}
+        return {path: stamp_of(path)}
     parts = content.values() if isinstance(content, dict) else content if isinstance(content, list | tuple) else ()
     return {path: stamp for part in parts for path, stamp in files_named(scene, part).items()}
-
-
-def _stamp(path: Path) -> tuple | None:
-    """What differs when a file was saved."""
-    with contextlib.suppress(OSError, ValueError):
-        if is_file(path):
-            state = path.stat()
-            return state.st_mtime_ns, state.st_size, state.st_ino
-    return None
 
 
 def smaller(camera: Camera, width: int) -> Camera:

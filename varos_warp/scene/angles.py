@@ -63,7 +63,8 @@ def _angles(block: Any, key: str) -> Iterator[tuple[str, Any]]:
     elif isinstance(block, list | tuple):
         inner = enumerate(block)
     for name, value in inner:
-        if str(name).endswith("_deg") and isinstance(value, float | tuple):
+        if str(name).endswith("_deg") and (
+                isinstance(value, float) or (isinstance(value, tuple) and all(isinstance(x, float) for x in value))):
             yield f"{key}.{name}", value
         else:
             yield from _angles(value, f"{key}.{name}")

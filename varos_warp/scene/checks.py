@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.frames import attitudes, camera_pose, intrinsics, transform
-from varos_warp.scene.geometry.course import find_course, local_origin, standpoints
+from varos_warp.scene.frames import camera_pose, intrinsics, transform
+from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
@@ -27,6 +27,8 @@ NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
 GRID, MOST_STOPS = 16, 50
 """Rays along each side of an image, and stops, from which surfaces are looked for."""
+MOST_POSES = 1000
+"""Poses of a recorded course that are looked at one by one."""
 FARTHEST_MOUNT_M, FARTHEST_MOUNT = 5.0, 10.0
 """How far from the vehicle's origin something on it may be: metres, or radii of the vehicle if they are more."""
 
@@ -42,12 +44,12 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
     find_course(scene, parts)
-    places = scene.trajectory.stops
-    poses = [transform(turned.as_matrix(), stop.position)
-             for stop, turned in zip(places, attitudes(places), strict=True)]
+    looked_at = _looked_at(scene)
+    stops = places(scene.trajectory)[looked_at]
+    poses = transform(turns(scene.trajectory)[looked_at].as_matrix(), stops)
     still = [part for part in parts if part.name not in scene.companions]  # which go their ways
     solids = _gather(scene, still, poses, path)
-    at_stops, told = _check_stops(scene, solids, np.array([stop.position for stop in places]))
+    at_stops, told = _check_stops(scene, solids, stops)
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     found = [*check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
              *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene),
@@ -59,8 +61,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
 
 def _gather(scene, parts, poses, path):
     """The parts, and of every scatter the copies near to where vehicle and cameras go, as one part with its name."""
-    points = [T[:3, 3] for T in poses] + [c.position for c in scene.vehicle.cameras if c.mount == "world"]
-    points = np.vstack([points, *(() if path is None else path[1:3])])
+    fixed = [c.position for c in scene.vehicle.cameras if c.mount == "world"]
+    points = np.vstack([poses[:, :3, 3], *fixed, *(() if path is None else path[1:3])])
     margin = vehicle_radius(scene) + max(np.linalg.norm(c.position) for c in scene.vehicle.cameras)
     tree, solids = cKDTree(points), []
     for part in parts:
@@ -303,7 +305,7 @@ def _check_sight(scene, parts, poses):
         return []
     warnings, reach = [], scene.render.depth_range_m[1]
     boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for part in parts for box in part.boxes()])
-    chosen = np.unique(np.linspace(0, len(poses) - 1, MOST_STOPS).astype(int))
+    chosen, numbers = np.unique(np.linspace(0, len(poses) - 1, MOST_STOPS).astype(int)), _looked_at(scene)
     for i, camera in enumerate(scene.vehicle.cameras):
         fixed = camera.mount == "world"
         T_w_c = camera_pose(camera, np.array([np.eye(4)] if fixed else [poses[stop] for stop in chosen]))
@@ -311,14 +313,14 @@ def _check_sight(scene, parts, poses):
         if 2 * np.count_nonzero(blind) <= len(blind):
             continue
         first, low, high = T_w_c[int(np.argmax(blind))], boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        lost = np.zeros(len(poses), bool)
+        number, lost = numbers[chosen[np.argmax(blind)]], np.zeros(len(poses), bool)
         lost[chosen] = blind
         if blind.all():
             lost[:] = True
         where = "" if fixed else f" at {_which(scene, lost)}"
         warnings.append(f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
                         f"{where}: D holds nothing there, A little but water; "
-                        f"{'' if fixed else f'at {_stop(scene)} {np.argmax(lost)} '}it is at {_place(first[:3, 3])}, "
+                        f"{'' if fixed else f'at {_stop(scene)} {number} '}it is at {_place(first[:3, 3])}, "
                         f"terrain and objects from {_place(low)} to {_place(high)}; "
                         f"{_towards(boxes, first, reach, fixed)}")
     return warnings
@@ -404,18 +406,28 @@ def _within(part):
 
 
 def _stop(scene):
-    return "waypoint" if scene.trajectory.poses is None else "pose"
+    return "pose" if scene.trajectory.is_exact else "waypoint"
+
+
+def _looked_at(scene):
+    """Numbers of the stops that are looked at: all of a scene file; of a recorded course some, first and last too."""
+    used = used_stops(scene.trajectory)
+    if scene.trajectory.file is None or len(used) <= MOST_POSES:
+        return used
+    return used[np.linspace(0, len(used) - 1, MOST_POSES).astype(int)]
 
 
 def _which(scene, chosen):
     """Stops in words, of bool [N]: waypoint 3; waypoints 0, 1 and 71 more; all 73 waypoints."""
-    numbers, name = np.flatnonzero(chosen), _stop(scene)
+    of, name = _looked_at(scene), _stop(scene)
+    numbers, left_out = of[chosen], len(used_stops(scene.trajectory)) - len(of)
+    among = f" of the {len(of)} that are looked at" * (left_out > 0)
     if len(numbers) == 1:
-        return f"{name} {numbers[0]}"
+        return f"{name} {numbers[0]}{among}"
     if len(numbers) == len(chosen):
-        return f"all {len(numbers)} {name}s"
+        return f"all {len(numbers)} {name}s{' that are looked at' * (left_out > 0)}"
     more = f" and {len(numbers) - 5} more" if len(numbers) > 5 else ""
-    return f"{name}s {', '.join(map(str, numbers[:5]))}{more}"
+    return f"{name}s {', '.join(map(str, numbers[:5]))}{more}{among}"
 
 
 def _are(chosen):

@@ -65,9 +65,11 @@ def inverse(T: np.ndarray) -> np.ndarray:
 
 
 def attitude(pose) -> np.ndarray:
-    """Rotation [3, 3] of a block with ``position`` and either ``look_at`` or ``rotation_euler_deg`` (or neither)."""
+    """Rotation [3, 3] of a block with ``position``, by its ``look_at``, ``rotation_euler_deg`` or ``quaternion``."""
     if getattr(pose, "look_at", None) is not None:
         return look_at_matrix(pose.position, pose.look_at)
+    if getattr(pose, "quaternion", None) is not None:
+        return Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix()
     return euler_to_matrix(pose.rotation_euler_deg or (0.0, 0.0, 0.0))
 
 
@@ -82,6 +84,8 @@ def attitudes(stops) -> list[Rotation]:
             result.append(Rotation.from_matrix(look_at_matrix(stop.position, stop.look_at)))
         elif stop.rotation_euler_deg is not None:
             result.append(Rotation.from_euler("xyz", stop.rotation_euler_deg, degrees=True))
+        elif stop.quaternion is not None:
+            result.append(Rotation.from_quat(stop.quaternion, scalar_first=True))
         else:
             result.append(result[-1] if result else Rotation.identity())
     return result

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import attitude, intrinsics
 from varos_warp.scene.geometry.build import object_part
@@ -18,7 +19,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
     """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``body`` ..."""
     find_course(scene, parts)
     pattern, body = scene.trajectory.pattern, scene.vehicle.rigid_body
-    kind = "waypoints" if scene.trajectory.poses is None else "poses"
+    kind, stops = "poses" if scene.trajectory.is_exact else "waypoints", scene.trajectory.stops
     return {
         "name": scene.name,
         "water": water_info(scene),
@@ -30,8 +31,9 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         **_body_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
                     **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
-        "trajectory": {"kind": kind, "count": len(scene.trajectory.stops),
-                       **({"pattern": pattern.kind} if pattern else {})},
+        "trajectory": {"kind": kind, "count": len(stops),
+                       **({"pattern": pattern.kind} if pattern else {}),
+                       **({"recorded": stops.about} if isinstance(stops, RecordedCourse) else {})},
     }
 
 

@@ -7,12 +7,13 @@ from math import isclose, pi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Pose
+from varos_warp.scene.description.vehicle import Trajectory
 from varos_warp.scene.frames import attitudes
 from varos_warp.sim.clock import TICK_S
-from varos_warp.sim.guidance import Course, Leg, turn
-from varos_warp.sim.poses import REST_S
+from varos_warp.sim.guidance import Course, Leg
+from varos_warp.sim.poses import REST_S, Knots
 from varos_warp.sim.vehicle.body import Sphere
 from varos_warp.sim.vehicle.control import Gains, is_slow, steady_offset
 from varos_warp.sim.vehicle.current import Current
@@ -30,6 +31,12 @@ LITTLE_TURN_DEG = 0.1
 
 FEW_FRAMES, SLOW = 10, 0.2
 """Fewer frames are a look at a scene; sequences with less than this share of course and speed hardly move."""
+
+ONE_G = 9.81
+"""Acceleration [m/s^2] beyond which recorded poses probably have noise."""
+
+FORWARD, MOSTLY, LITTLE_WAY_M = 1, 0.8, 1.0
+"""Axis along which a vehicle looks; share of the way that is most of it; and a way that says nothing of its axes."""
 
 MOST_SPEED, MOST_ACCELERATION, MOST_RATE = 15.0, 20.0, 2.0 * pi
 """Speed [m/s], acceleration [m/s^2] and rate of turn [rad/s] beyond which exact poses are probably a mistake."""
@@ -129,35 +136,61 @@ def _is_half(turned: np.ndarray) -> bool:
     return isclose(float(np.linalg.norm(turned)), pi, rel_tol=1e-9)
 
 
-def on_poses(poses: list[Pose], motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
+def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
     """Where exact poses do not say what happens, or ask for what no underwater vehicle does.
 
     Args:
-        poses: Of the scene.
+        course: Of the scene, of exact poses.
+        knots: The poses.
         motion: Columns of the trajectory through them.
         last_frame_s: Time of the last frame [s].
     """
-    times, turned = np.array([pose.time_s for pose in poses]), attitudes(poses)
-    if len(poses) > 1 and times[0] > 0.0:
-        yield (f"trajectory.poses: before the first pose at {times[0]:g} s the vehicle comes from being at rest "
+    times, file = knots.times * TICK_S, course.file is not None
+    yield from getattr(course.stops, "messages", ())
+    block = "trajectory.file" if file else "trajectory.poses"
+    if len(times) > 1 and times[0] > 0.0:
+        yield (f"{block}: before the first pose at {times[0]:g} s the vehicle comes from being at rest "
                f"{REST_S:g} s earlier")
-    if len(poses) > 1 and last_frame_s > times[-1] + 0.5 * TICK_S:
-        yield (f"trajectory.poses: after the last pose at {times[-1]:g} s the vehicle brakes and is at rest "
+    if len(times) > 1 and last_frame_s > times[-1] + 0.5 * TICK_S:
+        yield (f"{block}: after the last pose at {times[-1]:g} s the vehicle brakes and is at rest "
                f"{REST_S:g} s later")
-    for i in range(1, len(poses)):
-        if _is_half(turn(turned[i - 1], turned[i])):
-            yield (f"trajectory.poses.{i}: exactly half a turn from the pose before it; "
-                   "which way it turns is arbitrary (add a pose between)")
+    turns = (knots.turned[:-1].inv() * knots.turned[1:]).magnitude() if len(times) > 1 else np.zeros(0)
+    for i in np.flatnonzero(np.isclose(turns, pi, rtol=1e-9, atol=0.0)) + 1:
+        yield (f"{_place(course, i)}: exactly half a turn from the pose before it; "
+               "which way it turns is arbitrary (add a pose between)")
+    remedy = ("recorded poses have noise, of which a spline makes much acceleration: see trajectory.smoothing_s, and "
+              "check the units of times and positions") if file else "check time_s and the unit of position"
     for name, most, scale, unit in (("velocity", MOST_SPEED, 1.0, "m/s"),
-                                    ("acceleration", MOST_ACCELERATION, 1.0, "m/s^2"),
+                                    ("acceleration", ONE_G if file else MOST_ACCELERATION, 1.0, "m/s^2"),
                                     ("angular_velocity", MOST_RATE, 180.0 / pi, "deg/s")):
         size = np.linalg.norm(motion[name], axis=1)
         worst = int(np.argmax(size))
         if size[worst] > most:
-            i = min(int(np.searchsorted(times, worst * TICK_S)), len(poses) - 1)
-            yield (f"trajectory.poses.{i}: {scale * size[worst]:.3g} {unit} at {worst * TICK_S:.4g} s, near this pose; "
-                   f"no underwater vehicle does more than {scale * most:.3g} {unit} (check time_s and the unit of "
-                   "position)")
+            i = min(int(np.searchsorted(knots.times, worst)), len(times) - 1)
+            yield (f"{_place(course, i)}: {scale * size[worst]:.3g} {unit} at {worst * TICK_S:.4g} s, near this pose; "
+                   f"no underwater vehicle does more than {scale * most:.3g} {unit} ({remedy})")
+    if file:
+        yield from _on_heading(course, motion)
+
+
+def _place(course: Trajectory, pose: int) -> str:
+    """Where a pose stands, in words."""
+    stops = course.stops
+    return f"trajectory.file: line {stops.line[pose]}" if isinstance(stops, RecordedCourse) else course.key(pose)
+
+
+def _on_heading(course: Trajectory, motion: dict[str, np.ndarray]) -> Iterator[str]:
+    """A vehicle that seldom goes where it looks: the axes of its attitudes may be others than those that are taken."""
+    speed = np.linalg.norm(motion["velocity"], axis=1)
+    if (course.attitude or "recorded") != "recorded" or not (total := speed.sum()) * TICK_S > LITTLE_WAY_M:
+        return
+    own = Rotation.from_quat(motion["quaternion"], scalar_first=True).inv().apply(motion["velocity"])
+    shares = np.abs(own).sum(axis=0) / total
+    across = int(np.argmax(shares))
+    if across != FORWARD and shares[across] > MOSTLY and shares[FORWARD] < 1.0 - MOSTLY:
+        way = "sideways" if across == 0 else "up and down"
+        yield (f"trajectory.file: most of the time the vehicle goes {way}, by its attitudes; check trajectory.body, of "
+               "and frame, which say in which axes they are")
 
 
 def on_pace(scene: Scene, course: Course, position: np.ndarray, frames: int) -> Iterator[str]:

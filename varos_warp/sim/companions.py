@@ -1,12 +1,13 @@
 """Where the other vehicles of a scene are, and all else that moves besides the one that observes."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
+from varos_warp.files import stamp_of
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.hull import vehicle_radius
@@ -18,29 +19,35 @@ PosesAt = Callable[[np.ndarray], np.ndarray]
 """Poses [N, 4, 4] at times of the sequence, int64 [N] [ns]."""
 
 
-def companions(scene: Scene) -> dict[str, PosesAt]:
+def companions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
     """Where the other vehicles of a scene are: poses T_w_v [N, 4, 4] at times of the sequence int64 [N] [ns], by key.
 
-    Each is where its own simulation has it, up to its last frame; there it stays.
+    Each is where its own simulation has it, up to its last frame; there it stays. Keys may be ``left_out``.
     """
-    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()}
+    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()
+            if key not in left_out}
 
 
-def motions(scene: Scene) -> dict[str, PosesAt]:
-    """Where all of `Scene.tracked` are, by key."""
+def motions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
+    """Where all of `Scene.tracked` are, by key, but those other vehicles that are ``left_out``."""
     found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
                                 if block.path}
-    return found | {key: poses for key, poses in companions(scene).items() if key in scene.tracked}
+    return found | {key: poses for key, poses in companions(scene, left_out).items() if key in scene.tracked}
 
 
 def _course(scene: Scene) -> PosesAt:
-    trajectory, end_ns = _course_of(json.dumps(scene_to_dict(scene)), scene.resolve(""))
+    file = scene.trajectory.file
+    stamp = stamp_of(scene.resolve(file)) if file else None
+    trajectory, end_ns = _course_of(json.dumps(scene_to_dict(scene)), scene.resolve(""), stamp)
     return lambda time_ns: trajectory.from_before(np.minimum(time_ns, end_ns)).poses()
 
 
 @lru_cache(maxsize=16)
-def _course_of(scene: str, folder: Path) -> tuple[Trajectory, int]:
-    """The motion of a scene's vehicle, once for all who ask, and the time of its last frame [ns]."""
+def _course_of(scene: str, folder: Path, stamp: tuple | None) -> tuple[Trajectory, int]:
+    """The motion of a scene's vehicle, once for all who ask, and the time of its last frame [ns].
+
+    ``stamp`` differs when the file of a recorded course was saved.
+    """
     run = drive(scene_from_dict(json.loads(scene), folder))
     return run.trajectory, int(run.frames.time_ns[-1])
 

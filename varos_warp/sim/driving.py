@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.optics.shutter import open_ns
@@ -28,7 +29,7 @@ from varos_warp.sim.clock import (
 )
 from varos_warp.sim.guidance import Guidance, plan
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.poses import pose_times, through_poses
+from varos_warp.sim.poses import Knots, through_poses
 from varos_warp.sim.vehicle.control import Regulator
 from varos_warp.sim.vehicle.current import Current
 from varos_warp.sim.vehicle.dynamics import Dynamics, State
@@ -57,7 +58,8 @@ def drive(scene: Scene, parts: list | None = None, tell: Callable[[float], None]
                 check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
         if isinstance(scene.trajectory.pattern, HullFollowing):
             _find_course(scene, parts)
-        return _follow_waypoints(scene, tell) if scene.trajectory.poses is None else _follow_poses(scene)
+        read_course(scene)
+        return _follow_poses(scene) if scene.trajectory.is_exact else _follow_waypoints(scene, tell)
     except InputError as error:
         raise error.at(scene.key_in_file(error.key or "")) from None
 
@@ -97,16 +99,17 @@ def _driven(scene: Scene, frames: int, columns: dict[str, np.ndarray], *more) ->
 
 
 def _follow_poses(scene: Scene) -> Driven:
-    poses, duration, rate = scene.trajectory.poses or [], scene.trajectory.duration_s, scene.render.frame_rate_hz
-    times = pose_times(poses)
-    last = times[-1] if len(poses) > 1 else 0.0
+    course, duration, rate = scene.trajectory, scene.trajectory.duration_s, scene.render.frame_rate_hz
+    knots = Knots.of(course.stops)
+    last = knots.times[-1] if len(knots.times) > 1 else 0.0
     if not duration:
-        check_length(last * TICK_S, f"trajectory.poses.{len(poses) - 1}.time_s", "the poses last")
+        key = course.key(len(knots.times) - 1)
+        check_length(last * TICK_S, key if course.file else f"{key}.time_s", "the poses last")
     frames = frame_count(duration, rate) if duration else frames_until(last * TICK_S, rate)
     rows = _rows(scene, frames)
-    columns = through_poses(poses, rows)
-    messages = list(advice.on_poses(poses, columns, (frames - 1) / rate))
-    pose = np.minimum(np.searchsorted(times, np.arange(rows), side="left"), len(poses) - 1)
+    columns = through_poses(knots, rows)
+    messages = list(advice.on_poses(course, knots, columns, (frames - 1) / rate))
+    pose = np.minimum(np.searchsorted(knots.times, np.arange(rows), side="left"), len(knots.times) - 1)
     return _driven(scene, frames, columns, messages, columns["position"], pose)
 
 

@@ -5,7 +5,8 @@ splines through the poses, at whose ends the vehicle has the speed that they giv
 is at rest within ``REST_S``; likewise it has come from rest before the first.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from varos_warp.errors import InputError
+from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.description.world import Stop
 from varos_warp.scene.frames import attitudes, transform
@@ -30,6 +32,9 @@ STEP_NS = 1_000_000
 
 JOLT = CubicHermiteSpline([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])
 """Speed that comes of a unit acceleration at the last pose, which fades away in a unit of time."""
+
+MOST_KNOTS, BEYOND = 2**17, 64
+"""Attitudes of a spline, more than a scene file can list, and those of its neighbours that it knows."""
 
 RATES = ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_acceleration")))
 """Order of the derivatives of position and attitude, and their names."""
@@ -52,17 +57,41 @@ def pose_times(poses: Sequence[description.Pose | Stop]) -> np.ndarray:
     return times
 
 
-def through_poses(poses: list[description.Pose], ticks: int) -> dict[str, np.ndarray]:
+@dataclass(frozen=True)
+class Knots:
+    """Poses at times, which splines pass through."""
+
+    times: np.ndarray
+    """[n] in ticks, increasing."""
+    positions: np.ndarray
+    """[n, 3] [m]."""
+    turned: Rotation
+    """n attitudes."""
+
+    @classmethod
+    def of(cls, poses: Sequence[description.Pose | Stop]) -> "Knots":
+        """Those of blocks, or of a recorded course.
+
+        Raises:
+            InputError: Their times do not increase.
+        """
+        if isinstance(poses, RecordedCourse):
+            return cls(poses.time_ns / TICK_NS, poses.position, poses.attitude)
+        return cls(pose_times(poses), np.array([pose.position for pose in poses], float),
+                   Rotation.concatenate(attitudes(poses)))
+
+
+def through_poses(knots: Knots, ticks: int) -> dict[str, np.ndarray]:
     """Columns of a `trajectory.Trajectory` (all but ``time_ns``) at the ticks 0 ... ``ticks`` - 1.
 
     A pose whose time falls on a tick is that row, to the last digit.
     """
-    return at_ticks(poses, np.arange(ticks, dtype=float))
+    return at_ticks(knots, np.arange(ticks, dtype=float))
 
 
 def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
     """Poses T_w_o [N, 4, 4] of an object on its path at times int64 [N] [ns], also before the first stop."""
-    columns = at_ticks(stops, np.asarray(time_ns) / TICK_NS)
+    columns = at_ticks(Knots.of(stops), np.asarray(time_ns) / TICK_NS)
     return transform(Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix(), columns["position"])
 
 
@@ -97,29 +126,43 @@ def velocity_with(poses: Callable[[np.ndarray], np.ndarray], points: np.ndarray,
     return (moved(earlier) - 4.0 * moved(before)) / (2e-9 * STEP_NS)
 
 
-def at_ticks(poses: Sequence[description.Pose | Stop], tick: np.ndarray) -> dict[str, np.ndarray]:
+def at_ticks(knots: Knots, tick: np.ndarray) -> dict[str, np.ndarray]:
     """Columns of a `trajectory.Trajectory` (all but ``time_ns``) at times [N] in ticks and parts of them."""
-    times, turned = pose_times(poses), attitudes(poses)
-    positions = np.array([pose.position for pose in poses], float)
-    q = np.array([attitude.as_quat(scalar_first=True) for attitude in turned])
-    ticks = len(tick)
+    times, positions, q, ticks = knots.times, knots.positions, knots.turned.as_quat(scalar_first=True), len(tick)
     on_course = np.clip(tick, times[0], times[-1])
     pose = np.searchsorted(times, on_course)
     columns = {"position": positions[pose], "quaternion": q[pose]}
     columns |= {name: np.zeros((ticks, 3)) for _, names in RATES for name in names}
-    if len(poses) > 1:
+    if len(times) > 1:
         between = times[pose] != on_course
         path = CubicSpline(times * TICK_S, positions - positions[0], bc_type="natural")
-        attitude = RotationSpline(times * TICK_S, Rotation.concatenate(turned))
         t = on_course * TICK_S
         columns["position"][between] = (path(t) + positions[0])[between]
-        columns["quaternion"][between] = attitude(t).as_quat(scalar_first=True)[between]
         for order, names in RATES:
-            for name, spline in zip(names, (path, attitude), strict=True):
-                columns[name][:] = spline(t, order)
+            columns[names[0]][:] = path(t, order)
+        for rows, attitude in _attitude_splines(times * TICK_S, knots.turned, t):
+            columns["quaternion"][rows & between] = attitude(t[rows]).as_quat(scalar_first=True)[between[rows]]
+            for order, names in RATES:
+                columns[names[1]][rows] = attitude(t[rows], order)
         legs = np.minimum(np.diff(times)[[0, -1]] * TICK_S, REST_S)
         _run_out(columns, tick != on_course, (tick - on_course) * TICK_S, legs)
     return columns
+
+
+def _attitude_splines(times: np.ndarray, turned: Rotation, t: np.ndarray
+                      ) -> Iterator[tuple[np.ndarray, RotationSpline]]:
+    """Splines through attitudes at times [n] [s], and which of the times [N] each is for, bool [N].
+
+    A spline takes 2 kB for each attitude, so no more than `MOST_KNOTS` share one. It knows `BEYOND` more at its ends,
+    so that its neighbours go on as it does: what an attitude does to rates falls by 2 + sqrt(3) from one to the next.
+    """
+    if len(times) <= MOST_KNOTS:
+        yield np.ones(len(t), bool), RotationSpline(times, turned)
+        return
+    piece = np.minimum(np.searchsorted(times, t, side="right") - 1, len(times) - 2) // MOST_KNOTS
+    for k in np.unique(piece):
+        knots = slice(max(k * MOST_KNOTS - BEYOND, 0), (k + 1) * MOST_KNOTS + BEYOND)
+        yield piece == k, RotationSpline(times[knots], turned[knots])
 
 
 def _run_out(columns: dict[str, np.ndarray], rows: np.ndarray, seconds: np.ndarray, fading: np.ndarray) -> None:

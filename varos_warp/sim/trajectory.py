@@ -21,6 +21,8 @@ from varos_warp.sim.sensors.readings import (
     measure_imu,
 )
 
+FELT = ("acceleration", "angular_velocity")
+"""What splines through recorded poses make of their noise [m/s^2], [rad/s]."""
 NEAR_M = 0.01
 """Nearer to the last stop a course counts as driven to its end [m]."""
 
@@ -86,7 +88,8 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
 def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
     """Length [m] of the way from the first frame to the last, the time between them [s], and where it leads then.
 
-    ``heads_for`` is the number of the stop that it is still on the way to where ``duration_s`` ends it; else None.
+    ``heads_for`` is the number of the stop that it is still on the way to where ``duration_s`` ends it; else None. Of a
+    recorded course also ``rms`` and ``peak`` of the `FELT`.
     """
     last_ns, stops = simulation.frames.time_ns[-1], scene.trajectory.stops
     end = int(np.searchsorted(simulation.trajectory.time_ns, last_ns, side="right"))
@@ -97,8 +100,15 @@ def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
     else:
         left = np.linalg.norm(simulation.reference_position[end - 1] - stops[-1].position) > NEAR_M
     far = target < len(stops) - 1 or left
-    return {"length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
+    felt = {key: _sizes(getattr(simulation.trajectory, key)[:end]) for key in FELT} if scene.trajectory.file else {}
+    return {**felt, "length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
             "heads_for": target if scene.trajectory.duration_s and far else None}
+
+
+def _sizes(vectors: np.ndarray) -> dict[str, float]:
+    """Root mean square and largest length of vectors [N, 3]."""
+    size = np.linalg.norm(vectors, axis=1)
+    return {"rms": float(np.sqrt(np.mean(size**2))), "peak": float(size.max())}
 
 
 # --------------------------------------------------------------------------------------------------------- simulation

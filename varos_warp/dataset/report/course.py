@@ -37,9 +37,14 @@ def scene_parts(data: Dataset) -> SceneParts:
 
     try:
         scene, parts = rebuilt(data)
-        return SceneParts(parts, check_scene(scene, parts))
     except InputError as error:
         return SceneParts(missing=error.message.rstrip("."))
+    try:
+        return SceneParts(parts, check_scene(scene, parts))
+    except InputError as error:
+        if scene.trajectory.file is None:
+            return SceneParts(missing=error.message.rstrip("."))
+        return SceneParts(parts)  # the file of a recorded course may be gone, the ground is not
 
 
 def course_pictures(data: Dataset, scene: SceneParts) -> dict[str, str]:

@@ -9,9 +9,10 @@ all meshes together tell.
 """
 
 import itertools
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
@@ -19,15 +20,17 @@ from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import exposure_s, is_rolling, offsets_ns
 from varos_warp.dataset.validate.metadata import same
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.write.texts import describe_lights
+from varos_warp.dataset.write.texts import describe_lights, sources
 from varos_warp.render.image.flow import MovingPart
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.shutter import in_ns
-from varos_warp.sim.clock import frame_time_ns
+from varos_warp.sim.clock import TICK_NS, frame_time_ns
 from varos_warp.sim.companions import PosesAt, motions
+from varos_warp.sim.poses import Knots, at_ticks
 
 EPS = np.finfo(float).eps
 MOST_POINTS = 20_000
@@ -42,10 +45,25 @@ INSTANTS = np.linspace(-0.5, 0.5, 5)
 def known_motions(data: Dataset) -> dict[str, PosesAt]:
     """Where the scene has all that moves, by key.
 
+    Of another vehicle on a recorded course whose file is not at hand the poses of the dataset tell.
+
     Raises:
         InputError: Another vehicle follows a surface whose file is not at hand.
     """
-    return motions(scene_from_dict(data.meta["scene"])) if data.moving else {}
+    if not data.moving:
+        return {}
+    scene = scene_from_dict(data.meta["scene"])
+    unlike = {name for name, digest in sources(scene).items() if digest != data.meta["sources"].get(name)}
+    lost = [key for key, vehicle in scene.companions.items() if vehicle.trajectory.file in unlike]
+    as_kept = {key: partial(_between_frames, *data.poses(key)) for key in lost if key in data.moving}
+    return motions(scene, lost) | as_kept
+
+
+def _between_frames(frames_ns: np.ndarray, T: np.ndarray, time_ns: np.ndarray) -> np.ndarray:
+    """Poses [N, 4, 4] at times int64 [N] [ns] of what has poses [M, 4, 4] at frames [M] [ns]: splines between them."""
+    knots = Knots(frames_ns / TICK_NS, T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]))
+    columns = at_ticks(knots, np.asarray(time_ns) / TICK_NS)
+    return transform(Rotation.from_quat(columns["quaternion"], scalar_first=True).as_matrix(), columns["position"])
 
 
 def solid(data: Dataset) -> list[dict]:

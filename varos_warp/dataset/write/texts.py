@@ -244,7 +244,7 @@ def simd() -> str:
 
 
 def sources(scene) -> dict[str, str | None]:
-    """SHA-256 of every mesh, image and table that the scene names; of images that mesh files name it knows nothing.
+    """SHA-256 of every mesh, image, course and table that the scene names, but not of images that mesh files name.
 
     None stands for a file that cannot be read, of which its loader tells.
     """
@@ -256,6 +256,7 @@ def sources(scene) -> dict[str, str | None]:
     textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
     named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
     named += [light.file for light in scene.lights if getattr(light, "file", None)]
+    named += [course.file for course in scene.trajectories.values() if course.file]
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]

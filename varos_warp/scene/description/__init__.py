@@ -127,6 +127,13 @@ class Scene(Block):
                              "has any; leave out P, or give a camera one of them")
         return self
 
+    @model_validator(mode="after")
+    def _courses_are_of_something(self):
+        for (place, course), vehicle in zip(self.trajectories.items(), self._places.values(), strict=True):
+            if problem := vehicle.cannot_be_followed(course.of):
+                raise ValueError(f"{place}.of: {problem}")
+        return self
+
     def observed_by(self, vehicle_id: str) -> "Scene":
         """The scene as one of `vehicles` sees it: `vehicle` and `trajectory` are its own."""
         return self.model_copy(update=self._as_seen_by(vehicle_id))
@@ -141,6 +148,13 @@ class Scene(Block):
         if not self.vehicles:
             return {"vehicle": self.vehicle}
         return {f"vehicles.{i}": vehicle for i, vehicle in enumerate(self.vehicles)}
+
+    @property
+    def trajectories(self) -> dict[str, Trajectory]:
+        """The courses of all vehicles, by where the scene file has them."""
+        if not self.vehicles:
+            return {"trajectory": self.trajectory}
+        return {f"vehicles.{i}.trajectory": vehicle.trajectory for i, vehicle in enumerate(self.vehicles)}
 
     @property
     def companions(self) -> dict[str, FleetVehicle]:

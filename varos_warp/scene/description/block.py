@@ -1,6 +1,7 @@
 """What blocks of a scene file are made of: lengths, angles, colours, and the base of every block."""
 
 from collections.abc import Callable, Iterable
+from math import hypot
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_serializer
@@ -16,6 +17,19 @@ Position = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
 """[degrees]; much larger ones would lose all digits to whole turns."""
 EulerAngles = tuple[Angle, Angle, Angle]
+QUATERNION_SLACK = 1e-3
+"""How far the length of a quaternion may be from 1: three decimals of each part, and no more."""
+
+
+def _is_unit(value):
+    size = hypot(*value)
+    if abs(size - 1.0) > QUATERNION_SLACK:
+        raise ValueError(f"the length of the quaternion w, x, y, z is {size:.6g}, not 1")
+    return value
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_is_unit)]
+"""Hamilton, w, x, y, z; its length is made 1 where it is used."""
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -61,7 +75,11 @@ class Block(BaseModel):
 
 
 def check_look_at(block):
-    """A direction to look in must be given once, and exist."""
+    """An attitude must be given once, and what is looked at must lie somewhere else."""
+    if getattr(block, "quaternion", None) is not None:
+        if block.look_at is not None or block.rotation_euler_deg is not None:
+            raise ValueError("give one of look_at, rotation_euler_deg, quaternion")
+        return block
     if block.look_at is None:
         return block
     if block.rotation_euler_deg not in (None, (0.0, 0.0, 0.0)):

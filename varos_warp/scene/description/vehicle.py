@@ -1,8 +1,9 @@
 """The vehicle with its cameras and sensors, the current that it meets, and where it goes."""
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 
 from varos_warp.scene.description.block import (
     Block,
@@ -12,6 +13,7 @@ from varos_warp.scene.description.block import (
     NonNegative,
     Position,
     Positive,
+    Quaternion,
     Vec3,
     VehicleId,
     check_look_at,
@@ -22,6 +24,7 @@ from varos_warp.scene.description.body import RigidBody, Turbulence
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import Distortion, Port, Shutter, Vignetting, WaterIndex, check_optics
 from varos_warp.scene.description.patterns import Pattern
+from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check_recorded
 
 # ----------------------------------------------------------------------------------------------------------- vehicle
 
@@ -117,11 +120,23 @@ class ImuNoise(Block):
     """Standard deviation of the part of the bias that is drawn once per sequence [rad/s]."""
 
 
+def _is_read(noise):
+    """Files are read where a scene is loaded, for their paths are relative to its folder."""
+    if isinstance(noise, str):
+        raise ValueError(f"is a file, which load_scene and scene_from_dict read; here give the block: '{noise}'")
+    return noise
+
+
+def _or_file(schema: dict) -> None:
+    schema["anyOf"].insert(1, {"type": "string"})
+
+
 class Imu(Mounted):
     """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
 
-    noise: ImuNoise | None = None
-    """White noise and bias of the readings. Absent: they are exact; ``varos-warp noise`` adds noise later."""
+    noise: Annotated[ImuNoise | None, BeforeValidator(_is_read), Field(json_schema_extra=_or_file)] = None
+    """White noise and bias of the readings, or a file of them by Kalibr or imu_utils (docs/noise.md). Absent: they are
+    exact; ``varos-warp noise`` adds noise later."""
 
 
 FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]
@@ -248,6 +263,17 @@ class Vehicle(Block):
             raise ValueError("camera ids must differ, also when upper and lower case are taken for the same")
         return cameras
 
+    def cannot_be_followed(self, of: str | None) -> str | None:
+        """Why the vehicle's course cannot be told by the poses ``of`` something, in words; None: it can."""
+        if of in (None, "vehicle"):
+            return None
+        if of == "imu":
+            return "the vehicle has no imu" if self.imu is None else None
+        mounts = {camera.id: camera.mount for camera in self.cameras}
+        if of not in mounts:
+            return f"no camera has the id '{of}' (there are: {', '.join(mounts)}; or vehicle, imu)"
+        return "the camera stands in the world, not on the vehicle" if mounts[of] == "world" else None
+
 
 # -------------------------------------------------------------------------------------------------------- trajectory
 
@@ -255,7 +281,8 @@ class Vehicle(Block):
 class Waypoint(Block):
     """A pose to pass; ``strict`` ones are reached exactly.
 
-    Without ``look_at`` and ``rotation_euler_deg`` the attitude of the waypoint before it is kept, at first identity.
+    Without ``look_at``, ``rotation_euler_deg`` and ``quaternion`` the attitude of the waypoint before it is kept, at
+    first identity.
     """
 
     position: Position = Field(examples=[[0.5, 2.5, 1.0]])
@@ -263,8 +290,10 @@ class Waypoint(Block):
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
-    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the waypoint before."""
+    quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
+    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
     speed: Positive | None = Field(default=None, examples=[0.3])
     """Speed of the leg that ends here [m/s]; absent: that of the trajectory."""
     strict: bool = False
@@ -273,6 +302,7 @@ class Waypoint(Block):
     """Rest at this waypoint [s]; absent: none, or that of the trajectory if strict."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
+    _written = unwritten_if_absent("quaternion")
 
 
 class Pose(Block):
@@ -285,14 +315,17 @@ class Pose(Block):
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
-    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the
+    """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the pose before."""
+    quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
+    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
+    _written = unwritten_if_absent("quaternion")
 
 
 class Trajectory(Block):
-    """One of: waypoints for the simulated vehicle to follow, a pattern of them, or exact poses."""
+    """One of: waypoints for the simulated vehicle to follow, a pattern of them, exact poses, or a file of them."""
 
     waypoints: list[Waypoint] | None = None
     """Waypoints for the simulated vehicle to follow, from rest at the first one."""
@@ -301,6 +334,29 @@ class Trajectory(Block):
     rest 2 s later; likewise before the first it comes from rest. The acceleration is continuous throughout."""
     pattern: Pattern | None = None
     """Stands for waypoints: ``lawn_mower``, ``orbit``, ``spiral``, ``there_and_back``, ``hull_following``."""
+    file: str | None = Field(default=None, examples=["course.txt"])
+    """A recorded course (docs/trajectories.md): exact poses in a text file, relative to the scene file, of TUM, of
+    EuRoC, of our own datasets, or any table with ``columns``. Splines pass through them as through ``poses``."""
+    columns: Columns | None = None
+    """Which columns of ``file`` hold what. Absent: as its format, or the usual names in its header, say."""
+    frame: Literal["enu", "ned"] | None = None
+    """World axes of ``file``: enu, x east, y north, z up, as ours; ned, x north, y east, z down. Absent: enu."""
+    of: Of | None = Field(default=None, examples=["M0"])
+    """Whose poses ``file`` has: ``vehicle``, ``imu`` in its own axes, or a camera's by its id, in OpenCV's optical
+    axes; the vehicle's follow from where it is mounted. Absent: vehicle."""
+    body: Literal["rfu", "flu", "frd"] | None = None
+    """Axes x, y, z of the vehicle whose attitudes ``file`` has: right, forward, up, which are ours; forward, left, up;
+    forward, right, down. Absent: flu where ``frame`` is enu, frd where it is ned, rfu of our own datasets."""
+    attitude: Literal["recorded", "along_path", "unrotated"] | None = None
+    """Attitude of the vehicle: that of ``file``, or that it looks where it goes, level across, or straight north all
+    the time. Absent: recorded, and a file without attitudes is refused."""
+    origin: Position | None = Field(default=None, examples=[[569000.0, 7033000.0, 0.0]])
+    """Where the scene's origin lies in the coordinates of ``file``, along their axes [m]. Absent: at theirs."""
+    start_s: NonNegative | None = Field(default=None, examples=[12.0])
+    """When the sequence begins, from the first pose of ``file`` [s]. Absent: with it."""
+    smoothing_s: Positive | None = Field(default=None, examples=[0.5])
+    """Takes the noise out of the poses of ``file``: of an oscillation of this period [s] half is left, of one of twice
+    the period 94 %. Absent: the course passes through the poses."""
     speed: Positive = 0.5
     """Leg speed where a waypoint names none [m/s]."""
     constant_speed: bool | None = None
@@ -322,23 +378,45 @@ class Trajectory(Block):
     """Length of the sequence [s], frames in [0, duration_s); absent: up to and with the last waypoint or pose. The
     vehicle begins at rest and is slow at first: ``constant_speed`` and more ``max_acceleration`` help."""
 
-    _written = unwritten_if_absent("pattern", "constant_speed")
+    _read: Read = PrivateAttr(default_factory=Read)
+    """Poses of the file, once they were read by `scene.courses`."""
+    _written = unwritten_if_absent("pattern", "constant_speed", "file", *KEYS)
+
+    @field_validator("poses", mode="before")
+    @classmethod
+    def _is_no_file(cls, poses):
+        if isinstance(poses, str):
+            raise ValueError("should be a list of poses; a file of them is a recorded course, trajectory.file")
+        return poses
 
     @model_validator(mode="after")
     def _one_form(self):
-        if sum(form is not None for form in (self.waypoints, self.poses, self.pattern)) != 1:
-            raise ValueError("give exactly one of waypoints, poses, pattern")
-        if self.pattern is None and not (self.waypoints if self.poses is None else self.poses):
+        if sum(form is not None for form in (self.waypoints, self.poses, self.pattern, self.file)) != 1:
+            raise ValueError("give exactly one of waypoints, poses, pattern, file")
+        if self.is_listed and not (self.waypoints or self.poses):
             raise ValueError("at least one waypoint or pose is needed")
-        if self.poses is not None and self.constant_speed is not None:
+        if self.is_exact and self.constant_speed is not None:
             raise ValueError("constant_speed is for waypoints; poses say when they are passed")
+        check_recorded(self)
         return self
 
     @property
-    def stops(self) -> list[Waypoint] | list[Pose]:
+    def is_listed(self) -> bool:
+        """Whether its stops stand in the scene file."""
+        return self.waypoints is not None or self.poses is not None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether it has poses at times, listed or in a file, instead of waypoints for the dynamics."""
+        return self.poses is not None or self.file is not None
+
+    @property
+    def stops(self) -> Sequence[Waypoint | Pose]:
         """The waypoints, given or of the pattern, or the poses."""
         if self.pattern is not None:
             return [Waypoint(**stop) for stop in self.pattern.waypoints()]
+        if self.file is not None:
+            return self._read.poses()
         return self.poses or self.waypoints or []
 
     @property
@@ -348,6 +426,6 @@ class Trajectory(Block):
 
     def key(self, stop: int) -> str:
         """Key of the scene file that says where a stop is."""
-        if self.pattern is not None:
-            return "trajectory.pattern"
+        if not self.is_listed:
+            return f"trajectory.{'file' if self.pattern is None else 'pattern'}"
         return f"trajectory.{'waypoints' if self.poses is None else 'poses'}.{stop}"

@@ -11,6 +11,7 @@ from varos_warp.scene.description.block import (
     NonNegative,
     Position,
     Positive,
+    Quaternion,
     Rectangle,
     Unit,
     UnitRgb,
@@ -98,10 +99,13 @@ class Stop(Block):
     look_at: Position | None = Field(default=None, examples=[[4, 5, 1]])
     """Point that its own y axis faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[0, 0, 90]])
-    """Rotation about the world's fixed axes x, then y, then z [degrees]; without it and ``look_at`` the attitude stays
+    """Rotation about the world's fixed axes x, then y, then z [degrees]; without any of the three the attitude stays
     that of the stop before, at first the object's own."""
+    quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
+    """The same as a Hamilton quaternion w, x, y, z, object to world."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
+    _written = unwritten_if_absent("quaternion")
 
 
 class Movable(Placed):
@@ -140,7 +144,7 @@ class Movable(Placed):
         if not self.path:
             return []
         first, *rest = self.path
-        if first.look_at is None and first.rotation_euler_deg is None:
+        if first.look_at is None and first.rotation_euler_deg is None and first.quaternion is None:
             first = first.model_copy(update={"rotation_euler_deg": self.rotation_euler_deg})
         return [first, *rest]
 

@@ -10,12 +10,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
-from varos_warp.files import read_text
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
 from varos_warp.scene.file import plain_yaml
+from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
+from varos_warp.scene.file.yaml_files import escapes, parse_file
 
 DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""
@@ -33,8 +34,8 @@ def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()
         InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
     """
     path = Path(path)
-    source = _parse(path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.",
-                    Scene)
+    source = parse_file(path, "scene file",
+                        "Give the path of a scene file; `varos-warp init` writes one to begin with.", Scene)
     if "schema_version" in source.data:
         raise InputError("describes a dataset, it is no scene file", file=path,
                          remedy="Give the scene file that it was made of, or a file of what its key scene has.")
@@ -64,7 +65,7 @@ def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str)
     Raises:
         InputError: As for `load_scene`.
     """
-    return _validated(_parse(Path(path), what, remedy, model))
+    return _validated(parse_file(Path(path), what, remedy, model))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -75,61 +76,6 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 def demo_scene_path() -> Path:
     """The scene of ``varos-warp demo``."""
     return Path(str(DATA / "demo.yaml"))
-
-
-# --------------------------------------------------------------------------------------------------------------- YAML
-
-
-def _parse(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source:
-    """Data and line numbers of a YAML file."""
-    text = read_text(path, what, remedy)
-    try:
-        node = plain_yaml.compose(text)
-        lines: dict[tuple, int] = {}
-        if node is not None:
-            _collect_lines(node, (), lines, path, set())
-        data = plain_yaml.construct(node)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
-        raise InputError(f"is not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None,
-                         remedy=_escapes(problem) or "Check indentation, colons and brackets there.") from None
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:  # such as a date that does not exist
-        raise InputError(f"is not valid YAML: {error}", file=path, remedy="Quote the value if it is text.") from None
-    if data is None:
-        raise InputError(f"the {what} is empty", file=path, remedy=remedy)
-    if not isinstance(data, dict):
-        raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
-                         remedy=remedy)
-    return Source(data, model, path, lines)
-
-
-def _escapes(problem: str) -> str | None:
-    """The remedy for what YAML says of a backslash in double quotes, such as that of a path of Windows."""
-    if "escape character" in problem or "hexdecimal" in problem:
-        return "Write / instead of \\ in paths, and text with \\ in single quotes."
-    return None
-
-
-def _collect_lines(node, path, lines, file, seen):
-    """Note the line of every key under a YAML node; a key given twice is an error, for the first would be lost."""
-    if id(node) in seen:  # an alias
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.SequenceNode):
-        for i, item in enumerate(node.value):
-            lines[*path, i] = item.start_mark.line + 1
-            _collect_lines(item, (*path, i), lines, file, seen)
-    elif isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            inner, line = (*path, key.value), key.start_mark.line + 1
-            if inner in lines and key.value != "<<":
-                raise InputError("is given twice", file=file, line=line, key=".".join(map(str, inner)),
-                                 remedy=f"Keep one; the first is in line {lines[inner]}.")
-            lines[inner] = line
-            _collect_lines(value, inner, lines, file, seen)
 
 
 # ---------------------------------------------------------------------------------------------------------- overrides
@@ -146,7 +92,7 @@ def _apply_override(source: Source, override: str, where: str) -> None:
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
-                         remedy=_escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3].") from None
+                         remedy=escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3].") from None
     block = source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
@@ -179,8 +125,9 @@ def _child(block, part, path, where):
 
 
 def _validate(source: Source, base_dir: Path) -> Scene:
-    scene = _validated(source)
-    scene._base_dir, scene._source = Path(base_dir).resolve(), source
+    folder = Path(base_dir).resolve()
+    scene = _validated(with_noise_files(source, folder))
+    scene._base_dir, scene._source = folder, source
     return scene
 
 

@@ -30,6 +30,9 @@ def _named(scene: Scene) -> Iterator[tuple[str, Path, str]]:
     """Key, path and kind of every mesh and image that the scene names."""
     for key, path in named_meshes(scene):
         yield key, path, "mesh"
+    for place, trajectory in scene.trajectories.items():
+        if trajectory.file is not None:
+            yield f"{place}.file", scene.resolve(trajectory.file), "course"
     for name, material in scene.materials.items():
         for part in ("flat", "steep") if isinstance(material, SlopeBlend) else ():
             texture = getattr(material, part).texture

@@ -4,7 +4,9 @@ from pathlib import Path
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
+from varos_warp.scene.file.imu_files import file_and_imu, noise_in, tells_of_imu
 from varos_warp.scene.file.load import DATA, load_block
+from varos_warp.scene.file.yaml_files import parse_file
 
 FOLDER = DATA / "noise"
 """Profiles that come with the package."""
@@ -15,15 +17,23 @@ def named_profiles() -> list[str]:
     return sorted(Path(entry.name).stem for entry in FOLDER.iterdir() if entry.name.endswith(".yaml"))
 
 
-def load_profile(name: str | Path) -> NoiseProfile:
-    """A profile that comes with the package, by its name, or one of your own, by its path.
+def load_profile(name: str | Path, imu_rate_hz: float | None = None) -> NoiseProfile:
+    """A profile that comes with the package, by its name, or one of your own or of an IMU (imu_files.py), by its path.
+
+    Args:
+        name: Name or path; of one of several IMUs in a file, ``FILE#imu1``.
+        imu_rate_hz: Of the readings of the IMU that gets it [Hz], for files of other programs; None: not known.
 
     Raises:
         InputError: There is none, or it is not what a profile may be.
     """
     known = named_profiles()
-    path = Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name)
-    profile = load_block(path, NoiseProfile, "noise profile", f"Give a file, or one of: {', '.join(known)}.")
+    path, imu = file_and_imu(Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name))
+    what = "noise profile", f"Give a file, or one of: {', '.join(known)}."
+    source = parse_file(path, *what, NoiseProfile)
+    if imu or tells_of_imu(source.data):
+        return NoiseProfile(name=path.stem, imu=noise_in(source, imu, imu_rate_hz))
+    profile = load_block(path, NoiseProfile, *what)
     return profile if "name" in profile.model_fields_set else profile.model_copy(update={"name": path.stem})
 
 

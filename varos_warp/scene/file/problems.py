@@ -8,7 +8,17 @@ from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError, counted, did_you_mean
 from varos_warp.scene.description import LAMPS
-from varos_warp.scene.file.schema import KIND_KEYS, Entry, facts, find_key, homes, in_words, plain
+from varos_warp.scene.file.schema import (
+    KIND_KEYS,
+    Entry,
+    blocks_in,
+    facts,
+    find_key,
+    homes,
+    in_words,
+    json_schema,
+    plain,
+)
 from varos_warp.scene.file.source import Source
 
 ELSEWHERE = {
@@ -19,6 +29,7 @@ ELSEWHERE = {
     "f_stop": ("aperture", "f_number", "fnumber"),
     "distortion": ("dist", "dist_coeffs", "distortion_coefficients", "distortion_coeffs"),
     "position": ("translation", "xyz", "origin", "location", "t"),
+    "quaternion": ("q", "quat", "q_wxyz", "rotation_quaternion"),
     "rotation_euler_deg": ("rotation", "rpy", "orientation", "euler", "quaternion"),
     "intensity": ("power", "power_w", "watts", "energy", "lumens", "brightness"),
     "cone_deg": ("angle", "beam_angle", "spot_size", "fov"),
@@ -226,11 +237,20 @@ def _instead(path: tuple, source: Source) -> str:
     for ours, theirs in ELSEWHERE.items():
         if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
             return f"Here it is {ours}: {_first_sentence(entries[0])}"
-    places = homes(word, source.model)
+    places = _where_it_fits(word, source.value(path), source.model)
     if len(places) in (1, 2) and not did_you_mean(word, known):
         where = " and ".join(f"of {place}" if place else "at the top of the file" for place in places)
         return f"{word} is a key {where}. {_known_here(known)}"
     return _suggest(word, known)
+
+
+def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:
+    """Keys of the blocks that have a key of this name; where it is given as a block, of those that take one for it."""
+    places, root = list(homes(word, model)), json_schema(model)
+    if not isinstance(value, dict) or len(places) < 2:
+        return places
+    return [place for place in places if any(
+        True for entry in find_key(f"{place}.{word}".lstrip("."), model) for _ in blocks_in(entry.schema, root))]
 
 
 def _other_kind(tag: str, known: list[str]) -> str:

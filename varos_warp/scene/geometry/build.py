@@ -6,6 +6,7 @@ import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
+from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain, Terrain
 from varos_warp.scene.frames import attitude
@@ -79,6 +80,7 @@ def moving_part(scene: Scene, key: str) -> Moving:
         part = object_part(scene, block, key)
         assert isinstance(part, Moving)
         return part
+    read_course(scene.observed_by(vehicle.id))
     where = f"vehicles.{(scene.vehicles or []).index(vehicle)}.body"
     own, start, R = object_part(scene, block, where), np.array(vehicle.start.position), attitude(vehicle.start)
     placed = replace(own, name=key, vertices=own.vertices @ R.T + start, origin=vehicle.start.position)

@@ -10,9 +10,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.scene.courses.recorded import RecordedCourse, read_course
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
-from varos_warp.scene.frames import look_at_matrix
+from varos_warp.scene.description.vehicle import Trajectory
+from varos_warp.scene.frames import attitudes, look_at_matrix
 from varos_warp.scene.geometry.build import object_part, terrain_part
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import is_inside
@@ -25,15 +27,16 @@ NEARLY = 0.01
 
 
 def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> None:
-    """Find the waypoints of a course along a surface, once; other courses know theirs.
+    """Find the waypoints of a course along a surface, or read a recorded one, once; other courses know theirs.
 
     Args:
-        scene: Its pattern keeps what is found.
+        scene: Its trajectory keeps what is found.
         parts: The scene's geometry; absent: what is followed is built.
 
     Raises:
-        InputError: There is no such surface, or the distance from it cannot be kept.
+        InputError: There is no such surface, or the distance from it cannot be kept; or a file cannot be read.
     """
+    read_course(scene)
     pattern = scene.trajectory.pattern
     if not isinstance(pattern, HullFollowing) or pattern._found is not None:
         return
@@ -53,9 +56,27 @@ def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> No
 def standpoints(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
     """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
     find_course(scene, parts)
-    poses = [*scene.trajectory.stops]
-    poses += [camera for camera in scene.vehicle.cameras if camera.mount == "world"]
-    return np.array([pose.position for pose in poses], float)
+    fixed = [camera.position for camera in scene.vehicle.cameras if camera.mount == "world"]
+    passed = places(scene.trajectory)[used_stops(scene.trajectory)]
+    return np.vstack([passed, np.array(fixed, float).reshape(-1, 3)])
+
+
+def used_stops(trajectory: Trajectory) -> np.ndarray:
+    """Numbers of the stops of a course that is found; of a recorded one, of those within the sequence."""
+    stops = trajectory.stops
+    return np.arange(len(stops))[stops.used if isinstance(stops, RecordedCourse) else slice(None)]
+
+
+def places(trajectory: Trajectory) -> np.ndarray:
+    """Positions [N, 3] [m] of the stops of a course that is found."""
+    stops = trajectory.stops
+    return stops.position if isinstance(stops, RecordedCourse) else np.array([stop.position for stop in stops], float)
+
+
+def turns(trajectory: Trajectory) -> Rotation:
+    """Their attitudes, N."""
+    stops = trajectory.stops
+    return stops.attitude if isinstance(stops, RecordedCourse) else Rotation.concatenate(attitudes(stops))
 
 
 def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
