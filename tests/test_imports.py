@@ -19,7 +19,7 @@ ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["optics", "description", "file", "water", "lights", "geometry", "materials"],
-    "scene.geometry": ["terrain", "assets"],
+    "scene.geometry": ["survey", "terrain", "assets"],
     "scene.water": ["phase"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],

@@ -89,11 +89,29 @@ def print_info(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+    if survey := facts.get("survey"):
+        print_survey(survey)
     if body := facts.get("body"):
         low, high = body["bounds_m"]
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
         print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
               f"that see it: {seen}")
+
+
+def print_survey(survey: dict) -> None:
+    """Print what a survey holds: the facts of `read_survey`."""
+    xmin, ymin, xmax, ymax = survey["extent_m"]
+    size, spacing = survey["size"], " x ".join(f"{x:.4g}" for x in survey["spacing_m"])
+    what = f"{size[0]} x {size[1]} nodes, {spacing} m apart" if survey["grid"] else (
+        f"{counted(size, 'point')}, median edge {spacing} m")
+    block = " x ".join(map(str, survey.get("block", [1, 1])))
+    thin = "" if block == "1 x 1" else f", thinned in blocks of {block}"
+    count, area = survey["holes"], survey["hole_area_m2"]
+    holes = f"{counted(count, 'hole')} of {area:.4g} m2 in all" if count else "no holes"
+    print(f"survey {', '.join(survey['files'])}: {what}{thin}; {survey['crs'] or 'coordinate system not told'}")
+    print(f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
+          f"{survey['heights_m'][1]:.3f} m; {holes}"
+          + f", {counted(survey['missing'], 'node')} without height" * bool(survey.get("missing")))
 
 
 def _print_mounts(facts: dict) -> None:
@@ -155,6 +173,8 @@ def _print_phase(phase: dict) -> None:
 
 def print_preprocessed(out: Path, facts: dict) -> None:
     """The report of `preprocess_meshes` as tables."""
+    if "survey" in facts:
+        print_survey(facts["survey"])
     print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
                                            for key, value in facts["after"].items()])
     ways = (("from the original to the result", "distance_to_result_m"),

@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from varos_warp.errors import InputError
 from varos_warp.files import is_file, like_it
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
 
 MOST_BYTES = 1 << 24
@@ -46,7 +47,10 @@ def mesh_textures(scene: Scene) -> list[Path]:
 
 
 def _named(scene: Scene) -> Iterator[tuple[str, Path, str]]:
-    """Key, path and kind of every mesh and image that the scene names."""
+    """Key, path and kind of every mesh, survey and image that the scene names."""
+    if isinstance(scene.terrain, Heights):
+        for file in scene.terrain.files:
+            yield "terrain.file", scene.resolve(file), "survey"
     for key, path, _ in _meshes(scene):
         yield key, path, "mesh"
     for name, material in scene.materials.items():

@@ -15,14 +15,13 @@ from trimesh.visual.material import PBRMaterial, pack
 from varos_warp.errors import InputError
 from varos_warp.files import require_file
 from varos_warp.limits import check_limit
+from varos_warp.scene.geometry.foreign import remedy_for
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Skin
 from varos_warp.scene.geometry.topology import FARTHEST
 from varos_warp.scene.images import decode_image, srgb_to_linear
 
 FORMATS = (".dae", ".obj", ".ply", ".stl", ".glb", ".gltf", ".off")
-RASTERS = (".png", ".tif", ".tiff", ".asc", ".npy", ".jpg", ".exr")
-"""Endings of files that may hold heights on a grid."""
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
@@ -118,9 +117,8 @@ def _check_file(path, key):
     """The file exists, has a known format and is not empty."""
     require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
-        grid = " Heights on a grid become a mesh as the tutorial of terrain shows."
         raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
-                         remedy=f"Use one of {', '.join(FORMATS)}." + grid * (path.suffix.lower() in RASTERS))
+                         remedy=remedy_for(path.suffix, FORMATS))
     if path.stat().st_size == 0:
         raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
                          remedy="Copy or export it again; the transfer may have broken off.")

@@ -36,6 +36,10 @@ class Shape:
     """Whether A and B are lit with the smoothed normals."""
     skin: Skin | None = None
     """What the file says of the surface; None where the scene names a material."""
+    survey: dict | None = None
+    """Facts of the survey that it was made from (geometry/survey/read.py); None: of none."""
+    doubts: tuple[str, ...] = ()
+    """What looked wrong when it was made, a sentence each."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,12 @@ from dataclasses import dataclass, field
 from pydantic import ValidationError
 
 from varos_warp.errors import InputError, warn
+from varos_warp.scene.description.survey import ENDINGS, Heights, ending
 from varos_warp.scene.description.world import Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
+from varos_warp.scene.geometry.rounding import single_precision_step
+from varos_warp.scene.geometry.survey import Survey, read_survey
 from varos_warp.scene.geometry.terrain import repair
 from varos_warp.scene.geometry.terrain.closing import close, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
@@ -174,11 +177,12 @@ def _repair(vertices, faces, asked, key, device, log):
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
-                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None, **options):
-    """Join mesh files and make one terrain of them; what ``varos-warp preprocess`` does.
+                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None,
+                      survey: dict | None = None, **options):
+    """Join mesh and survey files and make one terrain of them; what ``varos-warp preprocess`` does.
 
     Args:
-        files: Mesh files.
+        files: Mesh files, and survey files of one kind, which are read together.
         vertices: Target number of vertices; none: do not decimate.
         scale: What the coordinates are multiplied by, to be metres.
         up_axis: Which axis of the files points up: x, y or z; none: as they say.
@@ -186,16 +190,20 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         samples: Points on either surface from which the error is measured.
         device: Where the projections run.
         progress: Called with the name of a step and the share of it that is done.
+        survey: Keys of ``scene.description.survey.Heights`` for the survey files.
 
     Returns:
         The mesh (vertices float64 [V, 3], faces int32 [F, 3]) and a report: ``before`` (vertices at the same place
         taken for one) and ``after`` as from ``mesh_facts``, the distances and normals of ``compare`` (of the surface,
-        without skirt and bottom), ``counts`` of what was removed and added, ``seconds`` by step, ``peak_memory_gb`` of
+        without skirt and bottom), the facts of the ``survey`` if there is one, ``counts`` of what was removed and
+        added, ``seconds`` by step, ``peak_memory_gb`` of
         the process, and ``warnings``.
     """
     log = Log(progress)
     with log.step("read"):
-        original = join(read_mesh(file, "MESH", up_axis)[:2] for file in files)
+        read = _read_survey([file for file in files if ending(str(file)) in ENDINGS], survey)
+        meshes = [read_mesh(file, "MESH", up_axis)[:2] for file in files if ending(str(file)) not in ENDINGS]
+        original = join([*([(read.vertices, read.faces)] if read else []), *meshes])
         if len(original[1]) == 0:
             raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
         original = log.count(repair.drop_not_finite(original[0] * scale, original[1]))
@@ -206,14 +214,35 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         raise InputError("no triangles are left", key="MESH", remedy="All have vertices that are NaN or infinite.")
     warning = repair.suspicious_size(original[0])
     log.warnings += [warning] if warning else []
+    log.warnings += read.warnings if read else []
+    if step := single_precision_step(original[0] / scale):
+        log.warnings.append(f"places were rounded to {step:.2g} m, as single precision has them so far from the origin")
     result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
     with log.step("compare"):
         surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
         compared = original if region is None else crop(*original, region, "preprocess")
         report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
                   "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
+    if read:
+        report["survey"] = read.facts
     return result, {**report, "counts": dict(log.counts), "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
                     "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
+
+
+def _read_survey(files, keys: dict | None) -> Survey | None:
+    """Return the surface of survey files; None if there are none."""
+    if not files:
+        if keys:
+            raise InputError("is for survey files, and none is given", key="survey",
+                             remedy=f"Leave it out; survey files are {', '.join(ENDINGS)}.")
+        return None
+    try:
+        asked = Heights(**{**(keys or {}), "kind": "heights", "file": [str(file) for file in files]})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"].removeprefix("Value error, "), key=".".join(map(str, ("survey", *first["loc"]))),
+                         remedy="`varos-warp schema terrain.heights` tells of the keys.") from None
+    return read_survey(asked, key="survey")
 
 
 def _peak_gb() -> float | None:
