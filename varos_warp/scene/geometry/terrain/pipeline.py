@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
+import numpy as np
 from pydantic import ValidationError
 
 from varos_warp.errors import InputError, warn
@@ -25,6 +26,8 @@ from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
 STEPS = ("read", "merge", "repair", "smooth", "shrinkwrap", "decimate", "close", "compare")
 
+FAR_M = 10_000.0
+"""How far away a mesh must lie to be worked on about its own lower corner [m]."""
 SMOOTH = "--smooth 10, or smoothing_rounds: 10"
 
 
@@ -89,7 +92,8 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         for text in log.warnings:
             warn(f"{key}: {text}")
         return result
-    vertices, faces = _repair(vertices, faces, asked, key, device, log)
+    vertices, faces, origin = _repair(vertices, faces, asked, key, device, log)
+    asked = _about(origin, asked)
     wraps, decimates = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
     model, sheet = Model(vertices, faces, device, asked.region) if wraps or decimates else None, False
     if wraps:
@@ -107,7 +111,24 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
     with log.step("close"):
         log.closed = how != "none"
         vertices, faces = close(vertices, faces, how)
-    return vertices, faces
+    return vertices + origin if origin.any() else vertices, faces
+
+
+def _far_origin(vertices) -> np.ndarray:
+    """Return where to work on a mesh, float64 [3]: its lower corner along the axes in which it is far away, else 0.
+
+    Steps that decide by the last digits, as decimation does, then give a mesh at UTM coordinates as at the origin.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return np.where((low > FAR_M) | (high < -FAR_M), np.floor(low), 0.0)
+
+
+def _about(origin, asked: Preprocess) -> Preprocess:
+    """Return the options with the region about another origin."""
+    if asked.region is None or not origin.any():
+        return asked
+    xmin, ymin, xmax, ymax = np.subtract(asked.region, np.tile(origin[:2], 2)).tolist()
+    return asked.model_copy(update={"region": (xmin, ymin, xmax, ymax)})
 
 
 def _decimate(vertices, faces, asked, how, sheet, *, model, key, log):
@@ -149,12 +170,14 @@ def _refuse_loss(model, mesh, log, *, key, value, remedy):
 
 
 def _repair(vertices, faces, asked, key, device, log):
-    """The mesh cropped, merged, cleaned, its faces up, its holes filled, smoothed."""
+    """Return the mesh cropped, merged, cleaned, its faces up, its holes filled, smoothed; about an origin [3]."""
     with log.step("merge"):
         vertices, faces = log.count(repair.drop_not_finite(vertices, faces))
         if asked.region is not None and len(faces):
             vertices, faces = crop(vertices, faces, asked.region, key)
-        count = len(vertices)
+        count, origin = len(vertices), _far_origin(vertices) if len(faces) else np.zeros(3)
+        if origin.any():
+            vertices = vertices - origin
         if len(faces):
             vertices, faces = merge_near(vertices, faces, asked.merge_tolerance_m, key)
         log.counts["merged_vertices"] += count - len(vertices)
@@ -173,7 +196,7 @@ def _repair(vertices, faces, asked, key, device, log):
         if rough > ROUGH_DEG and is_sheet(vertices, faces):
             log.warnings.append(f"the survey is rough: neighbouring faces differ by {rough:.0f} degrees on average, "
                                 f"and fewer of them will be shards; smooth it first ({SMOOTH})")
-    return vertices, faces
+    return vertices, faces, origin
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
