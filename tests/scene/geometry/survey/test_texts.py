@@ -1,5 +1,7 @@
 """ESRI ASCII grids, XYZ lists and tables are read as they are written, or refused by name."""
 
+import time
+
 import numpy as np
 import pytest
 import rasterio
@@ -164,3 +166,14 @@ def test_a_column_of_depths_has_the_sign_that_is_given(tmp_path, positive):
     sign = 1.0 if positive == "up" else -1.0
     expected = sorted([sign * points[:, 2].min(), sign * points[:, 2].max()])
     assert read(path, positive=positive).facts["heights_m"] == expected
+
+
+@pytest.mark.parametrize("text", [" " * 90_000 + "[", '"' * 90_001, "a" * 90_000, "[a" * 45_000, "PROJCS[" * 12_000,
+                                  "PROJCS[]", 'PROJCS["x",UNIT["m",nan]]', 'PROJCS["x",UNIT["m"]]'])
+def test_projections_that_say_nothing_are_asked_for_in_little_time(tmp_path, text):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.prj").write_text(text)
+    start = time.process_time()
+    assert refusal(path).key == "terrain.unit"
+    assert time.process_time() - start < 5.0
+    assert read(path, unit="m").facts["extent_m"][:2] == [EAST, NORTH]

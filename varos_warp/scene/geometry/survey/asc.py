@@ -6,7 +6,7 @@ import numpy as np
 
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import UNIT_NAMES, of_wkt, refuse_degrees
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, of_wkt, refuse_degrees
 from varos_warp.scene.geometry.survey.pictures import to_heights
 
 NAMES = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value")
@@ -103,7 +103,7 @@ def reference_beside(request: Request, middle: tuple[float, float] | None) -> Re
     if not path.is_file():
         return Reference()
     with path.open("rb") as file:
-        text = file.read(100_000).decode("latin-1")
+        text = file.read(MOST_TEXT).decode("latin-1")
     if "[" in text or "(" in text:
         return of_wkt(text, request, middle)
     words = {key.lower(): value for key, value in (line.split(maxsplit=1) for line in text.splitlines()
@@ -112,5 +112,5 @@ def reference_beside(request: Request, middle: tuple[float, float] | None) -> Re
         refuse_degrees(request, f"{path.name} says so", middle)
     unit = words.get("units", "").strip().lower()
     known = UNIT_NAMES.get(unit)
-    return Reference(words.get("projection", path.name).strip(), known, None, False,
-                     f"the unit '{unit}'" if unit and known is None else None)
+    return Reference(words.get("projection", path.name).strip(), known,
+                     unknown_unit=None if known else f"{path.name} gives '{unit}'")

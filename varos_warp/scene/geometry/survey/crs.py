@@ -121,7 +121,9 @@ def geokeys(directory, doubles, text: str) -> dict[int, object]:
 
 # ----------------------------------------------------------------------------------------------------- well-known text
 
-TOKEN = re.compile(r'\s*(?:([A-Za-z_]\w*)\s*[\[(]|"((?:[^"]|"")*)"|([\])])|([^\s,\[\]()"]+)|,)')
+TOKEN = re.compile(r'([A-Za-z_]\w*)\s*[\[(]|"((?:[^"]|"")*)"|([\])])|([^\s,\[\]()"]+)')
+MOST_TEXT = 100_000
+"""Letters of a description that are looked at."""
 
 
 class Node:
@@ -147,7 +149,7 @@ def parse_wkt(text: str) -> Node:
     """Return a node around a well-known text; brackets that are not closed end with the text."""
     root = Node("")
     stack = [root]
-    for match in TOKEN.finditer(text):
+    for match in TOKEN.finditer(text[:MOST_TEXT]):
         opened, quoted, closed, plain = match.groups()
         if opened:
             stack[-1].nodes.append(Node(opened))
@@ -175,7 +177,7 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
         if next(root.find("GEOCCS", "GEODCRS", "GEODETICCRS"), None):
             raise request.error("its coordinates are geocentric or degrees", "Project it to metres, to a zone of UTM "
                                 "for example.")
-        return Reference()
+        return Reference(unknown_unit="its projection is of no kind that is known")
     system = projected or local
     unit, unknown = _unit_of_node(system)
     vertical = next(root.find("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"), None)

@@ -6,6 +6,7 @@ middle of a pixel, as GDAL has it: half a pixel from the corner that a tie point
 
 import contextlib
 import logging
+import math
 import re
 import zlib
 from dataclasses import replace
@@ -15,7 +16,7 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import UNIT_NAMES, geokeys, of_geokeys
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, geokeys, of_geokeys
 from varos_warp.scene.geometry.survey.pictures import centred, to_heights
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
@@ -109,6 +110,8 @@ def _check_pixels(page, request) -> None:
     check_limit("HEIGHTS", rows * columns, file=request.path, key=f"{request.key}.file")
     most = rows * -(-columns * page.samplesperpixel * page.bitspersample // 8) + 1
     file = page.parent.filehandle
+    if len(page.dataoffsets) < (1 if page.is_contiguous else math.prod(page.chunked)):
+        raise request.error("it lacks blocks of its pixels", "The file is damaged.")
     for place, count in zip(page.dataoffsets, page.databytecounts, strict=True):
         if place + count > file.size:
             raise request.error("it ends before its last pixels", "The transfer may have broken off; copy it again.")
@@ -141,12 +144,9 @@ def _placed(values, mask, tags, request) -> Raster:
     keys = geokeys(*_directory(tags)) if tags[34735] else {}
     middle = tuple(T @ (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1), 1.0))
     reference = of_geokeys(keys, request, middle) if keys else Reference()
-    gdal = str(tags[42112] or "")
+    items = _items(str(tags[42112] or ""))
     heights = to_heights(values, _nodata(tags[42113]), request, measured=told, mask=mask)
-    scale, offset = _item(gdal, "scale", request, 1.0), _item(gdal, "offset", request, 0.0)
-    if (scale, offset) != (1.0, 0.0):
-        heights = heights * scale + offset
-    return Raster(heights, T, _with_unit_of_band(reference, gdal))
+    return Raster(_scaled(heights, items, request), T, _with_unit_of_band(reference, items))
 
 
 def _directory(tags):
@@ -224,25 +224,28 @@ def world_file(request: Request) -> np.ndarray | None:
 # ------------------------------------------------------------------------------------------------ what GDAL writes down
 
 
-def _item(metadata: str, role: str, request: Request, default: float | str):
-    """Return the entry of GDAL's metadata that has a role, such as the scale of the values."""
-    found = re.search(rf"<Item\b[^>]*\brole=[\"']{role}[\"'][^>]*>([^<]*)<", metadata)
-    if not found:
-        return default
+def _items(metadata: str) -> dict[str, str]:
+    """Return the entries of GDAL's metadata that have a role, such as the scale of the values, by their roles."""
+    found = re.findall(r"<Item\b([^<>]{0,500})>([^<]*)<", metadata[:MOST_TEXT])
+    roles = [(re.search(r"\brole=[\"'](\w+)[\"']", attributes), value.strip()) for attributes, value in found]
+    return {role[1]: value for role, value in roles if role}
+
+
+def _scaled(heights: np.ndarray, items: dict[str, str], request: Request) -> np.ndarray:
+    """Return values with the scale and the offset that GDAL writes down for the band."""
     try:
-        value = type(default)(found[1].strip())
-        if isinstance(value, str) or (np.isfinite(value) and (role != "scale" or value != 0.0)):
-            return value
+        scale, offset = float(items.get("scale", 1.0)), float(items.get("offset", 0.0))
     except ValueError:
-        pass
-    raise request.error(f"its {role} is '{found[1].strip()}', no number", "Write it anew: gdal_translate -unscale.")
+        scale = offset = np.nan
+    if not (np.isfinite([scale, offset]).all() and scale):
+        raise request.error("the scale or offset of its band is no number", "Write it anew: gdal_translate -unscale.")
+    return heights if (scale, offset) == (1.0, 0.0) else heights * scale + offset
 
 
-def _with_unit_of_band(reference: Reference, metadata: str) -> Reference:
+def _with_unit_of_band(reference: Reference, items: dict[str, str]) -> Reference:
     """Return the reference with the unit that GDAL writes down for a band, which says more than a system."""
-    found = re.search(r"<Item\b[^>]*\brole=[\"']unittype[\"'][^>]*>([^<]*)<", metadata)
-    if not found or not found[1].strip():
+    name = items.get("unittype")
+    if not name:
         return reference
-    name = found[1].strip()
     known = UNIT_NAMES.get(name.lower())
     return replace(reference, height_unit_m=known, unknown_height_unit=None if known else f"the unit '{name}'")
