@@ -108,10 +108,10 @@ def print_survey(survey: dict) -> None:
     thin = "" if block == "1 x 1" else f", thinned in blocks of {block}"
     count, area = survey["holes"], survey["hole_area_m2"]
     holes = f"{counted(count, 'hole')} of {area:.4g} m2 in all" if count else "no holes"
+    missing = f", {counted(survey['missing'], 'node')} without height" if survey.get("missing") else ""
     print(f"survey {', '.join(survey['files'])}: {what}{thin}; {survey['crs'] or 'coordinate system not told'}")
     print(f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
-          f"{survey['heights_m'][1]:.3f} m; {holes}"
-          + f", {counted(survey['missing'], 'node')} without height" * bool(survey.get("missing")))
+          f"{survey['heights_m'][1]:.3f} m; {holes}{missing}")
 
 
 def _print_mounts(facts: dict) -> None:
@@ -127,7 +127,8 @@ def _print_mounts(facts: dict) -> None:
 
 
 def _place(values: list[float]) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in values)})"
+    """Return coordinates in brackets; far away to the centimetre, where four digits are none."""
+    return f"({', '.join(f'{x:.4g}' if abs(x) < 1e4 else f'{x:.2f}' for x in values)})"
 
 
 def _print_dataset(dataset: dict) -> None:

@@ -161,6 +161,17 @@ def test_info_tells_size_place_system_heights_and_holes(tmp_path):
     assert facts["heights_m"] == [z[z > -100].min(), z.max()]
 
 
+def test_info_tells_of_points_without_a_grid(tmp_path):
+    write_text(tmp_path / "a.xyz", points_of(plane_grid())[::2])
+    (tmp_path / "s.yaml").write_text(
+        "terrain: {file: a.xyz}\ntrajectory: {poses: [{position: [400001, 6100001, -20]}]}\n")
+    result = CliRunner().invoke(app, ["info", str(tmp_path / "s.yaml")])
+    assert result.exit_code == 0, result.output
+    assert "survey a.xyz: 18 points, median edge" in result.output
+    assert "coordinate system not told" in result.output
+    assert "no holes" in result.output
+
+
 def test_the_holes_that_are_told_are_filled_where_preprocess_is_asked_to(tmp_path):
     z = plane_grid((12, 14))
     z[5, 6] = np.nan
