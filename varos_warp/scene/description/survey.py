@@ -15,7 +15,10 @@ GRIDS = (*GEOTIFFS, ".asc", *ARRAYS)
 TEXTS = (".xyz", ".csv", ".txt", ".tsv")
 CLOUDS = (".las", ".laz")
 ENDINGS = (*GRIDS, *TEXTS, *CLOUDS)
-"""Of files that hold heights, for which a terrain needs no ``kind``."""
+"""Endings of files that hold heights, for which a terrain needs no ``kind``."""
+
+BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld")
+"""Endings of files beside a survey that tell where it lies."""
 
 LengthUnit = Literal["m", "ft", "us_ft"]
 Column = str | Annotated[int, Field(ge=1)]

@@ -10,7 +10,7 @@ from urllib.parse import unquote
 from varos_warp.errors import InputError
 from varos_warp.files import is_file, like_it
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.survey import Heights
+from varos_warp.scene.description.survey import BESIDE, Heights
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
 
 MOST_BYTES = 1 << 24
@@ -41,8 +41,10 @@ def check_textures(scene: Scene) -> list[str]:
 
 
 def mesh_textures(scene: Scene) -> list[Path]:
-    """Files that the scene's mesh files name, such as textures, and that are there."""
+    """Files that the scene's mesh files name, such as textures, or that belong to its surveys, and that are there."""
     beside = [path.parent / name for _, path, _ in _meshes(scene) if is_file(path) for name in _named_by(path)]
+    surveys = map(scene.resolve, scene.terrain.files) if isinstance(scene.terrain, Heights) else ()
+    beside += [path.with_suffix(made) for path in surveys for suffix in BESIDE for made in (suffix, suffix.upper())]
     return sorted({path for path in beside if is_file(path)})
 
 

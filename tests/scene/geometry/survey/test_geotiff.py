@@ -325,3 +325,13 @@ def test_without_imagecodecs_the_message_names_what_to_install(tmp_path, monkeyp
 
     monkeypatch.setattr(tifffile.TiffPage, "asarray", missing)
     assert 'pip install "varos_warp[survey]"' in refusal(path).remedy
+
+
+def test_what_gdal_wrote_beside_the_file_is_warned_of_unless_it_is_statistics(tmp_path):
+    path = write_geotiff(tmp_path / "a.tif", asymmetric(holes=False))
+    beside = tmp_path / "a.tif.aux.xml"
+    beside.write_text('<PAMDataset><PAMRasterBand band="1"><Metadata><MDI key="STATISTICS_MEAN">1</MDI></Metadata>'
+                      "</PAMRasterBand></PAMDataset>")
+    assert read(path).warnings == []
+    beside.write_text('<PAMDataset><PAMRasterBand band="1"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>')
+    assert "NoDataValue, which is not read" in read(path).warnings[0]

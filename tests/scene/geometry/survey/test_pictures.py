@@ -113,3 +113,14 @@ def test_more_heights_than_the_limit_are_refused(tmp_path, monkeypatch, name):
 def test_a_range_of_heights_is_for_grey_only(tmp_path):
     path = save(tmp_path / "a.tif", GREY.astype(np.float32))
     assert refusal(path, pixel_m=1.0, height_range_m=[0, 1]).key == "terrain.height_range_m"
+
+
+@pytest.mark.parametrize("name", ["a.pgw", "a.PGW", "a.pngw", "a.wld"])
+def test_a_world_file_beside_a_picture_tells_where_it_lies(tmp_path, name):
+    path = save(tmp_path / "a.png", GREY.astype(np.uint8))
+    (tmp_path / name).write_text("0.5\n0\n0\n-0.25\n400000\n6100000\n")
+    survey = read(path, height_scale=1.0)
+    assert survey.facts["extent_m"] == [400000.0, 6099999.75, 400001.0, 6100000.0]
+    assert refusal(path, height_scale=1.0, pixel_m=0.5).key == "terrain.pixel_m"
+    (tmp_path / name).write_text("0.5\n0\n0\n0\n400000\n6100000\n")
+    assert "six numbers" in refusal(path, height_scale=1.0).message

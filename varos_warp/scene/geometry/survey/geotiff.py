@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
 from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, geokeys, of_geokeys
-from varos_warp.scene.geometry.survey.pictures import centred, to_heights
+from varos_warp.scene.geometry.survey.pictures import placed, to_heights
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 logging.getLogger("tifffile").propagate = False
@@ -55,7 +55,7 @@ def read_geotiff(request: Request) -> Raster:
 
 
 def _unread(error: Exception, request: Request) -> InputError:
-    if "imagecodecs" in str(error):
+    if "imagecodecs" in str(error) or isinstance(error, ImportError):
         return request.error(f"its pixels are packed in a way that needs one more package ({error})",
                              'Install it: pip install "varos_warp[survey]".')
     return request.error(f"cannot be read as a TIFF: {str(error).strip() or type(error).__name__}",
@@ -133,16 +133,9 @@ def _nodata(text) -> float | None:
 
 def _placed(values, mask, tags, request) -> Raster:
     """Return values as heights where the file says that they lie."""
-    asked, shape = request.asked, values.shape
-    T = _transform(tags, request)
-    T = world_file(request) if T is None else T
-    told = T is not None
-    for key in ("pixel_m", "first_row") if told else ():
-        if getattr(asked, key) is not None:
-            raise request.error("the file says itself where it lies", "Leave it out.", key, getattr(asked, key))
-    T = T if told else centred(shape, request)
+    T, told = placed(values.shape, request, _transform(tags, request))
     keys = geokeys(*_directory(tags)) if tags[34735] else {}
-    middle = tuple(T @ (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1), 1.0))
+    middle = tuple(T @ (0.5 * (values.shape[1] - 1), 0.5 * (values.shape[0] - 1), 1.0))
     reference = of_geokeys(keys, request, middle) if keys else Reference()
     items = _items(str(tags[42112] or ""))
     heights = to_heights(values, _nodata(tags[42113]), request, measured=told, mask=mask)
@@ -196,29 +189,6 @@ def _transform(tags, request) -> np.ndarray | None:
 
 def _rows(directory):
     return zip(*[iter((directory or ())[4:])] * 4, strict=False)
-
-
-def world_file(request: Request) -> np.ndarray | None:
-    """Return the places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
-
-    It has six numbers: what x and y grow by along a row, what they grow by down a column, and the middle of the first
-    pixel.
-    """
-    suffix = request.path.suffix
-    for ending in (f".{suffix[1]}{suffix[-1]}w", f"{suffix}w", ".wld"):
-        path = request.path.with_suffix(ending)
-        if not path.is_file():
-            continue
-        try:
-            a, d, b, e, c, f = map(float, path.read_text(encoding="ascii").split()[:6])
-            T = np.array([[a, b, c], [d, e, f]])
-            if not (np.isfinite(T).all() and abs(np.linalg.det(T[:, :2])) > 0.0):
-                raise ValueError
-        except ValueError:
-            raise request.error(f"its world file {path.name} does not hold six numbers that span an area",
-                                "Mend it, or take it away and give pixel_m.") from None
-        return T
-    return None
 
 
 # ------------------------------------------------------------------------------------------------ what GDAL writes down

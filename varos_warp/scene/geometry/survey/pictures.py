@@ -30,7 +30,7 @@ def read_picture(request: Request) -> Raster:
         raise request.error(f"cannot be read as a PNG: {error}", "The file may be damaged; export it again.") from error
     if values.dtype.kind == "i":  # Pillow keeps 16 bits in 32
         values = values.astype(np.uint16)
-    return Raster(to_heights(values, None, request, measured=False), centred(values.shape, request))
+    return Raster(to_heights(values, None, request, measured=False), placed(values.shape, request)[0])
 
 
 def read_array(request: Request) -> Raster:
@@ -53,6 +53,46 @@ def read_array(request: Request) -> Raster:
                             "Give north, or south if y grows with the row.", "first_row")
     T = centred(values.shape, request)
     return Raster(to_heights(np.asarray(values), None, request, measured=True), T)
+
+
+def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
+    """Return the places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
+
+    Args:
+        shape: Rows and columns.
+        request: The keys of the block, for pictures that do not say where they lie.
+        told: The places by the picture itself; None if it has none, so that a world file may tell them.
+    """
+    T = world_file(request) if told is None else told
+    if T is None:
+        return centred(shape, request), False
+    for key in ("pixel_m", "first_row"):
+        if getattr(request.asked, key) is not None:
+            raise request.error("the file says itself where it lies", "Leave it out.", key, getattr(request.asked, key))
+    return T, True
+
+
+def world_file(request: Request) -> np.ndarray | None:
+    """Return the places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
+
+    It has six numbers: what x and y grow by along a row, what they grow by down a column, and the middle of the first
+    pixel.
+    """
+    suffix = request.path.suffix
+    names = (f".{suffix[1]}{suffix[-1]}w", f"{suffix}w", ".wld")
+    for path in (request.path.with_suffix(made) for name in names for made in (name.lower(), name.upper())):
+        if not path.is_file():
+            continue
+        try:
+            a, d, b, e, c, f = map(float, path.read_text(encoding="ascii").split()[:6])
+            T = np.array([[a, b, c], [d, e, f]])
+            if not (np.isfinite(T).all() and abs(np.linalg.det(T[:, :2])) > 0.0):
+                raise ValueError
+        except ValueError:
+            raise request.error(f"its world file {path.name} does not hold six numbers that span an area",
+                                "Mend it, or take it away and give pixel_m.") from None
+        return T
+    return None
 
 
 def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:

@@ -8,14 +8,14 @@ import numpy as np
 
 from varos_warp.errors import InputError, counted
 from varos_warp.files import require_file
-from varos_warp.scene.description.survey import CLOUDS, GEOTIFFS, TEXTS, Heights, ending
+from varos_warp.scene.description.survey import CLOUDS, GEOTIFFS, GRIDS, TEXTS, Heights, ending
 from varos_warp.scene.geometry.foreign import REMEDIES
 from varos_warp.scene.geometry.mesh_files import FORMATS
 from varos_warp.scene.geometry.survey import grid, scattered
 from varos_warp.scene.geometry.survey.asc import read_asc
 from varos_warp.scene.geometry.survey.columns import read_points
 from varos_warp.scene.geometry.survey.content import Cloud, Raster, Request
-from varos_warp.scene.geometry.survey.crs import UNITS
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNITS
 from varos_warp.scene.geometry.survey.geotiff import read_geotiff
 from varos_warp.scene.geometry.survey.las import read_las
 from varos_warp.scene.geometry.survey.pictures import read_array, read_picture
@@ -56,11 +56,12 @@ def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str 
         InputError: A file cannot be read, or its heights or places are not what a sea floor is made of.
     """
     paths = [resolve(name) for name in asked.files]
-    found = [_in_metres(_read(Request(path, asked, key)), Request(path, asked, key)) for path in paths]
+    found = [_in_metres(_read(request), request) for request in (Request(path, asked, key) for path in paths)]
     if len({type(each) for each in found}) > 1:
         raise InputError("grids and points cannot be joined", file=paths[0], key=f"{key}.file",
                          remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.")
-    names, notes = [path.name for path in paths], [note for each in found for note in each.notes]
+    names = [path.name for path in paths]
+    notes = [note for each in found for note in each.notes] + [note for path in paths for note in _unread(path)]
     if isinstance(found[0], Raster):
         whole = grid.mosaic(found, [str(path) for path in paths], key)
     else:
@@ -88,6 +89,18 @@ def _read(request: Request) -> Raster | Cloud:
               REMEDIES.get(suffix, "Export it in another format"))
     raise request.error(f"unknown survey format '{request.path.suffix}'",
                         f"{remedy}. Surveys are {', '.join(READERS)}.")
+
+
+def _unread(path: Path) -> list[str]:
+    """Return a warning of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    beside = path.with_name(f"{path.name}.aux.xml")
+    if ending(path.name) not in GRIDS or not beside.is_file():
+        return []
+    with beside.open("rb") as file:
+        text = file.read(MOST_TEXT).decode("utf-8", "replace")
+    words = ("SRS", "GeoTransform", "NoDataValue", "UnitType", "Scale", "Offset")
+    said = ", ".join(word for word in words if f"<{word}" in text)
+    return [f"{beside.name} has {said}, which is not read; gdal_translate writes it into the file"] if said else []
 
 
 # --------------------------------------------------------------------------------------------------- metres, and which
