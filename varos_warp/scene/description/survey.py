@@ -23,7 +23,7 @@ BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld")
 LengthUnit = Literal["m", "ft", "us_ft"]
 Column = str | Annotated[int, Field(ge=1)]
 FOR = {"pixel_m": (*GEOTIFFS, *ARRAYS), "first_row": (*GEOTIFFS, *ARRAYS), "height_range_m": (*GEOTIFFS, ".png"),
-       "columns": TEXTS, "classes": CLOUDS, "longest_edge_m": (*TEXTS, *CLOUDS)}
+       "columns": TEXTS, "classes": CLOUDS, "longest_edge_m": (*TEXTS, *CLOUDS), "nodata": (*GRIDS, *TEXTS)}
 """Endings of the files that a key is for, where it is not for all."""
 
 
@@ -95,6 +95,8 @@ class Heights(Placed):
             if getattr(self, key) is not None and (other := [name for name in self.files if ending(name) not in
                                                              endings]):
                 raise ValueError(f"{key}: is for {', '.join(endings)}, not for {other[0]}; leave it out")
+        if self.pixel_m is not None and self.unit is not None:
+            raise ValueError("unit: has no meaning beside pixel_m, which is in metres; height_unit is that of heights")
         if self.height_range_m is not None:
             for key in ("height_scale", "height_unit", "positive"):
                 if getattr(self, key) is not None:

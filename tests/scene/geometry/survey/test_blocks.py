@@ -234,7 +234,7 @@ def test_a_mesh_that_was_rounded_to_single_precision_far_away_is_warned_of(tmp_p
 def test_keys_that_mean_nothing_to_a_file_are_refused(tmp_path, key):
     other = next(ending for ending in ENDINGS if ending not in FOR[key])
     value = {"pixel_m": 1.0, "first_row": "north", "height_range_m": [0, 1], "columns": [1, 2, 3], "classes": [2],
-             "longest_edge_m": 1.0}[key]
+             "longest_edge_m": 1.0, "nodata": 0.0}[key]
     with pytest.raises(InputError, match=key) as caught:
         scene(tmp_path, file=f"a{other}", **{key: value})
     assert "leave it out" in caught.value.message
@@ -309,3 +309,29 @@ def test_reading_warns_of_nothing_by_itself(tmp_path):
             write(tmp_path / name)
             vertices(tmp_path, file=name)
     assert surveys.SHAPE == plane_grid().shape
+
+
+# ---------------------------------------------------------------------------------------------- what keys mean together
+
+
+def test_the_distance_of_pixels_is_in_metres_whatever_the_unit(tmp_path):
+    with pytest.raises(InputError, match="unit: has no meaning beside pixel_m"):
+        scene(tmp_path, file="a.npy", pixel_m=1.0, first_row="north", unit="ft")
+    write_geotiff(tmp_path / "a.tif", plane_grid(), place="none", keys={1024: 1, 3072: 2225, 3076: 9003, 4099: 9003})
+    part = build_parts(scene(tmp_path, file="a.tif", pixel_m=1.0))[0]
+    assert part.survey["extent_m"] == [-3.0, -2.0, 3.0, 2.0]
+    np.testing.assert_allclose(part.survey["heights_m"][0], plane_grid().min() * 1200 / 3937)
+
+
+def test_points_above_each_other_are_told(tmp_path):
+    points = points_of(plane_grid())[::2]
+    write_text(tmp_path / "a.xyz", np.vstack([points, points[:3] + [0, 0, 1]]))
+    assert any(each.startswith("3 points above or below others") for each in build_parts(
+        scene(tmp_path, file="a.xyz"))[0].doubts)
+
+
+def test_a_resolution_that_leaves_one_row_is_refused_by_name(tmp_path):
+    write_geotiff(tmp_path / "a.tif", plane_grid())
+    error = refusal(tmp_path, file="a.tif", resolution_m=50)
+    assert error.key == "terrain.resolution_m"
+    assert "1 x 1 nodes after it was thinned" in error.message

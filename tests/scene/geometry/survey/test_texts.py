@@ -133,7 +133,7 @@ def test_points_without_a_height_are_left_out_and_told(tmp_path):
     ("a,b,c\n1,2,3\n", "terrain.columns", "does not tell which columns"),
     ("x,y,depth\n1,2,3\n", "terrain.positive", "called depth"),
     ("lon,lat,z\n10,63,-3\n", "terrain.file", "are degrees (a column is called lon)"),
-    ("x (ft),y (ft),z (ft)\n1,2,3\n", "terrain.unit", "x (ft)"),
+    ("x (ft),y (ft),z (ft)\n1,2,3\n", "terrain.unit", "x (ft)"), ("x,y,z_ft\n1,2,3\n", "terrain.unit", "z_ft"),
     ("1 2 3\n4 5\n", "terrain.file", "a line cannot be read"),
     ("1 2 3\n4 5 x\n", "terrain.file", "'x'"), ("1 2\n3 4\n", "terrain.file", "a line cannot be read"),
     ("1,5, 2,5, 3,5\n", "terrain.file", "decimal commas"), ("# nothing\n", "terrain.file", "no points in it"),
@@ -143,6 +143,12 @@ def test_tables_that_can_be_read_in_two_ways_or_none_are_refused(tmp_path, text,
     error = refusal(tmp_path / "a.csv")
     assert error.key == key
     assert said in error.message
+
+
+@pytest.mark.parametrize("columns", [["east", "north", "depth_cm"], [2, 3, 4]])
+def test_a_column_of_depths_that_is_chosen_does_not_tell_its_sign_either(tmp_path, columns):
+    (tmp_path / "a.csv").write_text("nr,east,north,depth_cm\n1,2,3,4\n")
+    assert refusal(tmp_path / "a.csv", columns=columns).key == "terrain.positive"
 
 
 def test_a_column_that_is_not_there_is_refused(tmp_path):

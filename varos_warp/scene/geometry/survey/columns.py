@@ -18,7 +18,7 @@ NAMES = (
      "depth_m"))
 """What columns of x, y and height are called."""
 DEGREES = ("lon", "long", "longitude", "lat", "latitude")
-FEET = re.compile(r"\b(ft|feet|foot|ftus|us_ft)\b")
+FEET = re.compile(r"(?<![a-z])(ft|feet|foot|ftus|us_ft)(?![a-z])")
 MOST_LINE = 100_000
 
 
@@ -77,25 +77,31 @@ def read_points(request: Request) -> Cloud:
     with request.path.open("rb") as file:
         count = sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b""))
     check_limit("HEIGHTS", count, file=request.path, key=f"{request.key}.file")
+    points = _numbers(table, columns)
+    nodata = request.asked.nodata
+    none = ~np.isfinite(points).all(axis=1) | (False if nodata is None else points[:, 2] == nodata)
+    notes = [f"{none.sum()} of its {len(points)} points have no height"] * bool(none.any())
+    points = points[~none]
+    if len(points) == 0:
+        raise request.error("there are no points in it", "Give lines of x, y and height.")
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return Cloud(points, reference_beside(request, (middle[0], middle[1])), notes)
+
+
+def _numbers(table: Table, columns: list[int]) -> np.ndarray:
+    """Return the numbers of columns, [N, 3]."""
+    request = table.request
     try:
         with (request.path.open(encoding="utf-8-sig", errors="replace") as file,
               warnings.catch_warnings(action="ignore", category=UserWarning)):  # of no lines
             for _ in range(table.skip):
                 file.readline()
-            points = np.loadtxt(table.lines(file), delimiter=table.delimiter, usecols=columns, comments=None,
-                                ndmin=2, quotechar='"')
+            return np.loadtxt(table.lines(file), delimiter=table.delimiter, usecols=columns, comments=None, ndmin=2,
+                              quotechar='"')
     except (ValueError, IndexError, OverflowError) as error:
         where = f", counted from 0 after the header in line {table.skip}" if table.skip else ", counted from 0"
         raise request.error(f"a line cannot be read: {error}{where}", "Give numbers in all lines; those that begin "
                             "with # are passed over.") from error
-    if len(points) == 0:
-        raise request.error("there are no points in it", "Give lines of x, y and height.")
-    nodata = request.asked.nodata
-    none = ~np.isfinite(points).all(axis=1) | (False if nodata is None else points[:, 2] == nodata)
-    notes = [f"{none.sum()} of its {len(points)} points have no height"] * bool(none.any())
-    points = points[~none]
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
-    return Cloud(points, reference_beside(request, (middle[0], middle[1])), notes)
 
 
 def _columns(table: Table) -> list[int]:
@@ -106,18 +112,24 @@ def _columns(table: Table) -> list[int]:
         _check_header(names, request)
     bare = [re.sub(r"[\[(].*", "", name).strip().replace(" ", "_") for name in names]
     if asked is not None:
-        return [_column(column, i, names, bare, request) for i, column in enumerate(asked)]
-    if not names:
-        return [0, 1, 2]
-    found = [[i for i, name in enumerate(bare) if name in known] for known in NAMES]
-    if any(len(places) != 1 for places in found):
-        raise request.error(f"its header '{table.header.strip()[:80]}' does not tell which columns are x, y and height",
-                            "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].", "columns")
-    columns = [places[0] for places in found]
-    if bare[columns[2]].startswith("depth") and request.asked.positive is None:
+        columns = [_column(column, i, names, bare, request) for i, column in enumerate(asked)]
+    else:
+        columns = _known_columns(table, bare) if names else [0, 1, 2]
+    height = bare[columns[2]] if columns[2] < len(bare) else ""
+    if height.startswith("depth") and request.asked.positive is None:
         raise request.error("its heights are called depth, which may grow up or down", "Give down if they are positive "
                             "below the surface, or up.", "positive")
     return columns
+
+
+def _known_columns(table: Table, bare: list[str]) -> list[int]:
+    """Return the numbers, from 0, of the columns whose names tell that they are x, y and height."""
+    found = [[i for i, name in enumerate(bare) if name in known] for known in NAMES]
+    if any(len(places) != 1 for places in found):
+        raise table.request.error(
+            f"its header '{table.header.strip()[:80]}' does not tell which columns are x, y and height",
+            "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].", "columns")
+    return [places[0] for places in found]
 
 
 def _check_header(names: list[str], request: Request) -> None:

@@ -137,6 +137,8 @@ def _placed(values, mask, tags, request) -> Raster:
     keys = geokeys(*_directory(tags)) if tags[34735] else {}
     middle = tuple(T @ (0.5 * (values.shape[1] - 1), 0.5 * (values.shape[0] - 1), 1.0))
     reference = of_geokeys(keys, request, middle) if keys else Reference()
+    if not told:  # pixel_m is in metres
+        reference = replace(reference, unit_m=1.0, unknown_unit=None)
     items = _items(str(tags[42112] or ""))
     heights = to_heights(values, _nodata(tags[42113]), request, measured=told, mask=mask)
     return Raster(_scaled(heights, items, request), T, _with_unit_of_band(reference, items))

@@ -57,24 +57,28 @@ def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str 
     """
     paths = [resolve(name) for name in asked.files]
     found = [_in_metres(_read(request), request) for request in (Request(path, asked, key) for path in paths)]
+    whole, crs = _joined(found, paths, key)
+    notes = [note for each in found for note in each.notes] + [note for path in paths for note in _unread(path)]
+    make = _surface_of_grid if isinstance(whole, Raster) else _surface_of_points
+    vertices, faces, facts = make(whole, asked, paths[0], key)
+    facts = {"files": [path.name for path in paths], "crs": crs, **facts}
+    return Survey(vertices, faces, facts, [*dict.fromkeys(notes), *_doubts(facts, asked)])
+
+
+def _joined(found: list, paths: list[Path], key: str) -> tuple[Raster | Cloud, str | None]:
+    """Return what files hold as one grid or as points, and the name of their system or None."""
     if len({type(each) for each in found}) > 1:
         raise InputError("grids and points cannot be joined", file=paths[0], key=f"{key}.file",
                          remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.")
-    names = [path.name for path in paths]
-    notes = [note for each in found for note in each.notes] + [note for path in paths for note in _unread(path)]
-    if isinstance(found[0], Raster):
-        whole = grid.mosaic(found, [str(path) for path in paths], key)
-    else:
-        points = np.concatenate([each.points for each in found])
-        whole = scattered.grid_of(points) or Cloud(points)
     crs = list(dict.fromkeys(each.reference.name for each in found if each.reference.name))
     if len(crs) > 1:
         raise InputError(f"the files lie in different systems: {', '.join(crs)}", file=paths[0], key=f"{key}.file",
                          remedy="Project them to one.")
-    make = _surface_of_grid if isinstance(whole, Raster) else _surface_of_points
-    vertices, faces, facts = make(whole, asked, paths[0], key)
-    facts = {"files": names, "crs": crs[0] if crs else None, **facts}
-    return Survey(vertices, faces, facts, [*dict.fromkeys(notes), *_doubts(facts, asked)])
+    system = crs[0] if crs else None
+    if isinstance(found[0], Raster):
+        return grid.mosaic(found, [str(path) for path in paths], key), system
+    points = np.concatenate([each.points for each in found])
+    return scattered.grid_of(points) or Cloud(points), system
 
 
 def _read(request: Request) -> Raster | Cloud:
@@ -117,15 +121,10 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     factor = -factor if _downwards(read.reference, request) else factor
     if isinstance(read, Raster):
         read = replace(read, T=read.T * unit)
-        read = grid.window(read, asked.region) if asked.region else read
-        heights = read.values
     else:
         read = replace(read, points=read.points * (unit, unit, 1.0))
-        x, y = read.points[:, :2].T
-        if asked.region:
-            xmin, ymin, xmax, ymax = asked.region
-            read = replace(read, points=read.points[(x >= xmin) & (x <= xmax) & (y >= ymin) & (y <= ymax)])
-        heights = read.points[:, 2]
+    read = _cut(read, asked.region) if asked.region else read
+    heights = read.values if isinstance(read, Raster) else read.points[:, 2]
     if not heights.size or np.isnan(heights).all():
         where = " in the region" * (asked.region is not None)
         raise request.error(f"there are no heights{where}",
@@ -137,6 +136,15 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     heights *= factor
     heights += asked.height_offset_m
     return _checked(read, heights, request)
+
+
+def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
+    """Return what lies in a region xmin, ymin, xmax, ymax."""
+    if isinstance(read, Raster):
+        return grid.window(read, region)
+    places = read.points[:, :2]
+    inside = ((places >= region[:2]) & (places <= region[2:])).all(axis=1)
+    return replace(read, points=read.points[inside])
 
 
 def _checked(read, heights, request):
@@ -192,7 +200,8 @@ def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
     if asked.resolution_m is not None:
         raster, block = grid.thinned(raster, asked.resolution_m)
     if min(raster.values.shape) < 2:
-        raise InputError(f"has {' x '.join(map(str, raster.values.shape))} nodes", file=path, key=f"{key}.file",
+        size, thin = " x ".join(map(str, raster.values.shape)), " after it was thinned" * (block != (1, 1))
+        raise InputError(f"has {size} nodes{thin}", file=path, key=f"{key}.{'resolution_m' if thin else 'file'}",
                          remedy="A surface takes at least two rows and two columns.")
     vertices, faces, holes = grid.mesh_of(raster, key)
     if len(faces) == 0:
@@ -233,6 +242,8 @@ def _doubts(facts: dict, asked: Heights) -> list[str]:
             "they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")
         count, area = counted(facts["holes"], "hole"), facts["hole_area_m2"]
         found.append(f"{count} without heights, {area:.4g} m2 in all; {what}")
+    if stacked := facts.get("stacked"):
+        found.append(f"{counted(stacked, 'point')} above or below others became one with them, at their mean height")
     if asked.longest_edge_m is not None and facts["grid"]:
         found.append("longest_edge_m: has no effect, for the points lie on a grid, whose missing nodes are holes")
     if asked.resolution_m is not None and facts["grid"] and facts["block"] == [1, 1]:
