@@ -289,7 +289,9 @@ def test_preprocess_takes_surveys_with_their_keys(tmp_path):
 @pytest.mark.parametrize(("arguments", "said"), [
     (["a.npy"], "survey.pixel_m"), (["a.npy", "--survey", "pixel_m"], "not of the form KEY=VALUE"),
     (["a.npy", "--survey", "pixel=1"], "survey.pixel"), (["a.npy", "--survey", "pixel_m=-1"], "survey.pixel_m"),
-    (["a.ply", "--survey", "pixel_m=1"], "is for survey files")])
+    (["a.ply", "--survey", "pixel_m=1"], "is for survey files"),
+    (["a.npy", "--survey", "pixel_m=1", "--survey", "origin=[1, 2, 3]"], "survey.origin: does not tell how"),
+    (["a.npy", "--survey", "pixel_m=1", "--survey", "scale=2"], "survey.scale: does not tell how")])
 def test_preprocess_refuses_keys_that_are_none(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
     np.save("a.npy", np.zeros((4, 4)))

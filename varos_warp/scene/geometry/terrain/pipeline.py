@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.description.survey import ENDINGS, Heights, ending
-from varos_warp.scene.description.world import Preprocess
+from varos_warp.scene.description.world import Placed, Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
 from varos_warp.scene.geometry.rounding import single_precision_step
@@ -26,6 +26,8 @@ from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
 STEPS = ("read", "merge", "repair", "smooth", "shrinkwrap", "decimate", "close", "compare")
 
+NOT_READING = ("kind", "file", "origin", "preprocess", "detail", "shading")
+"""Keys of a terrain of kind heights that do not tell how its files are read, beside those of ``Placed``."""
 FAR_M = 10_000.0
 """How far away a mesh must lie to be worked on about its own lower corner [m]."""
 SMOOTH = "--smooth 10, or smoothing_rounds: 10"
@@ -219,8 +221,7 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         The mesh (vertices float64 [V, 3], faces int32 [F, 3]) and a report: ``before`` (vertices at the same place
         taken for one) and ``after`` as from ``mesh_facts``, the distances and normals of ``compare`` (of the surface,
         without skirt and bottom), the facts of the ``survey`` if there is one, ``counts`` of what was removed and
-        added, ``seconds`` by step, ``peak_memory_gb`` of
-        the process, and ``warnings``.
+        added, ``seconds`` by step, ``peak_memory_gb`` of the process, and ``warnings``.
     """
     log = Log(progress)
     with log.step("read"):
@@ -259,6 +260,9 @@ def _read_survey(files, keys: dict | None) -> Survey | None:
             raise InputError("is for survey files, and none is given", key="survey",
                              remedy=f"Leave it out; survey files are {', '.join(ENDINGS)}.")
         return None
+    if other := sorted(set(keys or ()) & {*Placed.model_fields, *NOT_READING}):
+        raise InputError("does not tell how survey files are read", key=f"survey.{other[0]}",
+                         remedy="Leave it out; a scene that names the result can have it.")
     try:
         asked = Heights(**{**(keys or {}), "kind": "heights", "file": [str(file) for file in files]})
     except ValidationError as error:
