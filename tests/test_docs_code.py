@@ -21,6 +21,7 @@ from varos_warp.scene.description.vehicle import Vehicle
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.file.schema import find_key
 from varos_warp.scene.file.templates import TEMPLATES
+from varos_warp.scene.geometry.build import build_parts
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -86,6 +87,22 @@ def test_python_of_a_page_runs(page, folder, names, monkeypatch):
     space = dict(names)
     for code in blocks(page, "python"):
         exec(compile(runnable(code), page.name, "exec"), space)
+
+
+def test_the_survey_of_the_tutorial_becomes_the_floor_that_it_says(tmp_path, monkeypatch):
+    """Its heights by the formula of the page, at the places of the cells, about the origin of its scene."""
+    page = ROOT / "docs" / "tutorials" / "terrain.md"
+    monkeypatch.chdir(tmp_path)
+    exec(compile(next(code for code in blocks(page, "python") if "bathymetry.tif" in code), page.name, "exec"), {})
+    terrain = next(block for text in blocks(page, "yaml") if "bathymetry.tif" in str(block := yaml.safe_load(text)))
+    del terrain["terrain"]["preprocess"]
+    part = build_parts(scene_from_dict(merged(terrain), tmp_path))[0]
+    x, y, z = (part.vertices + terrain["terrain"]["origin"] - [400_000, 6_100_000, 0]).T
+    assert (x.min(), y.min(), x.max(), y.max()) == (0.25, 0.25, 59.75, 39.75)
+    assert np.abs(z + 30 - 1.5 * np.sin(x / 9) - np.cos(y / 7)).max() < 2 * np.spacing(np.float32(32.0))
+    assert part.survey["crs"] == "EPSG:32632"
+    assert (part.survey["holes"], part.survey["hole_area_m2"]) == (1, 5 * 6 * 0.25)
+    assert len(part.vertices) == 80 * 120 - 4 * 5
 
 
 # ------------------------------------------------------------------------------------------------------- scene files

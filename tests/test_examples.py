@@ -35,6 +35,7 @@ SMALL = {
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
     **{fleet: ["terrain.resolution=33"] for fleet in ("vehicles", "recorded")},
+    **{survey: [] for survey in ("soundings", "height_map", "points")},
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3",
               *(f"vehicle.cameras.{i}.{key}=null" for i in (1, 2) for key in ("port", "distortion", "n_water"))],
 }

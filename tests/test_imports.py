@@ -19,7 +19,7 @@ ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["optics", "description", "file", "courses", "water", "lights", "geometry", "materials"],
-    "scene.geometry": ["files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
+    "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],

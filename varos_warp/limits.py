@@ -11,14 +11,17 @@ from varos_warp.errors import InputError
 
 DEFAULTS = {
     "TRIANGLES": 50_000_000,
+    "HEIGHTS": 100_000_000,
+    "SCATTERED_POINTS": 5_000_000,
     "COPIES": 100_000,
     "TEXTURE_PIXELS": 8192 * 8192,
     "FRAMES": 1_000_000,
     "TEXT_BYTES": 2_000_000,
     "POSES": 5_000_000,
 }
-"""Triangles of a mesh file with all its copies, copies of its nodes, pixels of an image file, frames of a sequence,
-bytes of a YAML file, poses of a recorded course."""
+"""Triangles of a mesh file with all its copies or of a survey, heights of a survey file, points without a grid that are
+joined, copies of nodes of a mesh file, pixels of an image file, frames of a sequence, bytes of a YAML file,
+poses of a recorded course."""
 
 
 def limit(name: str) -> int:

@@ -13,10 +13,14 @@ import random
 import shutil
 import signal
 import sys
+import tempfile
 import warnings
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+import surveys
 import trimesh
 import yaml
 from made_meshes import (
@@ -40,10 +44,12 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
+from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import template_text
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
+from varos_warp.scene.geometry.survey import read_survey
 from varos_warp.scene.materials.textures import read_image
 from varos_warp.sim.trajectory import simulate
 
@@ -134,6 +140,30 @@ def binary_ply() -> bytes:
     return head.encode() + body
 
 
+SURVEYS = {"a.tif": {}, "packed.tif": {}, "a.asc": {}, "a.xyz": {}, "a.csv": {}, "a.las": {}, "a.laz": {},
+           "heights.png": {"pixel_m": 1.0, "height_range_m": [-5, 0]}, "a.npy": {"pixel_m": 1.0, "first_row": "north"}}
+"""Keys that a survey file is read with, by its name."""
+
+
+@cache
+def survey_files() -> dict[str, bytes]:
+    """A good survey of each kind, by name."""
+    grid, points = surveys.plane_grid((12, 14)), surveys.points_of(surveys.plane_grid())
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        surveys.write_geotiff(place / "a.tif", grid, nodata=-9999)
+        surveys.write_geotiff(place / "packed.tif", grid.astype(np.float32), place="matrix", compression="deflate",
+                              tile=(16, 16), predictor=True)
+        surveys.write_asc(place / "a.asc", grid, digits=6)
+        surveys.write_text(place / "a.xyz", points)
+        surveys.write_text(place / "a.csv", points[::2], delimiter=",", header="x,y,z")
+        for name in ("a.las", "a.laz"):
+            surveys.write_las(place / name, points)
+        np.save(place / "a.npy", grid)
+        Image.fromarray(np.arange(168, dtype=np.uint16).reshape(12, 14)).save(place / "heights.png")
+        return {name: (place / name).read_bytes() for name in SURVEYS}
+
+
 def seeds() -> dict[str, bytes]:
     """A good file of each kind, by name."""
     ball = trimesh.creation.icosphere(subdivisions=1)
@@ -148,6 +178,7 @@ def seeds() -> dict[str, bytes]:
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)
         made[f"x.{kind}"] = file.getvalue()
+    made |= survey_files()
     return {name: data if isinstance(data, bytes) else data.encode() for name, data in made.items()}
 
 
@@ -201,6 +232,8 @@ def read(path, simulated: bool) -> None:
         check_scene(scene, build_parts(scene))
         if simulated:
             simulate(load_scene(path, ("trajectory.duration_s=5",)))
+    elif path.name in SURVEYS:
+        read_survey(Heights(kind="heights", file=str(path), **SURVEYS[path.name]))
     elif path.suffix in (".png", ".jpeg", ".tiff"):
         read_image(path)
     elif path.suffix == ".mtl":

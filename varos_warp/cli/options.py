@@ -143,6 +143,9 @@ class Repair:
     scale: Annotated[float, typer.Option(
         metavar="X", help="Multiply coordinates; 0.001 if they are in millimetres.")] = 1.0
     up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None
+    survey: Annotated[list[str] | None, typer.Option(
+        metavar="KEY=VALUE", help="How survey files are read, such as positive=down: a key of a terrain of kind "
+        "heights; repeatable.")] = None
 
     def parsed(self) -> dict:
         """Arguments of `preprocess_meshes`.
@@ -156,7 +159,31 @@ class Repair:
         check_choice("--close", self.close, ("skirt", "solid", "none"))
         return {"vertices": self.vertices, "merge_tolerance_m": self.merge_tolerance, "fill_holes_m": self.fill_holes,
                 "smoothing_rounds": self.smooth, "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap),
-                "close": self.close, "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis}
+                "close": self.close, "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis,
+                "survey": parse_keys("--survey", self.survey or [])}
+
+
+def parse_keys(option: str, given: list[str]) -> dict:
+    """Return what options ``KEY=VALUE`` give as one block; the values are YAML.
+
+    Raises:
+        InputError: An option is not of that form.
+    """
+    import yaml
+
+    from varos_warp.scene.file import plain_yaml
+
+    found = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        try:
+            found[key.strip()] = plain_yaml.parse(value)
+        except (yaml.YAMLError, ValueError, RecursionError):
+            equals = ""
+        if not equals or not key.strip():
+            raise InputError("is not of the form KEY=VALUE", key=option, value=text,
+                             remedy="For example positive=down.")
+    return found
 
 
 REPAIR_KEYS = {"region": "--region", "merge_tolerance_m": "--merge-tolerance", "fill_holes_m": "--fill-holes",

@@ -137,10 +137,11 @@ def schema(key: Annotated[str | None, typer.Argument(
 
 @verb
 def preprocess(
-        meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Files, which are joined.")],
+        meshes: Annotated[list[Path], typer.Argument(
+            metavar="MESH...", help="Mesh or survey files, which are joined.")],
         out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
         repair: Repair, device: Device = "auto", json_: Json = False, quiet: Quiet = False):
-    """Join, merge, repair, shrinkwrap and decimate meshes, and tell how far the result is from them.
+    """Join, merge, repair, shrinkwrap and decimate meshes and surveys, and tell how far the result is from them.
 
     16.6 million vertices, wrapped and decimated to 250 000, take 10 CPU-minutes and 9.3 GB of memory. Memory grows in
     proportion to the vertices of the model or of its wrap, whichever has more.

@@ -92,6 +92,8 @@ def print_info(facts: dict) -> None:
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
     _print_files(facts["mesh_files"])
+    if survey := facts.get("survey"):
+        print_survey(survey)
     if body := facts.get("body"):
         low, high = body["bounds_m"]
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
@@ -136,6 +138,22 @@ def _print_recorded(trajectory: dict) -> None:
           f"{degrees * turned['rms']:.3g} deg/s RMS, {degrees * turned['peak']:.3g} at most")
 
 
+def print_survey(survey: dict) -> None:
+    """Print what a survey holds: the facts of `read_survey`."""
+    xmin, ymin, xmax, ymax = survey["extent_m"]
+    size, spacing = survey["size"], " x ".join(f"{x:.4g}" for x in survey["spacing_m"])
+    what = f"{size[0]} x {size[1]} nodes, {spacing} m apart" if survey["grid"] else (
+        f"{counted(size, 'point')}, median edge {spacing} m")
+    block = " x ".join(map(str, survey.get("block", [1, 1])))
+    thin = "" if block == "1 x 1" else f", thinned in blocks of {block}"
+    count, area = survey["holes"], survey["hole_area_m2"]
+    holes = f"{counted(count, 'hole')} of {area:.4g} m2 in all" if count else "no holes"
+    missing = f", {counted(survey['missing'], 'node')} without height" if survey.get("missing") else ""
+    print(f"survey {', '.join(survey['files'])}: {what}{thin}; {survey['crs'] or 'coordinate system not told'}")
+    print(f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
+          f"{survey['heights_m'][1]:.3f} m; {holes}{missing}")
+
+
 def _print_mounts(facts: dict) -> None:
     """Where cameras are and look, how far apart the two of a pair are, and what was not asked for."""
     print_table(["camera", "on", "position [m]", "looks along"],
@@ -149,7 +167,8 @@ def _print_mounts(facts: dict) -> None:
 
 
 def _place(values: list[float]) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in values)})"
+    """Return coordinates in brackets; far away to the centimetre, where four digits are none."""
+    return f"({', '.join(f'{x:.4g}' if abs(x) < 1e4 else f'{x:.2f}' for x in values)})"
 
 
 def _print_dataset(dataset: dict) -> None:
@@ -206,6 +225,8 @@ def _print_phase(phase: dict) -> None:
 
 def print_preprocessed(out: Path, facts: dict) -> None:
     """The report of `preprocess_meshes` as tables."""
+    if "survey" in facts:
+        print_survey(facts["survey"])
     print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
                                            for key, value in facts["after"].items()])
     ways = (("from the original to the result", "distance_to_result_m"),

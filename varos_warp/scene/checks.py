@@ -51,7 +51,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, stops)
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    found = [*check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
+    made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
+    found = [*made, *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
              *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene),
              *_check_lights(scene, poses), *_check_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]

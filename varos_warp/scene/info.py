@@ -16,7 +16,7 @@ LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
 
 
 def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
-    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``body`` ..."""
+    """The scene in numbers, as plain JSON types: ``water``, ``cameras``, ``lights``, ``meshes``, ``survey`` ..."""
     find_course(scene, parts)
     pattern, body = scene.trajectory.pattern, scene.vehicle.rigid_body
     kind, stops = "poses" if scene.trajectory.is_exact else "waypoints", scene.trajectory.stops
@@ -28,6 +28,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "mesh_files": _file_info(parts),
+        **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
         **_body_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
                     **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},

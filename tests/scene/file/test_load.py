@@ -132,7 +132,7 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("mass_kg: 40", "body: {kind: boulder}", "vehicle.body", 10, "body is a key of vehicles. Known here: id, mass_kg"),
     ("spp: 8", "current: {}", "render.current", 14, "current is a key at the top of the file. Known here: "),
     ("objects:", "terrain: {heightmap: a.tif}\nobjects:", "terrain.heightmap", 2,
-     "Heights on a grid become a mesh, to be given as file, as docs/tutorials/terrain.md shows."),
+     "Heights on a grid are given as kind: heights and file; docs/terrain.md tells of their keys."),
     ("kind: pipe, ", "kind: pipe, faces: 2, ", "objects.0.faces", 3, "Known here: "),
 ])
 def test_a_bad_value_is_named_with_file_line_key_and_remedy(tmp_path, old, new, key, line, says):
@@ -157,7 +157,7 @@ def test_the_first_problem_is_told_and_the_others_are_counted(tmp_path):
 
 def test_heights_on_a_grid_are_not_asked_for_the_file_that_the_remedy_speaks_of(tmp_path):
     words = refusal(tmp_path, SMALL.replace("objects:", "terrain: {dem: a.tif}\nobjects:")).message
-    assert words.endswith("terrain.md shows.")
+    assert words.endswith("of their keys.")
 
 
 def test_keys_that_are_missing_are_told_as_missing(tmp_path):

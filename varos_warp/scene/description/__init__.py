@@ -17,9 +17,10 @@ from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
+from varos_warp.scene.description.survey import AnyTerrain
 from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
 from varos_warp.scene.description.water import Water
-from varos_warp.scene.description.world import AnyTerrain, Material, Object, Scatter
+from varos_warp.scene.description.world import Material, Object, Scatter
 
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
 """Profiles of lamps that come with the package, by their names."""
@@ -37,8 +38,8 @@ class Scene(Block):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """Every random choice depends on it: the same scene with the same seed gives the same bytes."""
     terrain: AnyTerrain | None = None
-    """The sea floor: from mesh files (``kind: file``), or generated from a seed (``kind: procedural``). Absent:
-    none."""
+    """The sea floor: from mesh files (``kind: file``), from survey files (``kind: heights``), or generated from a seed
+    (``kind: procedural``). Absent: none."""
     objects: list[Object] = []
     """What stands on the sea floor or in the water: meshes, and objects made from their measures."""
     scatter: list[Scatter] = []

@@ -165,6 +165,11 @@ class Terrain(Placed):
     """Seeded relief added to a terrain that was surveyed too coarsely for close views. Absent: none."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
+    origin: Position | None = Field(default=None, examples=[[400000, 6100000, 0]])
+    """Place in the axes of the file that becomes 0, 0, 0, before scale, rotation and position [m]. Absent: coordinates
+    stay as they are."""
+
+    _written = unwritten_if_absent("origin")
 
     _up = model_validator(mode="before")(_up_for_short)
 
@@ -187,9 +192,6 @@ class ProceduralTerrain(Placed):
     """The shape follows from it."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
-
-
-AnyTerrain = Annotated[Terrain | ProceduralTerrain, Field(discriminator="kind"), kind_by_default("file")]
 
 
 class MeshObject(Movable):

@@ -6,6 +6,7 @@ from pathlib import Path
 from varos_warp.errors import InputError
 from varos_warp.files import is_file, like_it
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.description.world import GROUND_TEXTURES, MeshObject, SlopeBlend, Terrain
 
 
@@ -27,7 +28,10 @@ def require_files(scene: Scene) -> None:
 
 
 def _named(scene: Scene) -> Iterator[tuple[str, Path, str]]:
-    """Key, path and kind of every mesh and image that the scene names."""
+    """Key, path and kind of every mesh, survey and image that the scene names."""
+    if isinstance(scene.terrain, Heights):
+        for file in scene.terrain.files:
+            yield "terrain.file", scene.resolve(file), "survey"
     for key, path in named_meshes(scene):
         yield key, path, "mesh"
     for place, trajectory in scene.trajectories.items():

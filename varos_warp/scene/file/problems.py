@@ -36,14 +36,19 @@ ELSEWHERE = {
     "reflectance": ("albedo", "color", "colour", "base_color", "kd"),
     "file": ("mesh", "path", "filename", "uri", "model"),
     "lights": ("lamps",),
+    "positive": ("depth", "positive_down", "z_down", "sign"),
+    "pixel_m": ("cell_size", "cellsize", "cell_m", "spacing_m", "pixel_size", "gsd"),
+    "resolution_m": ("step", "every", "thin", "decimate"),
+    "height_offset_m": ("offset", "z_offset", "vertical_offset", "height_offset", "datum"),
+    "nodata": ("no_data", "nodata_value", "fill_value", "missing_value"),
     "spp": ("samples", "samples_per_pixel"),
     "frame_rate_hz": ("fps", "frame_rate", "rate_hz"),
 }
 """Names that other tools have for our keys."""
 HEIGHTS = ("heightmap", "heightfield", "height_map", "height_field", "heights", "depths", "dem", "dtm", "bathymetry",
            "grid", "geotiff", "raster")
-"""Names of heights on a grid, which we have none for."""
-AS_MESH = "Heights on a grid become a mesh, to be given as file, as docs/tutorials/terrain.md shows."
+"""Names of heights on a grid; ours is a kind."""
+AS_FILE = "Heights on a grid are given as kind: heights and file; docs/terrain.md tells of their keys."
 INTRINSICS = ("k", "fx", "fy", "cx", "cy", "intrinsics", "camera_matrix", "fov", "fov_deg", "hfov", "horizontal_fov")
 """What other tools say of a camera in one key, and we in three."""
 THREE_KEYS = ("Intrinsics are resolution, sensor_mm and focal_mm: fx = focal_mm / sensor_mm[0] x width; the principal "
@@ -66,7 +71,7 @@ def input_error(error: ValidationError, source: Source) -> InputError:
         path = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
         problem = problem[named.end():]
     # the mesh that is missing is what the remedy speaks of
-    remedy += _others(path, first, [p for p in problems[1:] if remedy != AS_MESH or p[1]["type"] != "missing"])
+    remedy += _others(path, first, [p for p in problems[1:] if remedy != AS_FILE or p[1]["type"] != "missing"])
     value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
@@ -233,7 +238,7 @@ def _instead(path: tuple, source: Source) -> str:
     if word.lower() in INTRINSICS and "focal_mm" in known:
         return THREE_KEYS
     if word.lower() in HEIGHTS and path[0] == "terrain":
-        return AS_MESH
+        return AS_FILE
     for ours, theirs in ELSEWHERE.items():
         if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
             return f"Here it is {ours}: {_first_sentence(entries[0])}"

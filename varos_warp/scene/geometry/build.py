@@ -8,6 +8,7 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain, Terrain
 from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
@@ -15,7 +16,9 @@ from varos_warp.scene.geometry.assets.boards import board
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.rounding import single_precision_step
 from varos_warp.scene.geometry.scatter import Ground, scatter
+from varos_warp.scene.geometry.survey import read_survey
 
 SMALLEST_M, LARGEST_M = 1e-9, 1e9
 """Sizes of parts: the products of smaller lengths leave single precision, longer rays hit nothing."""
@@ -51,7 +54,7 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
             for i, block in enumerate(scene.scatter)]
 
 
-def may_have_colours(block: Terrain | ProceduralTerrain | Object) -> bool:
+def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> bool:
     """Whether a block takes the colours of its mesh file or board, if that has any."""
     if isinstance(block, Terrain):
         return block.material is None and block.preprocess is None and (isinstance(block.file, str)
@@ -95,19 +98,30 @@ def _moving(part: Part, block: Object) -> Part:
 
 
 def _terrain_mesh(scene):
+    """Return vertices, faces and Skin or None of the terrain in its own axes, and its `Survey` or None."""
     block = scene.terrain
     if isinstance(block, ProceduralTerrain):
-        return (*procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
-                                             block.rockiness, block.seed), None, ())
-    files = [block.file] if isinstance(block.file, str) else block.file
-    with_skin = may_have_colours(block)
-    loaded = [load_mesh(scene.resolve(file), "terrain.file", block.up_axis, with_skin=with_skin) for file in files]
-    vertices, faces = join((mesh.vertices, mesh.faces) for mesh in loaded)
+        return *procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
+                                            block.rockiness, block.seed), None, (), None
+    skin, files, survey = None, (), None
+    if isinstance(block, Heights):
+        survey = read_survey(block, scene.resolve)
+        vertices, faces = survey.vertices, survey.faces
+    else:
+        vertices, faces, skin, files = _joined_files(scene, block)
     if block.preprocess is not None:
         vertices, faces = _preprocessed(vertices, faces, block.preprocess.model_dump())
     if block.detail is not None:
         vertices = procedural.add_detail(vertices, **block.detail.model_dump())
-    return vertices, faces, loaded[0].skin, tuple(mesh.facts for mesh in loaded)
+    return vertices if block.origin is None else vertices - block.origin, faces, skin, files, survey
+
+
+def _joined_files(scene, block):
+    """Return vertices, faces, Skin or None and facts of the mesh files of a terrain; several have no Skin."""
+    names = [block.file] if isinstance(block.file, str) else block.file
+    with_skin = may_have_colours(block)
+    loaded = [load_mesh(scene.resolve(name), "terrain.file", block.up_axis, with_skin=with_skin) for name in names]
+    return *join((mesh.vertices, mesh.faces) for mesh in loaded), loaded[0].skin, tuple(mesh.facts for mesh in loaded)
 
 
 def _preprocessed(vertices, faces, options):
@@ -127,8 +141,12 @@ def _preprocessed(vertices, faces, options):
     return kept["vertices"], kept["faces"]
 
 
-def _part(scene, block, key, vertices, faces, skin=None, facts=()):
+def _part(scene, block, key, vertices, faces, skin=None, files=(), survey=None):
     """A mesh where its block places it: scaled, turned, moved."""
+    doubts = [] if survey is None else survey.warnings
+    if step := single_precision_step(vertices):
+        doubts = [*doubts, f"its places were rounded to {step:.2g} m, as single precision has them so far from the "
+                           "origin: export it in double precision, or about an origin that is nearer"]
     with np.errstate(over="ignore", invalid="ignore"):
         turned = (vertices * block.scale) @ attitude(next(iter(getattr(block, "stops", ())), block)).T
     reach, size = float(np.abs(turned).max()), float(np.ptp(turned, axis=0).max())
@@ -139,4 +157,5 @@ def _part(scene, block, key, vertices, faces, skin=None, facts=()):
     return Part(name=key, vertices=turned + np.asarray(block.position), faces=np.asarray(faces, np.int32),
                 material=scene.materials[block.material] if block.material is not None else Diffuse(),
                 origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth", skin=skin, files=facts)
+                smooth_shading=block.shading == "smooth", skin=skin, files=files,
+                survey=survey and survey.facts, doubts=tuple(doubts))

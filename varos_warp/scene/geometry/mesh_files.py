@@ -18,6 +18,7 @@ from varos_warp.scene.geometry.files.off import read_off, read_stl
 from varos_warp.scene.geometry.files.pieces import MeshFile
 from varos_warp.scene.geometry.files.ply import read_ply
 from varos_warp.scene.geometry.files.skins import Skins, check_finite, shares_outside
+from varos_warp.scene.geometry.foreign import remedy_for
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import MeshFacts, Skin
 from varos_warp.scene.geometry.topology import FARTHEST
@@ -29,8 +30,6 @@ READERS: dict[str, Callable[[Path, bool], MeshFile]] = {
 FORMATS = tuple(READERS)
 LEAST_LOSS = 1e-6
 """Share of a mesh's area whose loss is told: rounding is a hundredth of it."""
-RASTERS = (".png", ".tif", ".tiff", ".asc", ".npy", ".jpg", ".exr")
-"""Endings of files that may hold heights on a grid."""
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
@@ -184,9 +183,8 @@ def _check_file(path, key):
     """The file exists, has a known format and is not empty."""
     require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
-        grid = " Heights on a grid become a mesh as the tutorial of terrain shows."
         raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
-                         remedy=f"Use one of {', '.join(FORMATS)}." + grid * (path.suffix.lower() in RASTERS))
+                         remedy=remedy_for(path.suffix, FORMATS))
     if path.stat().st_size == 0:
         raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
                          remedy="Copy or export it again; the transfer may have broken off.")

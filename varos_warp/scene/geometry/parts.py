@@ -93,6 +93,10 @@ class Shape:
     """What the file says of the surface; None where the scene names a material."""
     files: tuple[MeshFacts, ...] = ()
     """What became of the mesh files that it is made from."""
+    survey: dict | None = None
+    """Facts of the survey that it was made from (geometry/survey/read.py); None: of none."""
+    doubts: tuple[str, ...] = ()
+    """What looked wrong when it was made, a sentence each."""
 
 
 @dataclass(frozen=True)

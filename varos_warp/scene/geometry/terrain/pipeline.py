@@ -6,12 +6,16 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
+import numpy as np
 from pydantic import ValidationError
 
 from varos_warp.errors import InputError, warn
-from varos_warp.scene.description.world import Preprocess
+from varos_warp.scene.description.survey import ENDINGS, Heights, ending
+from varos_warp.scene.description.world import Placed, Preprocess
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
+from varos_warp.scene.geometry.rounding import single_precision_step
+from varos_warp.scene.geometry.survey import Survey, read_survey
 from varos_warp.scene.geometry.terrain import repair
 from varos_warp.scene.geometry.terrain.closing import close, without_skirt
 from varos_warp.scene.geometry.terrain.comparison import DISTANCE_SAMPLES, compare, mesh_facts
@@ -22,6 +26,10 @@ from varos_warp.scene.geometry.terrain.wrapping import is_sheet, shrinkwrap
 
 STEPS = ("read", "merge", "repair", "smooth", "shrinkwrap", "decimate", "close", "compare")
 
+NOT_READING = ("kind", "file", "origin", "preprocess", "detail", "shading")
+"""Keys of a terrain of kind heights that do not tell how its files are read, beside those of ``Placed``."""
+FAR_M = 10_000.0
+"""How far away a mesh must lie to be worked on about its own lower corner [m]."""
 SMOOTH = "--smooth 10, or smoothing_rounds: 10"
 
 
@@ -86,7 +94,8 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         for text in log.warnings:
             warn(f"{key}: {text}")
         return result
-    vertices, faces = _repair(vertices, faces, asked, key, device, log)
+    vertices, faces, origin = _repair(vertices, faces, asked, key, device, log)
+    asked = _about(origin, asked)
     wraps, decimates = asked.shrinkwrap_resolution is not None, asked.target_vertices is not None
     model, sheet = Model(vertices, faces, device, asked.region) if wraps or decimates else None, False
     if wraps:
@@ -104,7 +113,24 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
     with log.step("close"):
         log.closed = how != "none"
         vertices, faces = close(vertices, faces, how)
-    return vertices, faces
+    return vertices + origin if origin.any() else vertices, faces
+
+
+def _far_origin(vertices) -> np.ndarray:
+    """Return where to work on a mesh, float64 [3]: its lower corner along the axes in which it is far away, else 0.
+
+    Steps that decide by the last digits, as decimation does, then give a mesh at UTM coordinates as at the origin.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return np.where((low > FAR_M) | (high < -FAR_M), np.floor(low), 0.0)
+
+
+def _about(origin, asked: Preprocess) -> Preprocess:
+    """Return the options with the region about another origin."""
+    if asked.region is None or not origin.any():
+        return asked
+    xmin, ymin, xmax, ymax = np.subtract(asked.region, np.tile(origin[:2], 2)).tolist()
+    return asked.model_copy(update={"region": (xmin, ymin, xmax, ymax)})
 
 
 def _decimate(vertices, faces, asked, how, sheet, *, model, key, log):
@@ -146,12 +172,14 @@ def _refuse_loss(model, mesh, log, *, key, value, remedy):
 
 
 def _repair(vertices, faces, asked, key, device, log):
-    """The mesh cropped, merged, cleaned, its faces up, its holes filled, smoothed."""
+    """Return the mesh cropped, merged, cleaned, its faces up, its holes filled, smoothed; about an origin [3]."""
     with log.step("merge"):
         vertices, faces = log.count(repair.drop_not_finite(vertices, faces))
         if asked.region is not None and len(faces):
             vertices, faces = crop(vertices, faces, asked.region, key)
-        count = len(vertices)
+        count, origin = len(vertices), _far_origin(vertices) if len(faces) else np.zeros(3)
+        if origin.any():
+            vertices = vertices - origin
         if len(faces):
             vertices, faces = merge_near(vertices, faces, asked.merge_tolerance_m, key)
         log.counts["merged_vertices"] += count - len(vertices)
@@ -170,15 +198,16 @@ def _repair(vertices, faces, asked, key, device, log):
         if rough > ROUGH_DEG and is_sheet(vertices, faces):
             log.warnings.append(f"the survey is rough: neighbouring faces differ by {rough:.0f} degrees on average, "
                                 f"and fewer of them will be shards; smooth it first ({SMOOTH})")
-    return vertices, faces
+    return vertices, faces, origin
 
 
 def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
-                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None, **options):
-    """Join mesh files and make one terrain of them; what ``varos-warp preprocess`` does.
+                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None,
+                      survey: dict | None = None, **options):
+    """Join mesh and survey files and make one terrain of them; what ``varos-warp preprocess`` does.
 
     Args:
-        files: Mesh files.
+        files: Mesh files, and survey files of one kind, which are read together.
         vertices: Target number of vertices; none: do not decimate.
         scale: What the coordinates are multiplied by, to be metres.
         up_axis: Which axis of the files points up: x, y or z; none: as they say.
@@ -186,16 +215,19 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         samples: Points on either surface from which the error is measured.
         device: Where the projections run.
         progress: Called with the name of a step and the share of it that is done.
+        survey: Keys of ``scene.description.survey.Heights`` for the survey files.
 
     Returns:
         The mesh (vertices float64 [V, 3], faces int32 [F, 3]) and a report: ``before`` (vertices at the same place
         taken for one) and ``after`` as from ``mesh_facts``, the distances and normals of ``compare`` (of the surface,
-        without skirt and bottom), ``counts`` of what was removed and added, ``seconds`` by step, ``peak_memory_gb`` of
-        the process, and ``warnings``.
+        without skirt and bottom), the facts of the ``survey`` if there is one, ``counts`` of what was removed and
+        added, ``seconds`` by step, ``peak_memory_gb`` of the process, and ``warnings``.
     """
     log = Log(progress)
     with log.step("read"):
-        original = join(read_mesh(file, "MESH", up_axis) for file in files)
+        read = _read_survey([file for file in files if ending(str(file)) in ENDINGS], survey)
+        meshes = [read_mesh(file, "MESH", up_axis) for file in files if ending(str(file)) not in ENDINGS]
+        original = join([*([(read.vertices, read.faces)] if read else []), *meshes])
         if len(original[1]) == 0:
             raise InputError("no mesh files are given", key="MESH", remedy="Name at least one.")
         original = log.count(repair.drop_not_finite(original[0] * scale, original[1]))
@@ -206,14 +238,38 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
         raise InputError("no triangles are left", key="MESH", remedy="All have vertices that are NaN or infinite.")
     warning = repair.suspicious_size(original[0])
     log.warnings += [warning] if warning else []
+    log.warnings += read.warnings if read else []
+    if step := single_precision_step(original[0] / scale):
+        log.warnings.append(f"places were rounded to {step:.2g} m, as single precision has them so far from the origin")
     result = preprocess(*original, region=region, target_vertices=vertices, device=device, log=log, **options)
     with log.step("compare"):
         surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
         compared = original if region is None else crop(*original, region, "preprocess")
         report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
                   "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
+    if read:
+        report["survey"] = read.facts
     return result, {**report, "counts": dict(log.counts), "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
                     "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
+
+
+def _read_survey(files, keys: dict | None) -> Survey | None:
+    """Return the surface of survey files; None if there are none."""
+    if not files:
+        if keys:
+            raise InputError("is for survey files, and none is given", key="survey",
+                             remedy=f"Leave it out; survey files are {', '.join(ENDINGS)}.")
+        return None
+    if other := sorted(set(keys or ()) & {*Placed.model_fields, *NOT_READING}):
+        raise InputError("does not tell how survey files are read", key=f"survey.{other[0]}",
+                         remedy="Leave it out; a scene that names the result can have it.")
+    try:
+        asked = Heights(**{**(keys or {}), "kind": "heights", "file": [str(file) for file in files]})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(first["msg"].removeprefix("Value error, "), key=".".join(map(str, ("survey", *first["loc"]))),
+                         remedy="`varos-warp schema terrain.heights` tells of the keys.") from None
+    return read_survey(asked, key="survey")
 
 
 def _peak_gb() -> float | None:
