@@ -20,10 +20,10 @@ from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.render.planner.decisions import models_in_words
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
-from varos_warp.scene.file import plain_yaml
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
