@@ -26,6 +26,7 @@ from varos_warp.render.image.outputs import OUTPUTS, to_half
 from varos_warp.render.moments import Motion
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import load_scene
@@ -221,7 +222,7 @@ class _EditedScene:
         """
         self._stamps = {self.path: _stamp(self.path)}  # before it is read: what is saved meanwhile is a change
         scene = load_scene(self.path, self.overrides)
-        self._stamps |= files_named(scene, scene.model_dump())
+        self._stamps |= files_named(scene, [scene.model_dump(), scene.calibrations])
         with located(scene):
             return self._view(scene)
 
@@ -294,7 +295,7 @@ def _stamp(path: Path) -> tuple | None:
 def smaller(camera: Camera, width: int) -> Camera:
     """The same field of view in no more than so many pixels across."""
     scale = min(1.0, width / camera.resolution[0])
-    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+    return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 
 
 def _camera(cameras: list[Camera], wanted: str | None) -> Camera:

@@ -135,6 +135,8 @@ def test_half_a_sphere_ends_at_90_degrees_of_its_centre():
     np.testing.assert_array_equal(model.project(points)[inside], whole.project(points)[inside])
 
 
+DOUBLE = {"model": "double_sphere", "xi": -0.2, "alpha": 0.6}
+MEASURED = {"fx": 985.5, "fy": 984.5, "cx": 651.0, "cy": 340.25}
 BAD = {
     "port.clear_radius_m: the rim": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [1, 0, 1],
                                               "clear_radius_m": 0.01}},
@@ -143,9 +145,20 @@ BAD = {
     "port.half_angle_deg: the rim": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.03, 0, 0],
                                               "half_angle_deg": 30}},
     "n_water has no effect without a port": {"n_water": 1.34},
-    "folds within the image": {"distortion": {"model": "brown_conrady", "k": [-2.0, 0.0, 0.0, 0.0, 0.0]}},
-    "folds within": {"focal_mm": 1.6, "distortion": {"model": "kannala_brandt", "k": [-0.2, 0.0, 0.0, 0.0]}},
+    "distortion: not even the middle of the image": {"distortion": {"model": "brown_conrady",
+                                                                    "k": [-1e6, 0.0, 0.0, 0.0, 0.0]}},
+    "distortion: not even the middle": {"focal_mm": 1.6, "distortion": {"model": "kannala_brandt",
+                                                                        "k": [-1e6, 0.0, 0.0, 0.0]}},
     "no depth of field": {"f_stop": 1.7, "distortion": {"model": "kannala_brandt"}},
+    "f_stop: a fisheye (distortion double_sphere)": {"f_stop": 1.7, "distortion": DOUBLE},
+    "vignetting.kind: cos4 is not the law of a fisheye (distortion double_sphere)": {"vignetting": {},
+                                                                                   "distortion": DOUBLE},
+    "vignetting.coefficients: between the centre": {  # -0.5 r^2 reaches 0 before the far corner, whose r^2 is 2.25
+        "vignetting": {"kind": "polynomial", "coefficients": [-0.5]},
+        "intrinsics": MEASURED | {"cx": 319.5, "cy": 179.5}},
+    "sensor_mm: stands beside intrinsics": {"intrinsics": MEASURED, "sensor_mm": [4.416, 2.484]},
+    "focal_mm: stands beside intrinsics": {"intrinsics": MEASURED, "focal_mm": 3.4},
+    "f_stop: beside intrinsics, in pixels, it needs focal_mm": {"intrinsics": MEASURED, "f_stop": 1.7},
     "port.thickness_m must be less": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.05}},
     "does not lie within the dome": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.0, 0.0, 0.05]}},
     "of radius 0.034 m": {"focal_mm": 68.0, "f_stop": 1.0, "port": {"kind": "dome", "radius_m": 0.034}},

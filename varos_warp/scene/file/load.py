@@ -135,14 +135,14 @@ def _child(block, part, path, where):
 
 
 def _validate(source: Source, base_dir: Path) -> Scene:
-    scene = _validated(source)
+    scene = _validated(source, base_dir)
     scene._base_dir, scene._source = Path(base_dir).resolve(), source
     return scene
 
 
-def _validated(source: Source):
-    """The block that a file describes."""
+def _validated(source: Source, base_dir: Path = Path(".")):
+    """The block that a file describes; files that blocks are read from are relative to a folder."""
     try:
-        return source.model.model_validate(source.data)
+        return source.model.model_validate(source.data, context={"base_dir": Path(base_dir)})
     except ValidationError as error:
         raise input_error(error, source) from None
