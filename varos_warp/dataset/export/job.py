@@ -136,8 +136,8 @@ class Job:
 def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:
     """Model of a camera's distortion, ``none`` or one of ``models``, and its coefficients in OpenCV's order.
 
-    It is the simplest model that says the same. Of ``brown_conrady`` the coefficients end before k3 where the format has
-    no place for it: say ``brown_conrady without k3``; those of ``double_sphere`` are xi and alpha.
+    It is the simplest model that says the same. The coefficients of ``brown_conrady`` end before k3 where the format
+    has no place for it: say ``brown_conrady without k3``. Those of ``double_sphere`` are xi and alpha.
     ``port`` among the models says that the format has ports, too.
 
     Raises:

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
+import yaml
+
 from varos_warp.errors import InputError
 from varos_warp.files import read_text
 from varos_warp.scene import plain_yaml
 
-MATRIX = "opencv-matrix"
 MOST_NUMBERS = 1000
 """Of an entry that is a list; a matrix of intrinsics has nine."""
 DEEPEST = 20
@@ -20,10 +21,17 @@ DEEPEST = 20
 
 
 class _Loader(plain_yaml.PlainLoader):
-    """Knows OpenCV's matrices, which are blocks of rows, cols, dt and data."""
+    """Knows OpenCV's tags: matrices are blocks of rows and cols, or sizes, and dt and data."""
+
+    def plain(self, _suffix: str, node: yaml.Node) -> Any:
+        """What a node is without its tag."""
+        if isinstance(node, yaml.MappingNode):
+            return self.construct_mapping(node, deep=True)
+        return self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else (
+            self.construct_scalar(node))
 
 
-_Loader.add_constructor(f"tag:yaml.org,2002:{MATRIX}", lambda loader, node: loader.construct_mapping(node, deep=True))
+_Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _Loader.plain)
 
 
 @dataclass(frozen=True)
@@ -90,9 +98,11 @@ class Entry:
         return tuple(map(self._number, flat))
 
     def _size(self) -> int:
-        """Rows times columns of a matrix."""
+        """Numbers that a matrix has by its rows and columns, or sizes."""
         if "dt" in self and self["dt"].text() not in tuple("ucwsifdh"):
             self["dt"].refuse("is a matrix of several channels, or of no numbers")
+        if "sizes" in self:
+            return math.prod(map(int, self["sizes"].numbers()))
         return self.need("rows").whole() * self.need("cols").whole()
 
     def _number(self, value: Any) -> float:
