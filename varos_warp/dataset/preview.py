@@ -220,9 +220,11 @@ class _EditedScene:
         Raises:
             InputError: If something is wrong with it.
         """
-        self._stamps = {self.path: _stamp(self.path)}  # before it is read: what is saved meanwhile is a change
+        # before it is read: what is saved meanwhile is a change, also of a file for which it cannot be loaded
+        self._stamps = {path: _stamp(path) for path in (*self._stamps, self.path)}
         scene = load_scene(self.path, self.overrides)
-        self._stamps |= files_named(scene, [scene.model_dump(), scene.calibrations])
+        others = files_named(scene, [scene.model_dump(), scene.calibrations])
+        self._stamps = {self.path: self._stamps[self.path]} | others
         with located(scene):
             return self._view(scene)
 
