@@ -344,12 +344,14 @@ def test_a_scene_that_is_written_down_needs_the_file_no_more(tmp_path):
     assert again.vehicle.cameras[0].intrinsics == loaded.vehicle.cameras[0].intrinsics
 
 
-def test_files_of_a_scene_are_relative_to_it(tmp_path):
+def test_files_of_a_scene_are_relative_to_it(tmp_path, monkeypatch):
+    """Also where the scene's own path is relative."""
     (tmp_path / "calibrations").mkdir()
     (tmp_path / "calibrations" / "a.yaml").write_text(EUROC)
     (tmp_path / "scene.yaml").write_text("vehicle: {cameras: [{calibration: calibrations/a.yaml}]}\n"
                                          "trajectory: {poses: [{position: [0, 0, 0]}]}\n")
-    loaded = load_scene(tmp_path / "scene.yaml")
+    monkeypatch.chdir(tmp_path.parent)
+    loaded = load_scene(f"{tmp_path.name}/scene.yaml")
     assert loaded.vehicle.cameras[0].resolution == SIZE
     assert loaded.calibrations == ["calibrations/a.yaml"]
 

@@ -124,9 +124,9 @@ def with_calibration(camera: Any, info: ValidationInfo) -> Any:
     if not isinstance(camera, dict) or not isinstance(name := camera.get("calibration"), str):
         return camera
     try:
-        read = _checked(name, Path((info.context or {}).get("base_dir", ".")))
+        read = _checked(name, Path((info.context or {}).get("base_dir", ".")).resolve())
     except InputError as error:
-        raise ValueError(f"calibration: {error.message}") from None
+        raise ValueError(f"calibration: {error.message.rstrip('.')}") from None
     for key in ("intrinsics", "distortion"):
         if camera.get(key) is not None:
             raise ValueError(f"{key}: stands beside calibration, which gives it; leave out one of them")

@@ -65,7 +65,7 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     if "line" in where and path and changes:  # which may have made the block wrong
         problem += f" (with --set {' and '.join(changes)})"
         remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
-    return InputError(problem, value=value, remedy=remedy or None, **where)
+    return InputError(problem, value=value, remedy=remedy.strip() or None, **where)
 
 
 def _named_key(problem: str, path: tuple, source: Source) -> tuple:
