@@ -11,6 +11,8 @@ from varos_warp.scene.optics.distortion import DOUBLE_SPHERE, canonical
 
 COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
 """Kalibr's and EuRoC's."""
+NUMBERS = {"pinhole": 4, "ds": 6, DOUBLE_SPHERE: 6}
+"""Camera models, and how many intrinsics they have."""
 
 
 def is_camera(entry: Entry) -> bool:
@@ -25,14 +27,14 @@ def read_camera(entry: Entry) -> Calibration:
         InputError: Its model is not had here, or something is missing.
     """
     model = entry["camera_model"]
-    name = canonical(model.text().lower())
-    if name not in ("none", DOUBLE_SPHERE):
+    name = model.text().lower()
+    if name not in NUMBERS:
         model.refuse("is no camera model that is had here", READ)
-    numbers, expected = entry["intrinsics"].numbers(), 4 if name == "none" else 6
+    numbers, expected = entry["intrinsics"].numbers(), NUMBERS[name]
     if len(numbers) != expected:
         entry["intrinsics"].refuse(f"has {len(numbers)} numbers, but those of {model.text()} are {expected}")
     lens = _distortion(entry)
-    if name == DOUBLE_SPHERE:
+    if name != "pinhole":
         if lens is not None:
             entry["distortion_model"].refuse("is a distortion beside a double sphere, which has none", READ)
         lens = {"model": DOUBLE_SPHERE, "xi": numbers[0], "alpha": numbers[1]}
