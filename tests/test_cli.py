@@ -220,6 +220,16 @@ def test_info_shows_water_and_cameras_with_their_units(scene_file):
     assert "warnings" in facts
 
 
+def test_info_says_what_a_calibration_gives_and_where_its_lens_ends(scene_file):
+    (scene_file.parent / "chain.yaml").write_text(
+        "cam0: {camera_model: pinhole, intrinsics: [50, 50, 23.5, 13], distortion_model: equidistant, "
+        "distortion_coeffs: [-0.9, 0, 0, 0], resolution: [48, 27], T_cam_imu: [[1]]}")
+    text = call("info", scene_file, "--set", "vehicle.cameras=[{id: M0, calibration: chain.yaml#cam0}]").output
+    assert "intrinsics, distortion and resolution are those of chain.yaml#cam0; where it is mounted is as the" in text
+    assert re.search(r"M0: \d+ pixels \(\d+ %\) see nothing and are black: the lens ends 34\.9 degrees from its", text)
+    assert "not given" not in text
+
+
 def test_info_tells_by_how_much_a_measured_phase_function_was_normalised(scene_file):
     table = scene_file.parent / "vsf.csv"
     table.write_text("angle_deg,p\n0.1,3533\n1,143\n10,2.3\n90,0.0084\n170,0.006\n")

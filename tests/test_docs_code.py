@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -125,14 +126,15 @@ def merged(block: dict) -> dict:
 
 
 @pytest.mark.parametrize("page", pages_with("yaml"))
-def test_scene_files_of_a_page_load(page):
-    """Each block on the small scene; one that is no part of a scene is a noise profile."""
+def test_scene_files_of_a_page_load(page, tmp_path):
+    """Each block on the small scene, with a camchain.yaml; one that is no part of a scene is a noise profile."""
+    shutil.copy(ROOT / "examples/every_block/camchain.yml", tmp_path / "camchain.yaml")
     for text in blocks(page, "yaml"):
         block = yaml.safe_load(text)
         if "imu" in block and "vehicle" not in block and "name" in block:
             NoiseProfile(**block)
         else:
-            scene_from_dict(merged(block))
+            scene_from_dict(merged(block), tmp_path)
 
 
 # ------------------------------------------------------------------------------------------------------ command line

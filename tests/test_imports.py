@@ -18,7 +18,7 @@ ROOT = Path(varos_warp.__file__).parent
 ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
-    "scene": ["optics", "description", "file", "courses", "water", "lights", "geometry", "materials"],
+    "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
     "sim": ["sensors", "vehicle"],

@@ -153,7 +153,7 @@ ALONE = {"trajectory": {"poses": [{"position": [0, 0, 0]}]}}
     (ALONE | {"observer": "0"}, "observer: no vehicle has the id '0' (`vehicles` is absent)"),
     ({"vehicles": [{"body": ROD | {"material": "red"}} | ALONE]}, "vehicles.0.body.material: no material named 'red'"),
     ({"vehicles": [{"body": ROD | {"path": [{"position": [0, 0, i], "time_s": i} for i in range(2)]}} | ALONE]},
-     "vehicles.0.body: path: the body goes where its vehicle does"),
+     "vehicles.0.body.path: the body goes where its vehicle does"),
 ])
 def test_bad_fleets_are_refused(scene, words):
     with pytest.raises(InputError) as refused:

@@ -45,7 +45,7 @@ from varos_warp.dataset.report import facts
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.survey import Heights
-from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.load import load_scene, scene_from_dict
 from varos_warp.scene.file.templates import template_text
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
@@ -80,6 +80,19 @@ def nodes_dae() -> bytes:
 <library_visual_scenes><visual_scene id="s"><node><translate>1 2 3</translate><rotate>0 0 1 90</rotate>
 <instance_geometry url="#g"/><instance_node url="#m"/></node></visual_scene></library_visual_scenes>
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+CAMCHAIN = """
+cam0: {camera_model: pinhole, intrinsics: [500, 501.5, 320.25, 240], distortion_model: radtan,
+  distortion_coeffs: [-0.2, 0.1, 1.0e-3, -0.002], resolution: [640, 480], T_cam_imu: [[1, 0, 0, 0], [0, 1, 0, 0]]}
+"""
+FILE_STORAGE = """<?xml version="1.0"?>
+<opencv_storage><image_width>640</image_width><image_height>480</image_height>
+<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>
+<data>500. 0. 320.25 0. 501.5 240. 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id="opencv-matrix"><rows>1</rows><cols>8</cols><dt>d</dt>
+<data>4.1 2.7 0.0001 -0.0002 0.1 4.5 4.0 0.9</data></distortion_coefficients></opencv_storage>
+"""
 
 
 QUADS = "mtllib quads.mtl\n" + "".join(f"v {x} {y} 0 1 0 0\n" for x, y, _ in BOARD) + (
@@ -179,6 +192,7 @@ def seeds() -> dict[str, bytes]:
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)
         made[f"x.{kind}"] = file.getvalue()
     made |= survey_files()
+    made |= {"calibrated.yaml": CAMCHAIN, "calibrated.xml": FILE_STORAGE}
     return {name: data if isinstance(data, bytes) else data.encode() for name, data in made.items()}
 
 
@@ -227,6 +241,8 @@ def read(path, simulated: bool) -> None:
         data = Dataset(path.parent)
         for make in (facts.headline, facts.water, facts.cameras, facts.equipment, facts.plan, facts.provenance):
             assert "<script>" not in str(make(data)).replace("&lt;script>", "") or make is facts.headline
+    elif path.stem == "calibrated":
+        check_scene(scene := calibrated(path), build_parts(scene))
     elif path.suffix == ".yaml":
         scene = load_scene(path)
         check_scene(scene, build_parts(scene))
@@ -241,6 +257,12 @@ def read(path, simulated: bool) -> None:
         load_mesh(path.with_suffix(".obj"))
     else:
         load_mesh(path)
+
+
+def calibrated(path):
+    """A scene whose camera is that of a calibration file."""
+    return scene_from_dict({"vehicle": {"cameras": [{"calibration": path.name}]},
+                            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, path.parent)
 
 
 def attempt(path, simulated: bool) -> None:

@@ -21,6 +21,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.frame import RadianceImage
 from varos_warp.render.image.outputs import decode_color
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description.optics import resized
 from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
@@ -121,7 +122,7 @@ def counted(monkeypatch):
 def fresh(path: Path, width: int = 48, frame: int = 0) -> np.ndarray:
     """The first image that a new renderer makes of a scene file."""
     scene = load_scene(path)
-    cameras = [camera.model_copy(update={"resolution": (width, width * 9 // 16)}) for camera in scene.vehicle.cameras]
+    cameras = [resized(camera, width, width * 9 // 16) for camera in scene.vehicle.cameras]
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
     simulation = simulate(scene)
     T_w_v, time_ns = simulation.frames.T_w_v(frame), int(simulation.frames.time_ns[frame])
@@ -216,6 +217,23 @@ def test_a_mesh_that_is_saved_is_a_change_too(scene_file, counted):
     assert (screen.images[0] != screen.images[1]).any()
     np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
     assert counted == {"built": 2, "simulated": 1}
+
+
+def test_a_calibration_that_is_saved_is_a_change_too(scene_file, counted):
+    """A broken one keeps the picture, and the next good one goes on."""
+    file = scene_file.with_name("chain.yaml")
+
+    def calibrate(f: int):
+        file.write_text(f"cam0: {{camera_model: pinhole, intrinsics: [{f}, 70, 47.5, 26.5], distortion_model: none, "
+                        "resolution: [96, 54]}")
+
+    calibrate(70)
+    edit(scene_file, cameras=[{"id": "L0", "rotation_euler_deg": [-25, 0, 0], "calibration": "chain.yaml"}])
+    screen = watch(scene_file, lambda: file.write_text("cam0: {"), lambda: calibrate(35), viewpoint=Viewpoint(width=48))
+    assert len(screen.images) == 2
+    assert (screen.images[0] != screen.images[1]).any()
+    np.testing.assert_array_equal(screen.images[1], fresh(scene_file))
+    assert counted == {"built": 1, "simulated": 1}
 
 
 def test_a_broken_save_keeps_the_picture_and_says_why(scene_file, counted, capsys):

@@ -24,12 +24,16 @@ CAMERAS = {
     "flat, colours apart": {"port": FLAT, "n_water": {"temperature_C": 10, "salinity": 35}},
     "dome": {"port": DOME, "n_water": 1.342},
     "dome and barrel": {"port": DOME, "distortion": BARREL},
+    "rational": {"distortion": {"model": "rational", "k": [4.1, 2.7, 0.001, -0.002, 0.1, 4.5, 4.0, 0.9]}},
+    "sphere in a dome, aside": {"port": DOME, "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
+                                "intrinsics": {"fx": 49.0, "fy": 48.0, "cx": 35.2, "cy": 15.1}},
 }
 LAMP = {"kind": "point", "position": [0.3, 0, 0.2], "intensity": [40.0, 40.0, 40.0]}
 
 
 def scene_of(camera, water="none", **more):
-    view = {"resolution": [64, 36], "sensor_mm": [4.416, 2.484], "focal_mm": 3.4} | camera
+    size = {} if "intrinsics" in camera else {"sensor_mm": [4.416, 2.484], "focal_mm": 3.4}
+    view = {"resolution": [64, 36]} | size | camera
     return Scene(water=water, vehicle={"cameras": [view], "lights": [LAMP]},
                  trajectory={"poses": [{"position": [0, 0, 0]}]}, **more)
 

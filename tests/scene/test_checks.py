@@ -230,6 +230,21 @@ def test_odd_cameras_are_noticed(camera, says):
     assert says in text
 
 
+MEASURED = {"fx": 985.5, "fy": 901.5, "cx": 651.0, "cy": 340.25}
+
+
+@pytest.mark.parametrize(("camera", "says"), [
+    ({"intrinsics": MEASURED}, []),  # pixels that are not square are measured
+    ({"intrinsics": MEASURED | {"fx": 100.0}}, ["field of view of 162 degrees; check intrinsics and resolution"]),
+    ({"intrinsics": MEASURED | {"cx": 320.0, "cy": 250.0}, "resolution": [1280, 720]},
+     ["principal point is 25 % of the width and 15 % of the height off the middle"]),
+    ({"focal_mm": 1.5, "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59}}, [])])
+def test_odd_measured_cameras_are_noticed(camera, says):
+    found = warnings(vehicle={"cameras": [camera]})
+    assert len(found) == len(says)
+    assert all(words in text for words, text in zip(says, found, strict=True))
+
+
 def test_odd_exposures_are_noticed():
     (text,) = warnings(render={"exposure": {"A": 1e6}})
     assert "render.exposure.A" in text
@@ -295,6 +310,29 @@ def test_info_gives_the_papers_camera_in_both_pixel_conventions():
     assert [info["fx"], info["fy"]] == pytest.approx([985.507, 985.507], abs=1e-3)
     assert [info["cx_colmap"], info["cy_opencv"]] == [640.0, 359.5]
     assert [info["horizontal_fov_deg"], info["vertical_fov_deg"]] == pytest.approx([66.0, 40.1], abs=0.05)
+
+
+def test_info_gives_a_measured_camera_as_it_was_measured():
+    info = camera_info(scene(vehicle={"cameras": [{"intrinsics": MEASURED}]}).vehicle.cameras[0])
+    assert [info[key] for key in ("fx", "fy", "cx_opencv", "cy_opencv")] == [985.5, 901.5, 651.0, 340.25]
+    assert [info["cx_colmap"], info["cy_colmap"]] == [651.5, 340.75]
+    expected = np.degrees([np.arctan(651.5 / 985.5) + np.arctan(628.5 / 985.5),
+                           np.arctan(340.75 / 901.5) + np.arctan(379.25 / 901.5)])
+    np.testing.assert_allclose([info["horizontal_fov_deg"], info["vertical_fov_deg"]], expected, rtol=1e-12)
+    assert info["defaults"] == ["resolution"]
+    assert (info["calibration"], info["lens_end"]) == (None, None)
+
+
+def test_info_says_where_a_lens_ends():
+    """An equidistant one whose radius a (1 - 0.3 a^2) is largest at 60.4 degrees, 2/3 of which it is then."""
+    camera = {"distortion": {"model": "fisheye", "k": [-0.3, 0, 0, 0]}, "focal_mm": 3.0}
+    end = camera_info(scene(vehicle={"cameras": [camera]}).vehicle.cameras[0])["lens_end"]
+    angle = np.sqrt(1.0 / 0.9)
+    assert end["half_angle_deg"] == pytest.approx(np.degrees(angle), rel=1e-12)
+    assert end["radius_px"] == pytest.approx(3.0 / 4.416 * 1280 * 2.0 / 3.0 * angle, rel=1e-6)
+    col, row = np.meshgrid(np.arange(1280) + 0.5 - 640, np.arange(720) + 0.5 - 360)
+    assert end["pixels"] == (np.hypot(col, row) > end["radius_px"]).sum() > 10_000
+    assert end["share"] == end["pixels"] / (1280 * 720)
 
 
 def test_info_lists_meshes_and_is_json():

@@ -171,7 +171,7 @@ def parse_keys(option: str, given: list[str]) -> dict:
     """
     import yaml
 
-    from varos_warp.scene.file import plain_yaml
+    from varos_warp.scene import plain_yaml
 
     found = {}
     for text in given:

@@ -164,6 +164,13 @@ def _print_mounts(facts: dict) -> None:
     for c in facts["cameras"]:
         if c["defaults"]:
             print(f"camera {c['id']}: not given, so those of the paper's camera: {', '.join(c['defaults'])}")
+        if c["calibration"]:
+            print(f"camera {c['id']}: intrinsics, distortion and resolution are those of {c['calibration']}; where it "
+                  "is mounted is as the scene says, not as that file (T_cam_imu, T_cn_cnm1)")
+        if end := c["lens_end"]:
+            print(f"camera {c['id']}: {counted(end['pixels'], 'pixel')} ({100 * end['share']:.2g} %) see nothing and "
+                  f"are black: the lens ends {end['half_angle_deg']:.1f} degrees from its axis, {end['radius_px']:.0f} "
+                  "px from the principal point")
 
 
 def _place(values: list[float]) -> str:

@@ -25,6 +25,7 @@ from varos_warp.render.image.outputs import OUTPUTS, to_half
 from varos_warp.render.moments import Motion
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import load_scene
@@ -220,9 +221,11 @@ class _EditedScene:
         Raises:
             InputError: If something is wrong with it.
         """
-        self._stamps = {self.path: stamp_of(self.path)}  # before it is read: what is saved meanwhile is a change
+        # before it is read: what is saved meanwhile is a change, also of a file for which it cannot be loaded
+        self._stamps = {path: stamp_of(path) for path in (*self._stamps, self.path)}
         scene = load_scene(self.path, self.overrides)
-        self._stamps |= files_named(scene, scene.model_dump())
+        others = files_named(scene, [scene.model_dump(), scene.calibrations])
+        self._stamps = {self.path: self._stamps[self.path]} | others
         with located(scene):
             return self._view(scene)
 
@@ -289,7 +292,7 @@ def files_named(scene: Scene, content: Any) -> dict[Path, tuple | None]:
 def smaller(camera: Camera, width: int) -> Camera:
     """The same field of view in no more than so many pixels across."""
     scale = min(1.0, width / camera.resolution[0])
-    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+    return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 
 
 def _camera(cameras: list[Camera], wanted: str | None) -> Camera:

@@ -18,6 +18,7 @@ from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.info import camera_info
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import row_offsets_s
 from varos_warp.scene.water import optical_properties
 
@@ -29,6 +30,8 @@ GRID, MOST_STOPS = 16, 50
 """Rays along each side of an image, and stops, from which surfaces are looked for."""
 MOST_POSES = 1000
 """Poses of a recorded course that are looked at one by one."""
+FARTHEST_CENTRE = 0.2
+"""Share of the width or height that a principal point may be off the middle of an image without a word."""
 FARTHEST_MOUNT_M, FARTHEST_MOUNT = 5.0, 10.0
 """How far from the vehicle's origin something on it may be: metres, or radii of the vehicle if they are more."""
 
@@ -167,13 +170,19 @@ def _check_cameras(scene):
         if width * height * PIXEL_BYTES > MANY_BYTES:
             size = width * height * PIXEL_BYTES / 2**30
             warnings.append(f"{key}: {width} x {height} pixels take about {size:.0f} GiB of memory while A is rendered")
-        if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005:
+        measured = camera.intrinsics is not None
+        if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005 and not measured:
             warnings.append(f"{key}: pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and "
                             "sensor_mm differ in shape")
         fov = camera_info(camera)["horizontal_fov_deg"]
-        fisheye = camera.distortion is not None and camera.distortion.model == "kannala_brandt"
+        fisheye = camera.distortion is not None and camera.distortion.model in FISHEYES
         if not 5.0 <= fov <= (360.0 if fisheye else 130.0):
-            warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check focal_mm and sensor_mm")
+            keys = "intrinsics and resolution" if measured else "focal_mm and sensor_mm"
+            warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check {keys}")
+        off = np.abs(K[:2, 2] / camera.resolution - 0.5)
+        if off.max() > FARTHEST_CENTRE:
+            warnings.append(f"{key}: its principal point is {100 * off[0]:.0f} % of the width and {100 * off[1]:.0f} % "
+                            "of the height off the middle; are intrinsics and resolution of the same image?")
         if 0.0 < camera.f_stop < 0.7:
             warnings.append(f"{key}: no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")
         if camera.f_stop > 0.0 and 1e3 * camera.focus_m <= camera.focal_mm:

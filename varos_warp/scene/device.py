@@ -4,6 +4,8 @@ import copy
 import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -363,20 +365,23 @@ def camera_records(camera: Camera, T_w_v: np.ndarray, origin, device: str, *, pi
     return wp.array(records, dtype=CameraData, device=device)
 
 
+@lru_cache(maxsize=64)
 def optics_spec(camera: Camera) -> OpticsSpec:
     """What kernels are compiled for, to see through a camera."""
-    lens = "none" if camera.distortion is None else camera.distortion.model
-    if camera.port is None:
-        return OpticsSpec(lens)
+    if camera.distortion is None and camera.port is None:
+        return OpticsSpec()
     model = camera_model(camera)
-    return OpticsSpec(lens, camera.port.kind, len(set(model.n_water)) > 1, model.port.has_rim)
+    spec = OpticsSpec(model.lens.model, ends=model.lens_ends_within(*camera.resolution))
+    if model.port is None:
+        return spec
+    return replace(spec, port=camera.port.kind, dispersion=len(set(model.n_water)) > 1, rim=model.port.has_rim)
 
 
 def optics_record(camera: Camera) -> Optics:
     """Lens and port of a camera."""
     model, record = camera_model(camera), Optics()
     if camera.distortion is not None:
-        record.k = Coefficients(*model.lens.k, *[0.0] * (5 - len(model.lens.k)))
+        record.k = Coefficients(*model.lens.k, *[0.0] * (Coefficients._length_ - len(model.lens.k)))
         record.reach = model.lens.reach((np.array([[0.0, 0.0], camera.resolution]) - model.K[:2, 2])
                                         / model.K[[0, 1], [0, 1]])
     if isinstance(model.port, FlatPort):

@@ -104,10 +104,20 @@ def camera_pose(camera, T_w_v: np.ndarray) -> np.ndarray:
 
 def intrinsics(camera) -> np.ndarray:
     """K [3, 3] in pixels with the centre of the top left pixel at (0.5, 0.5); OpenCV's has 0.5 less in cx and cy."""
+    if camera.intrinsics is not None:
+        fx, fy, cx, cy = (number for _, number in camera.intrinsics)
+        return np.array([[fx, 0.0, cx + 0.5], [0.0, fy, cy + 0.5], [0.0, 0.0, 1.0]])
     width, height = camera.resolution
     fx = camera.focal_mm / camera.sensor_mm[0] * width
     fy = camera.focal_mm / camera.sensor_mm[1] * height
     return np.array([[fx, 0.0, width / 2], [0.0, fy, height / 2], [0.0, 0.0, 1.0]])
+
+
+def opencv_intrinsics(camera) -> np.ndarray:
+    """K [3, 3] in pixels with the centre of the top left pixel at (0, 0): measured ones to the last digit."""
+    K = intrinsics(camera)
+    K[:2, 2] = K[:2, 2] - 0.5 if camera.intrinsics is None else (camera.intrinsics.cx, camera.intrinsics.cy)
+    return K
 
 
 def numeric(name: str, values, remedy: str) -> np.ndarray:

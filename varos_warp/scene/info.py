@@ -4,7 +4,7 @@ import numpy as np
 
 from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
-from varos_warp.scene.frames import attitude, intrinsics
+from varos_warp.scene.frames import attitude, intrinsics, opencv_intrinsics
 from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.geometry.course import find_course
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -90,18 +90,29 @@ def camera_info(camera) -> dict:
     """Intrinsics [pixels] with the first pixel's centre at 0.5 (COLMAP) and at 0 (OpenCV); fields of view [degrees].
 
     The view is that in the water, behind the port. ``position`` [m] and ``looks_along`` are in the axes of the mount;
-    ``defaults`` are keys that the scene file leaves to the paper's camera.
+    ``defaults`` are keys that the scene file leaves to the paper's camera, ``calibration`` names the file that it is
+    calibrated by, ``lens_end`` says where the lens ends within the image; None: there is none, or it does not.
     """
-    K, model = intrinsics(camera), camera_model(camera)
-    fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
-    if not model.is_pinhole:
+    K, model, c = intrinsics(camera), camera_model(camera), opencv_intrinsics(camera)[:2, 2].tolist()
+    if model.is_pinhole and camera.intrinsics is None:
+        fov = [float(np.degrees(2.0 * np.arctan(0.5 * size / camera.focal_mm))) for size in camera.sensor_mm]
+    else:
         fov = np.degrees(model.field_of_view(*camera.resolution)).tolist()
+    lens_keys = LENS_KEYS[:1] if camera.intrinsics else LENS_KEYS
     return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
-            "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(),
-            "cx_opencv": K[0, 2].item() - 0.5, "cy_opencv": K[1, 2].item() - 0.5,
+            "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(), "cx_opencv": c[0], "cy_opencv": c[1],
             "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1], "mount": camera.mount,
             "position": list(camera.position), "looks_along": (attitude(camera)[:, 1].round(6) + 0.0).tolist(),
-            "defaults": [key for key in LENS_KEYS if key not in camera.model_fields_set]}
+            "defaults": [key for key in lens_keys if key not in camera.model_fields_set],
+            "calibration": camera.calibration, "lens_end": _lens_end(model, camera)}
+
+
+def _lens_end(model, camera) -> dict | None:
+    end = model.lens_end(*camera.resolution)
+    if end is None:
+        return None
+    return {"pixels": end.pixels, "share": end.share, "radius_px": end.radius_px,
+            "half_angle_deg": float(np.degrees(end.half_angle))}
 
 
 def _pairs(cameras) -> list[dict]:

@@ -1,5 +1,7 @@
 """Distorting lenses and ports in exports: as the format's own readers understand them, or one clear refusal."""
 
+import warnings
+
 import cv2
 import numpy as np
 import pycolmap
@@ -14,12 +16,16 @@ from varos_warp.dataset.export import export
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
+from varos_warp.scene.calibration.read import read_calibration
 
 BARREL = {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}
 BARREL_3 = BARREL | {"k": [-0.25, 0.06, 0.001, -0.002, 0.03]}
 FISHEYE = {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}
 FLAT = {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008}
 TILTED = FLAT | {"distance_m": 0.05, "normal": [0.1, -0.05, 1.0]}
+RATIONAL = {"model": "rational", "k": [0.41, 0.27, 0.0001, -0.0002, 0.1, 0.45, 0.4, 0.09]}
+SPHERE = {"model": "double_sphere", "xi": -0.1996307, "alpha": 0.5924590}
+MEASURED = {"fx": 51.7352913, "fy": 49.1730017, "cx": 25.1093001, "cy": 11.9273307}
 DOME = {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "n_glass": 1.473, "centre": [0.004, -0.003, 0.012]}
 SEA = {"temperature_C": 10, "salinity": 35}
 
@@ -28,6 +34,10 @@ SEA = {"temperature_C": 10, "salinity": 35}
 def lenses(tmp_path_factory):
     """A dataset with cameras of each distortion, and some behind ports."""
     optics = {"B0": {"distortion": BARREL}, "F0": {"distortion": FISHEYE}, "K0": {"distortion": BARREL_3},
+              "R0": {"distortion": RATIONAL, "intrinsics": MEASURED},
+              "M0": {"distortion": BARREL, "intrinsics": MEASURED},
+              "S0": {"distortion": SPHERE, "intrinsics": MEASURED}, "N0": {"intrinsics": MEASURED},
+              "E0": {"distortion": FISHEYE, "intrinsics": MEASURED},
               "P0": {"port": FLAT, "n_water": 1.34}, "T0": {"port": TILTED, "n_water": SEA},
               "D0": {"port": DOME, "distortion": BARREL}}
     cameras = [{"id": name, "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]} | keys
@@ -43,10 +53,10 @@ def lenses(tmp_path_factory):
 
 
 def test_colmap_projects_every_point_to_its_pixel(lenses, tmp_path):
-    export(lenses, "colmap", tmp_path / "out", cameras=["B0", "F0", "K0"])
+    export(lenses, "colmap", tmp_path / "out", cameras=["B0", "F0", "K0", "R0", "N0"])
     model = pycolmap.Reconstruction(tmp_path / "out/sparse/0")
     names = [model.cameras[i].model.name for i in sorted(model.cameras)]
-    assert names == ["FULL_OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV"]
+    assert names == ["FULL_OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FULL_OPENCV", "PINHOLE"]
     assert len(model.points3D) > 10_000
     model.update_point_3d_errors()
     assert max(point.error for point in model.points3D.values()) < 1e-9
@@ -129,6 +139,54 @@ def test_ros_gets_plumb_bob_and_equidistant(lenses, tmp_path):
     assert (info.distortion_model, info.d.tolist()) == ("equidistant", FISHEYE["k"])
 
 
+def described(lenses, camera):
+    """fx, fy, cx, cy (OpenCV) and distortion of a camera of the dataset, as a scene has them."""
+    about = Dataset(lenses).camera(camera)
+    K = np.array(about["K_opencv"])
+    lens = about["distortion"]
+    return tuple(K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()), None if lens == "none" else lens
+
+
+@pytest.mark.parametrize("form", ["kalibr_camchain.yaml#cam0", "mav0/cam0/sensor.yaml",
+                                  "openvins/kalibr_imucam_chain.yaml#cam0"])
+@pytest.mark.parametrize("camera", ["M0", "E0", "N0", "S0", "F0"])
+def test_our_exports_for_kalibr_read_back_to_the_last_digit(lenses, tmp_path, camera, form):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of what is left out for S0
+        export(lenses, "euroc", tmp_path / "out", cameras=[camera])
+    if camera == "S0" and form.startswith("openvins"):
+        assert not (tmp_path / "out/openvins").exists()
+        return
+    found = read_calibration(f"out/{form}", tmp_path)
+    assert (found.intrinsics, found.distortion) == described(lenses, camera)
+    assert found.resolution == (48, 27)
+
+
+def test_estimators_without_double_spheres_are_named(lenses, tmp_path):
+    with pytest.warns(UserWarning, match=r"ORB-SLAM3 and OpenVINS cannot state a double sphere \(S0\)"):
+        export(lenses, "euroc", tmp_path / "out", cameras=["M0", "S0"])
+    assert not (tmp_path / "out/orb_slam3.yaml").exists()
+    chain = yaml.safe_load((tmp_path / "out/kalibr_camchain.yaml").read_text())
+    assert [chain[cam]["camera_model"] for cam in ("cam0", "cam1")] == ["pinhole", "ds"]
+    assert chain["cam1"]["intrinsics"][:2] == [SPHERE["xi"], SPHERE["alpha"]]
+    assert (chain["cam1"]["distortion_model"], chain["cam1"]["distortion_coeffs"]) == ("none", [])
+
+
+@pytest.mark.parametrize("camera", ["K0", "R0", "E0", "N0"])
+def test_camera_info_reads_back_to_the_last_digit(lenses, tmp_path, camera):
+    """As ROS prints the message."""
+    export(lenses, "mcap", tmp_path / "out", cameras=[camera])
+    with AnyReader([tmp_path / "out/bag"]) as reader:
+        info = next(reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(
+            [c for c in reader.connections if c.topic.endswith("camera_info")]))
+    (tmp_path / "info.yaml").write_text(yaml.safe_dump({
+        "height": info.height, "width": info.width, "distortion_model": info.distortion_model, "d": info.d.tolist(),
+        "k": info.k.tolist(), "r": info.r.tolist(), "p": info.p.tolist(), "binning_x": info.binning_x}))
+    found = read_calibration("info.yaml", tmp_path)
+    assert (found.intrinsics, found.distortion) == described(lenses, camera)
+    assert found.resolution == (48, 27)
+
+
 def test_nerfstudio_gets_either_model(lenses, tmp_path):
     import json
 
@@ -145,7 +203,9 @@ def test_nerfstudio_gets_either_model(lenses, tmp_path):
 @pytest.mark.parametrize(("to", "cameras", "problem"), [
     *((to, ["P0"], "cannot state a port") for to in ("euroc", "tum", "kitti", "nerfstudio", "mcap")),
     ("tum", ["B0"], "TUM cannot state this distortion"), ("kitti", ["F0"], "KITTI cannot state this distortion"),
-    ("euroc", ["K0"], "cannot state this distortion"), ("nerfstudio", ["B0", "F0"], "with and without fisheye")])
+    ("euroc", ["K0"], "cannot state this distortion"), ("nerfstudio", ["B0", "F0"], "with and without fisheye"),
+    *((to, ["R0"], "cannot state this distortion") for to in ("euroc", "nerfstudio", "tum", "kitti")),
+    *((to, ["S0"], "cannot state this distortion") for to in ("colmap", "nerfstudio", "mcap", "tum", "kitti"))])
 def test_what_a_format_cannot_say_is_refused_and_nothing_is_left(lenses, tmp_path, to, cameras, problem):
     with pytest.raises(InputError, match=problem):
         export(lenses, to, tmp_path / "out", cameras=cameras)
@@ -157,7 +217,11 @@ def test_dataset_json_says_how_to_rebuild_the_rays(lenses):
     data = Dataset(lenses)
     assert data.camera("P0")["port"] == FLAT | {"n_glass": 1.49, "normal": [0.0, 0.0, 1.0]}
     assert data.camera("P0")["n_water"] == [1.34] * 3
-    assert data.camera("F0")["camera_model"] == "fisheye"
+    assert data.camera("F0")["camera_model"] == data.camera("S0")["camera_model"] == "fisheye"
+    assert data.camera("S0")["distortion"] == SPHERE
+    assert data.camera("R0")["distortion"] == RATIONAL
+    assert data.camera("N0")["K_opencv"][0] == [MEASURED["fx"], 0.0, MEASURED["cx"]]
+    assert not {"focal_length", "sensor_width"} & data.camera("N0").keys()
     for camera in data.cameras:
         frame = data[0, camera]
         row, col = np.nonzero(np.isfinite(frame.D))

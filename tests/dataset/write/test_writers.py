@@ -1,6 +1,7 @@
 """What the text files say: headers that readers know, conventions in words, and poses in three forms."""
 
 import csv
+import hashlib
 import json
 import re
 import textwrap
@@ -132,6 +133,15 @@ def test_dataset_json_says_what_the_water_scatters_as(tmp_path):
     assert water["phase"] == "mixture"
     assert [part["kind"] for part in water["phase_function"]["of"]] == ["petzold", "tabulated"]
     assert len(writers.sources(scene)["vsf.csv"]) == 64
+
+
+def test_calibration_files_are_among_the_sources_by_their_names(tmp_path):
+    text = "{camera_model: pinhole, intrinsics: [50, 50, 23.5, 13], distortion_model: none, resolution: [48, 27]}"
+    (tmp_path / "chain.yaml").write_text(f"cam0: {text}\ncam1: {text}\n")
+    cameras = [{"id": f"M{i}", "calibration": f"chain.yaml#cam{i}"} for i in range(2)]
+    trajectory = {"poses": [{"position": [0, 0, 0]}]}
+    scene = scene_from_dict({"vehicle": {"cameras": cameras}, "trajectory": trajectory}, tmp_path)
+    assert writers.sources(scene) == {"chain.yaml": hashlib.sha256((tmp_path / "chain.yaml").read_bytes()).hexdigest()}
 
 
 def test_dataset_json_states_water_depth_lights_and_versions(written):

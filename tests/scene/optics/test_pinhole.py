@@ -53,12 +53,17 @@ def test_a_pinhole_is_found_again(lens):
     np.testing.assert_allclose(distance_px(found, image, points), 0.0, atol=1e-9)
 
 
+MEASURED = {"fx": 985.5, "fy": 984.5, "cx": 651.0, "cy": 340.25}
 CENTRED = {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007}
 SAME = {
     "close glass": {"port": CLOSE},
     "centred dome": {"port": CENTRED},
     "centred dome, barrel": {"port": CENTRED,
                              "distortion": {"model": "brown_conrady", "k": [-0.35, 0.12, 0.001, -0.002, -0.01]}},
+    "centred dome, aside": {"port": CENTRED, "intrinsics": MEASURED},
+    "dome that moves the centre": {"port": CENTRED | {"centre": [2e-5, 0.0, 0.0]}, "intrinsics": MEASURED},
+    "centred dome, fisheye aside": {"port": {"kind": "dome", "radius_m": 0.05}, "intrinsics": MEASURED | {"fx": 377.0},
+                                    "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
     "centred dome, fisheye": {"port": {"kind": "dome", "radius_m": 0.05}, "focal_mm": 1.3,
                               "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
 }
@@ -75,8 +80,9 @@ def test_the_keys_of_a_pinhole_that_is_offered_show_the_same(name):
     rays = camera_model(camera).rays(image)
     points = rays.origin + rng.uniform(0.8, 6.2, (400, 1)) * rays.direction
     assert np.linalg.norm(alone.project(points) - image, axis=-1).max() < ALIKE_PX
-    assert "a pinhole without port shows the same (0.8 to 6.2 m), with the keys focal_mm: " in worth.in_words
-    assert ("distortion" in worth.pinhole) == (name != "centred dome")
+    key = "intrinsics" if "intrinsics" in SAME[name] else "focal_mm"
+    assert f"a pinhole without port shows the same (0.8 to 6.2 m), with the keys {key}: " in worth.in_words
+    assert ("distortion" in worth.pinhole) == ("distortion" in SAME[name] or name == "close glass")
 
 
 def test_colours_that_part_need_the_port():
@@ -91,6 +97,24 @@ def test_colours_that_part_need_the_port():
     assert worth.colours_px == pytest.approx(parted, rel=2e-3)
     assert worth.in_words.endswith(f"; red and blue part by up to {parted:.2g} px")
     assert port_worth(Camera(port=CLOSE, n_water=[1.34] * 3), RANGES).colours_px == 0.0
+
+
+@pytest.mark.parametrize("lens", [{"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
+                                  {"model": "rational", "k": [0.41, 0.27, 0.0001, -0.0002, 0.1, 0.45, 0.4, 0.09]}])
+def test_a_lens_of_another_model_is_judged_by_the_nearest_that_can_be_fitted(lens):
+    """Behind a pane by what the pane does, not by what the fitted model lacks, which is less."""
+    pane, dome = (port_worth(Camera(port=port, distortion=lens, intrinsics=MEASURED), RANGES)
+                  for port in ({"kind": "flat", "distance_m": 0.02}, CENTRED))
+    assert dome.rms_px < 0.1 < pane.rms_px < 10.0
+
+
+def test_a_lens_that_ends_in_view_needs_the_port():
+    """A centred dome before it changes nothing, but a fitted lens would end elsewhere."""
+    fisheye = {"model": "kannala_brandt", "k": [-0.4, 0.0, 0.0, 0.0]}
+    worth = port_worth(Camera(port=CENTRED, distortion=fisheye), RANGES)
+    assert np.isfinite([worth.rms_px, worth.max_px]).all()
+    assert worth.pinhole is None
+    assert worth.in_words.endswith("; the lens ends within the image, and a fitted one would elsewhere")
 
 
 def test_a_rim_in_view_needs_the_port():

@@ -107,10 +107,10 @@ def _camera_rows(job: Job, models: list[tuple[str, list[float]]]) -> Iterable[tu
 
 def _model(job: Job, camera: str) -> tuple[str, list[float]]:
     """COLMAP's name of a camera's model, and its parameters."""
-    lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "kannala_brandt", "port")
+    lens, k = lens_of(job, camera, "COLMAP", "brown_conrady", "rational", "kannala_brandt", "port")
     K = job.fx_fy_cx_cy(camera, "center_half")
-    if lens == "brown_conrady":
-        return "FULL_OPENCV", [*K, *k, 0.0, 0.0, 0.0]
+    if lens in ("brown_conrady", "rational"):
+        return "FULL_OPENCV", [*K, *k, *[0.0] * (8 - len(k))]
     return ("OPENCV_FISHEYE" if k else "PINHOLE"), [*K, *k]
 
 

@@ -6,7 +6,9 @@ are two cameras), Kalibr ``ConfigReader.py`` and, of rolling shutters, what ``Rs
 first line, which PyYAML, Kalibr's reader, refuses. ORB-SLAM3 and OpenVINS know global shutters only.
 """
 
+import warnings
 from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -28,12 +30,19 @@ def write(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
         job: With readings of the IMU, whose axes are the body's.
         T_b_c: Pose of each camera on the body, by its id, in the order of their folders.
     """
-    _orb_slam3(job, T_b_c)
+    spheres = [camera for camera in T_b_c if kalibr_camera(job, camera).model == "ds"]
+    if orb_slam3 := not set(spheres) & set(list(T_b_c)[:2]):
+        _orb_slam3(job, T_b_c)
     chain = _camera_chain(job, T_b_c)
     imu = {**imu_noise(job)[0], "rostopic": "/imu0", "update_rate": float(job.data.meta["sensors"]["imu0"]["rate_hz"])}
     write_yaml(job, "kalibr_camchain.yaml", chain)
     write_yaml(job, "kalibr_imu.yaml", imu)
-    _openvins(job, chain, imu)
+    if not spheres:
+        _openvins(job, chain, imu)
+        return
+    unsaid = " and ".join(["ORB-SLAM3"] * (not orb_slam3) + ["OpenVINS"])
+    warnings.warn(f"{unsaid} cannot state a double sphere ({', '.join(spheres)}): no settings for {unsaid} are written",
+                  stacklevel=2)
 
 
 def _settings(program: str) -> dict:
@@ -51,11 +60,27 @@ def imu_noise(job: Job) -> tuple[dict[str, float], str]:
     return values, f"varos_warp IMU, {job.noise('imu0')}{comment}"
 
 
-def kalibr_lens(job: Job, camera: str) -> tuple[str, list[float]]:
-    """Kalibr's name of the distortion, radtan or equidistant, and its four coefficients."""
-    known = "brown_conrady without k3", "kannala_brandt"
-    lens, k = lens_of(job, camera, "EuRoC (Kalibr's radtan and equidistant)", *known)
-    return ("equidistant" if lens == "kannala_brandt" else "radtan"), k or [0.0] * 4
+class KalibrCamera(NamedTuple):
+    """A camera as Kalibr has it."""
+
+    model: str
+    """pinhole, or ds of the double sphere."""
+    intrinsics: list[float]
+    """fx, fy, cx, cy [pixels], behind xi and alpha of a double sphere."""
+    distortion: str
+    """radtan or equidistant; none of a double sphere."""
+    k: list[float]
+    """Its four coefficients, or none."""
+
+
+def kalibr_camera(job: Job, camera: str) -> KalibrCamera:
+    """What Kalibr calls a camera, and its numbers."""
+    known = "brown_conrady without k3", "kannala_brandt", "double_sphere"
+    lens, k = lens_of(job, camera, "EuRoC (Kalibr's radtan, equidistant and ds)", *known)
+    if lens == "double_sphere":
+        return KalibrCamera("ds", [*k, *job.fx_fy_cx_cy(camera)], "none", [])
+    return KalibrCamera("pinhole", job.fx_fy_cx_cy(camera), "equidistant" if lens == "kannala_brandt" else "radtan",
+                        k or [0.0] * 4)
 
 
 # ---------------------------------------------------------------------------------------------------------- ORB-SLAM3
@@ -76,7 +101,7 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
               "IMU.NoiseGyro": noise["gyroscope_noise_density"], "IMU.NoiseAcc": noise["accelerometer_noise_density"],
               "IMU.GyroWalk": noise["gyroscope_random_walk"], "IMU.AccWalk": noise["accelerometer_random_walk"],
               "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"])} | _settings("orb_slam3")
-    kind = "KannalaBrandt8" if kalibr_lens(job, first)[0] == "equidistant" else "PinHole"
+    kind = "KannalaBrandt8" if kalibr_camera(job, first).distortion == "equidistant" else "PinHole"
     lines = ["%YAML:1.0", 'File.version: "1.0"', f'Camera.type: "{kind}"', *_opencv_matrix("IMU.T_b_c1", T_b_c1)]
     if others:
         second, T_b_c2 = others[0]
@@ -87,9 +112,9 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
 
 
 def _orb_slam3_camera(job: Job, camera: str, number: int) -> dict[str, float]:
-    model, k = kalibr_lens(job, camera)
-    last = ("k3", "k4") if model == "equidistant" else ("p1", "p2")
-    values = zip(("fx", "fy", "cx", "cy", "k1", "k2", *last), [*job.fx_fy_cx_cy(camera), *k], strict=True)
+    _, intrinsics, distortion, k = kalibr_camera(job, camera)
+    last = ("k3", "k4") if distortion == "equidistant" else ("p1", "p2")
+    values = zip(("fx", "fy", "cx", "cy", "k1", "k2", *last), [*intrinsics, *k], strict=True)
     return {f"Camera{number}.{name}": value for name, value in values}
 
 
@@ -112,10 +137,10 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
     chain: dict[str, dict] = {}
     numbers, before = range(len(T_b_c)), None
     for number, (camera, T) in enumerate(T_b_c.items()):
-        facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
+        facts, (model, intrinsics, distortion, k) = job.data.camera(camera), kalibr_camera(job, camera)
         chain[f"cam{number}"] = {
-            "cam_overlaps": [n for n in numbers if n != number], "camera_model": "pinhole",
-            "distortion_coeffs": k, "distortion_model": model, "intrinsics": job.fx_fy_cx_cy(camera),
+            "cam_overlaps": [n for n in numbers if n != number], "camera_model": model,
+            "distortion_coeffs": k, "distortion_model": distortion, "intrinsics": intrinsics,
             "resolution": [facts["width"], facts["height"]], "rostopic": f"/cam{camera}/image",
             "T_cam_imu": inverse(T).tolist(), **_row_times(facts)}
         if before is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
-from varos_warp.dataset.export.estimators import imu_noise, kalibr_lens, write_yaml
+from varos_warp.dataset.export.estimators import imu_noise, kalibr_camera, write_yaml
 from varos_warp.dataset.export.job import Job, quaternion
 from varos_warp.dataset.layout import xyz
 from varos_warp.errors import InputError
@@ -56,13 +56,13 @@ def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
     time_ns = job.data.views(camera)[0].tolist()
     job.link_images(camera, (f"{folder}/data/{t}.png" for t in time_ns))
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
-    facts, (model, k) = job.data.camera(camera), kalibr_lens(job, camera)
+    facts, (model, intrinsics, distortion, k) = job.data.camera(camera), kalibr_camera(job, camera)
     write_yaml(job, f"{folder}/sensor.yaml", {
         "sensor_type": "camera", "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
         "T_BS": _matrix(T_B_c),
         "rate_hz": job.data.meta["frames"]["rate_hz"], "resolution": [facts["width"], facts["height"]],
-        "camera_model": "pinhole", "intrinsics": job.fx_fy_cx_cy(camera),
-        "distortion_model": "radial-tangential" if model == "radtan" else model, "distortion_coefficients": k})
+        "camera_model": model, "intrinsics": intrinsics,  # the double sphere has Kalibr's name, for EuRoC has none
+        "distortion_model": {"radtan": "radial-tangential"}.get(distortion, distortion), "distortion_coefficients": k})
 
 
 def _imu(job: Job) -> None:

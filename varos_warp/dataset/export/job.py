@@ -12,6 +12,7 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
+from varos_warp.scene.optics.distortion import Lens
 
 NO_NOISE = "without noise"
 PROFILE_BLOCKS = {**SENSOR_BLOCKS, "A": "camera"}
@@ -137,7 +138,8 @@ class Job:
 def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:
     """Model of a camera's distortion, ``none`` or one of ``models``, and its coefficients in OpenCV's order.
 
-    Of ``brown_conrady`` they end before k3 where the format has no place for it: say ``brown_conrady without k3``.
+    It is the simplest model that says the same. The coefficients of ``brown_conrady`` end before k3 where the format
+    has no place for it: say ``brown_conrady without k3``. Those of ``double_sphere`` are xi and alpha.
     ``port`` among the models says that the format has ports, too.
 
     Raises:
@@ -147,13 +149,21 @@ def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[f
     remedy = "docs/exports.md says which formats can; --camera leaves this one out."
     if model.port is not None and "port" not in models:
         raise InputError(f"{form} cannot state a port", file=job.data.root, key=f"{place}.port", remedy=remedy)
-    name, k = model.lens.model, list(model.lens.k)
+    name, k = _simplest(model.lens)
     if name == "brown_conrady" and f"{name} without k3" in models and k[4] == 0.0:
         return name, k[:4]
     if name not in ("none", *models):
         raise InputError(f"{form} cannot state this distortion", file=job.data.root, key=f"{place}.distortion",
                          value=f"{name} {k}", remedy=remedy)
     return name, k
+
+
+def _simplest(lens: Lens) -> tuple[str, list[float]]:
+    """The simplest model that says the same as a lens, and its coefficients."""
+    name, k = lens.model, list(lens.k)
+    if name == "rational" and not any(k[5:]):
+        name, k = "brown_conrady", k[:5]
+    return ("none", []) if name == "brown_conrady" and not any(k) else (name, k)
 
 
 def baseline(job: Job, left: str, right: str) -> float | None:

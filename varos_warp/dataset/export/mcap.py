@@ -19,6 +19,8 @@ from varos_warp.errors import InputError
 
 IMAGES = "AD"
 PER_METRE = 1000.0
+ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "kannala_brandt": "equidistant"}
+"""What ROS calls models of distortion."""
 Event = tuple[int, str, Callable]
 """Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
 TYPES = {"imu0": "sensor_msgs/msg/Imu", "depth0": "std_msgs/msg/Float64", "ground_truth": "nav_msgs/msg/Odometry",
@@ -102,7 +104,7 @@ def _course(states: dict, messages: "Messages") -> Iterator[Event]:
 def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     """Image, calibration and depth of every frame."""
     name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
-    lens = lens_of(job, camera, "MCAP (ROS)", "brown_conrady", "kannala_brandt")
+    lens = lens_of(job, camera, "MCAP (ROS)", *ROS_MODELS)
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
@@ -192,7 +194,7 @@ class Messages:
     def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, lens: tuple[str, list[float]],
                     baseline_m: float):
         """A CameraInfo; of the right camera of a rectified pair, P holds the baseline."""
-        model, k = ("equidistant" if lens[0] == "kannala_brandt" else "plumb_bob"), np.array(lens[1] or [0.0] * 5)
+        model, k = ROS_MODELS.get(lens[0], "plumb_bob"), np.array(lens[1] or [0.0] * 5)
         P = np.column_stack([K, [-K[0, 0] * baseline_m, 0.0, 0.0]])
         region = self["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         return self["sensor_msgs/msg/CameraInfo"](

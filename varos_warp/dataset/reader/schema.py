@@ -14,8 +14,9 @@ from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.limits import check_limit
 from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
+from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
-from varos_warp.scene.description.optics import Distortion, Duration, Index, Port, Vignetting
+from varos_warp.scene.description.optics import Duration, Index, Port, Vignetting
 
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]

@@ -16,6 +16,7 @@ from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError, counted
 from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.optics.distortion import lens_of
 
 MOST_WARNINGS = 40
 """Listed singly."""
@@ -111,7 +112,8 @@ def cameras(data: Dataset) -> Raw:
 def _optics(about: dict) -> str:
     """Lens, port and shutter in words."""
     lens, port = about.get("distortion"), about.get("port")
-    return (f", {lens['model']} {numbers(lens['k'])}" if isinstance(lens, dict) else "") + (
+    coefficients = lens_of(**lens).k if isinstance(lens, dict) else ()
+    return (f", {lens['model']} {numbers(coefficients)}" if isinstance(lens, dict) else "") + (
         f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "") + (
         f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "") + (
         f", exposed for {1e3 * shutter['exposure_s']:g} ms" + (

@@ -13,10 +13,10 @@ from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.rays import ray_channels
 from varos_warp.errors import InputError
 from varos_warp.render.image.segments import segment_table
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.water import HenyeyGreenstein
-from varos_warp.scene.file import plain_yaml
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
 

@@ -20,14 +20,23 @@ from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.render.planner.decisions import models_in_words
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
-from varos_warp.scene.file import plain_yaml
 from varos_warp.scene.file.load import scene_to_dict
-from varos_warp.scene.frames import R_V_C, camera_pose, euler_angles, intrinsics, pose_matrix, transform
+from varos_warp.scene.frames import (
+    R_V_C,
+    camera_pose,
+    euler_angles,
+    intrinsics,
+    opencv_intrinsics,
+    pose_matrix,
+    transform,
+)
 from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.water import optical_properties
 from varos_warp.sim.sensors.dvl import beam_directions
@@ -156,18 +165,18 @@ def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, 
 
 def describe_camera(layout: Layout, camera) -> dict:
     """Calibration of a camera; the released file's keys (mm) first."""
-    K = intrinsics(camera)
-    K_opencv = K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
     T = pose_matrix(camera) @ transform(R_V_C)
     width, height = camera.resolution
+    sizes = {"focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1]}
     return {
         "id": camera.id, "folder": layout.camera_dir(camera.id).relative_to(layout.root).as_posix(),
-        "focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1],
+        **(sizes if camera.intrinsics is None else {}),  # of a camera that is measured in pixels nobody knows them
         "width": width, "height": height, "resolution": {"width": width, "height": height},
         "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
         **describe_shutter(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
-        "K_center_half": K.tolist(), "K_opencv": K_opencv.tolist(), "mount": camera.mount,
+        "K_center_half": intrinsics(camera).tolist(), "K_opencv": opencv_intrinsics(camera).tolist(),
+        "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
     }
 
@@ -175,7 +184,7 @@ def describe_camera(layout: Layout, camera) -> dict:
 def describe_optics(camera) -> dict:
     """Lens, port and vignetting, as `described_camera` reads them."""
     lens, port = camera.distortion, camera.port
-    fisheye = lens is not None and lens.model == "kannala_brandt"
+    fisheye = lens is not None and lens.model in FISHEYES
     about = {"camera_model": "fisheye" if fisheye else "pinhole",
              "distortion": "none" if lens is None else lens.model_dump(mode="json")}
     if port is not None:
@@ -260,6 +269,7 @@ def sources(scene) -> dict[str, str | None]:
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
+    named += scene.calibrations
     found: dict[str, str | None] = dict.fromkeys(named)
     for name in found:
         with contextlib.suppress(InputError):

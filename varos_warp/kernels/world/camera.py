@@ -73,11 +73,12 @@ def make_ray(spec: OpticsSpec) -> wp.Function:
 
     It returns the ray in the water of one channel, and the radiance at the sensor over that in the water, R, G, B: 1 if
     nothing bends rays, else the transmittance of the port / n^2. If each channel has its own rays, that is three times
-    as much for this one and 0 for the others. 0 for all: there is no ray.
+    as much for this one and 0 for the others. 0 for all: there is no ray, for the lens or the port ends before.
     """
     if not spec.bends:
         return straight_ray
-    undistorted, behind_port = make_undistorted(spec.lens), make_behind_port(spec.port, spec.rim)
+    undistorted, behind_port = make_undistorted(spec.lens, spec.ends), make_behind_port(spec.port, spec.rim)
+    fisheye = spec.lens in ("kannala_brandt", "double_sphere")
 
     @wp.func
     def in_camera_axes(camera: Camera, x: float, y: float, lens: wp.vec2):
@@ -85,7 +86,11 @@ def make_ray(spec: OpticsSpec) -> wp.Function:
         through = undistorted(camera.optics, at)
         ray = Bent()
         ray.T = wp.vec2(1.0)
-        if wp.static(spec.lens != "kannala_brandt"):
+        if wp.static(spec.ends):
+            if wp.dot(through, through) == 0.0:
+                ray.T = wp.vec2(0.0)
+                through = wp.vec3(0.0, 0.0, 1.0)
+        if wp.static(not fisheye):
             on_lens = camera.aperture * sample_disk(lens[0], lens[1])
             ray.o = wp.vec3(on_lens[0], on_lens[1], 0.0)
             through = camera.focus * through - ray.o

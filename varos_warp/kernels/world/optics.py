@@ -13,7 +13,11 @@ wp.set_module_options({"enable_backward": False})
 HALVINGS, NEWTON_STEPS = wp.constant(8), wp.constant(6)
 """Of the inverse of a distortion: an interval of 1/256 of the whole, then all digits of float32. Close to a fold that
 takes six steps, elsewhere three."""
-Coefficients = wp.types.vector(5, float)
+STEPS_TO_EDGE = wp.constant(12)
+"""Of a lens that ends within the image: each halves what is missing at its edge."""
+SEEN_WITHIN = wp.constant(1.0e-5)
+"""How far, over 1 and the distance from the centre, the inverse may be off where a lens sees something."""
+Coefficients = wp.types.vector(8, float)
 
 
 @dataclass(frozen=True)
@@ -21,13 +25,15 @@ class OpticsSpec:
     """What a camera's rays are compiled for; what it lacks costs nothing."""
 
     lens: str = "none"
-    """none, brown_conrady or kannala_brandt."""
+    """none, brown_conrady, rational, kannala_brandt or double_sphere."""
     port: str = "none"
     """none, flat or dome."""
     dispersion: bool = False
     """The water's index differs between the channels, and each has rays of its own."""
     rim: bool = False
     """Some rays miss the port's glass by its size."""
+    ends: bool = False
+    """The lens ends within the image, and there are image points that see nothing."""
 
     @property
     def bends(self) -> bool:
@@ -44,9 +50,9 @@ class Optics:
     """Lens and port."""
 
     k: Coefficients
-    """Coefficients of the distortion, in OpenCV's order."""
+    """Coefficients of the distortion, in OpenCV's order; xi and alpha of a double sphere."""
     reach: float
-    """Tangent (brown_conrady) or angle [rad] (kannala_brandt) of the axis that no image point exceeds."""
+    """Tangent (brown_conrady, rational) or angle [rad] (kannala_brandt) of the axis that no image point exceeds."""
     axis: wp.vec3
     """Flat: unit normal towards the water. Dome: centre [m]."""
     distance: float
@@ -91,34 +97,59 @@ def kannala_brandt_radius(k: Coefficients, a: float):
 
 
 @wp.func
-def brown_conrady_step(k: Coefficients, x: float, y: float, at: wp.vec2):
-    """The next of Newton's steps towards the point that is seen at ``at``."""
-    q = x * x + y * y
-    scale = 1.0 + q * (k[0] + q * (k[1] + q * k[4]))
-    slope = k[0] + q * (2.0 * k[1] + q * 3.0 * k[4])
-    off_x = x * scale + 2.0 * k[2] * x * y + k[3] * (q + 2.0 * x * x) - at[0]
-    off_y = y * scale + k[2] * (q + 2.0 * y * y) + 2.0 * k[3] * x * y - at[1]
-    across = 2.0 * x * y * slope + 2.0 * (k[2] * x + k[3] * y)
-    J = wp.mat22(scale + 2.0 * x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x, across,
-                 across, scale + 2.0 * y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x)
-    return wp.vec2(x, y) - wp.inverse(J) * wp.vec2(off_x, off_y)
+def brown_conrady_scale(k: Coefficients, q: float):
+    """Factor of the radius, and its slope, at the square of the radius."""
+    return wp.vec2(1.0 + q * (k[0] + q * (k[1] + q * k[4])), k[0] + q * (2.0 * k[1] + q * 3.0 * k[4]))
+
+
+@wp.func
+def rational_scale(k: Coefficients, q: float):
+    """Factor of the radius, and its slope, at the square of the radius."""
+    above = brown_conrady_scale(k, q)
+    below = 1.0 + q * (k[5] + q * (k[6] + q * k[7]))
+    scale = above[0] / below
+    return wp.vec2(scale, (above[1] - scale * (k[5] + q * (2.0 * k[6] + q * 3.0 * k[7]))) / below)
+
+
+@wp.func
+def rational_radius(k: Coefficients, r: float):
+    """Distance from the centre and its slope, without tangential distortion."""
+    scale = rational_scale(k, r * r)
+    return wp.vec2(r * scale[0], scale[0] + 2.0 * r * r * scale[1])
 
 
 @cache
-def make_undistorted(lens: str) -> wp.Function:
-    """The function ``undistorted``: direction, of any length, that a lens sees at a point of the image plane."""
-    if lens == "none":
-        @wp.func
-        def straight(optics: Optics, at: wp.vec2):
-            return wp.vec3(at[0], at[1], 1.0)
+def make_distorted(lens: str) -> wp.Function:
+    """The function ``distorted`` of a lens that distorts a pinhole's image.
 
-        return straight
+    It returns how far from ``at`` a point is seen, and Newton's step that leads there, in one vector.
+    """
+    scale_of = {"brown_conrady": brown_conrady_scale, "rational": rational_scale}[lens]
 
-    radius = {"brown_conrady": brown_conrady_radius, "kannala_brandt": kannala_brandt_radius}[lens]
+    @wp.func
+    def distorted(k: Coefficients, x: float, y: float, at: wp.vec2):
+        q = x * x + y * y
+        factor = scale_of(k, q)
+        scale, slope = factor[0], factor[1]
+        off_x = x * scale + 2.0 * k[2] * x * y + k[3] * (q + 2.0 * x * x) - at[0]
+        off_y = y * scale + k[2] * (q + 2.0 * y * y) + 2.0 * k[3] * x * y - at[1]
+        across = 2.0 * x * y * slope + 2.0 * (k[2] * x + k[3] * y)
+        J = wp.mat22(scale + 2.0 * x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x, across,
+                     across, scale + 2.0 * y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x)
+        step = wp.inverse(J) * wp.vec2(off_x, off_y)
+        return wp.vec4(off_x, off_y, step[0], step[1])
+
+    return distorted
+
+
+@cache
+def make_undone(lens: str) -> wp.Function:
+    """The function ``undone``: tangent or angle, within the lens's reach, of a distance ``r`` from the centre."""
+    radius = {"brown_conrady": brown_conrady_radius, "rational": rational_radius,
+              "kannala_brandt": kannala_brandt_radius}[lens]
 
     @wp.func
     def undone(optics: Optics, r: float):
-        """Tangent or angle at which the distance from the centre is ``r``."""
         low = float(0.0)
         high = float(optics.reach)
         for _ in range(HALVINGS):
@@ -133,24 +164,106 @@ def make_undistorted(lens: str) -> wp.Function:
             x -= (there[0] - r) / there[1]
         return x
 
+    return undone
+
+
+@cache
+def make_undistorted(lens: str, ends: bool = False) -> wp.Function:
+    """The function ``undistorted``: direction, of any length, that a lens sees at a point of the image plane.
+
+    Zero where a lens that ``ends`` within the image sees nothing.
+    """
+    if lens == "none":
+        @wp.func
+        def straight(optics: Optics, at: wp.vec2):
+            return wp.vec3(at[0], at[1], 1.0)
+
+        return straight
+    if lens == "double_sphere":
+        return double_sphere_direction
+    if lens == "kannala_brandt":
+        return make_kannala_brandt_direction(ends)
+    return make_perspective_direction(lens, ends)
+
+
+@wp.func
+def double_sphere_direction(optics: Optics, at: wp.vec2):
+    """``undistorted`` of the double sphere."""
+    xi = optics.k[0]
+    alpha = optics.k[1]
+    q = wp.dot(at, at)
+    root = 1.0 - (2.0 * alpha - 1.0) * q
+    if root < 0.0:
+        return wp.vec3(0.0)
+    z = (1.0 - alpha * alpha * q) / (alpha * wp.sqrt(root) + 1.0 - alpha)
+    root = z * z + (1.0 - xi * xi) * q
+    if root < 0.0:
+        return wp.vec3(0.0)
+    scale = (z * xi + wp.sqrt(root)) / (z * z + q)
+    return wp.vec3(scale * at[0], scale * at[1], scale * z - xi)
+
+
+@cache
+def make_kannala_brandt_direction(ends: bool) -> wp.Function:
+    """``undistorted`` of Kannala and Brandt's fisheye."""
+    undone = make_undone("kannala_brandt")
+
     @wp.func
-    def undistorted(optics: Optics, at: wp.vec2):
+    def direction(optics: Optics, at: wp.vec2):
+        r = wp.length(at)
+        if wp.static(ends):
+            if r > kannala_brandt_radius(optics.k, optics.reach)[0]:
+                return wp.vec3(0.0)
+        scale = float(1.0)
+        x = undone(optics, r)
+        if wp.static(ends):
+            x = wp.clamp(x, 0.0, optics.reach)
+        if r > 0.0:
+            scale = wp.sin(x) / r
+        return wp.vec3(scale * at[0], scale * at[1], wp.cos(x))
+
+    return direction
+
+
+@cache
+def make_perspective_direction(lens: str, ends: bool) -> wp.Function:
+    """``undistorted`` of a lens that distorts a pinhole's image."""
+    undone, distorted = make_undone(lens), make_distorted(lens)
+
+    @wp.func
+    def within(optics: Optics, at: wp.vec2):
+        return at * wp.min(1.0, optics.reach / wp.max(wp.length(at), 1.0e-12))
+
+    @wp.func
+    def direction(optics: Optics, at: wp.vec2):
         r = wp.length(at)
         scale = float(1.0)
         x = undone(optics, r)
-        if wp.static(lens == "brown_conrady"):
-            if r > 0.0:
-                scale = x / r
-            xy = scale * at
-            for _ in range(NEWTON_STEPS):
-                xy = brown_conrady_step(optics.k, xy[0], xy[1], at)
-            return wp.vec3(xy[0], xy[1], 1.0)
-        else:
-            if r > 0.0:
-                scale = wp.sin(x) / r
-            return wp.vec3(scale * at[0], scale * at[1], wp.cos(x))
+        if r > 0.0:
+            scale = x / r
+        xy = scale * at
+        for _ in range(NEWTON_STEPS):
+            found = distorted(optics.k, xy[0], xy[1], at)
+            xy -= wp.vec2(found[2], found[3])
+        return wp.vec3(xy[0], xy[1], 1.0)
 
-    return undistorted
+    @wp.func
+    def direction_to_edge(optics: Optics, at: wp.vec2):
+        r = wp.length(at)
+        scale = float(1.0)
+        x = wp.clamp(undone(optics, r), 0.0, optics.reach)
+        if r > 0.0:
+            scale = x / r
+        xy = scale * at
+        for _ in range(STEPS_TO_EDGE):
+            found = distorted(optics.k, xy[0], xy[1], at)
+            xy = within(optics, xy - wp.vec2(found[2], found[3]))
+        found = distorted(optics.k, xy[0], xy[1], at)
+        if wp.max(wp.abs(found[0]), wp.abs(found[1])) <= SEEN_WITHIN * (1.0 + r):
+            return wp.vec3(xy[0], xy[1], 1.0)
+        return wp.vec3(0.0)
+
+    return direction_to_edge if ends else direction
 
 
 # ------------------------------------------------------------------------------------------------------------- ports

@@ -18,6 +18,7 @@ from varos_warp.render.field import solver
 from varos_warp.render.field.solver import LightFieldSolver, farthest_m
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
@@ -179,5 +180,5 @@ def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
 
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
-    view = view.model_copy(update={"resolution": CAMERA_PIXELS})
+    view = resized(view, *CAMERA_PIXELS)
     return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})

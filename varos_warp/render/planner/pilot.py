@@ -11,6 +11,7 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner.errors import relative
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.sim.clock import times_ns
 
@@ -98,7 +99,7 @@ class View:
 def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
     """The same field of view with at most so many pixels."""
     scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
-    return camera.model_copy(update={"resolution": tuple(max(1, round(scale * side)) for side in camera.resolution)})
+    return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 
 
 def pixels_tried(camera: Camera, frames: int) -> int:

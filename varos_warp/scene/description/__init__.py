@@ -12,6 +12,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from varos_warp.errors import did_you_mean
 from varos_warp.files import absolute
+from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.lights import Light
@@ -166,6 +167,12 @@ class Scene(Block):
     def lights(self) -> list[Light]:
         """The lights of `vehicle`, then those of its companions."""
         return [light for vehicle in (self.vehicle, *self.companions.values()) for light in vehicle.lights]
+
+    @property
+    def calibrations(self) -> list[str]:
+        """Files that cameras are calibrated by, as the scene names them."""
+        named = [camera.calibration for vehicle in self._places.values() for camera in vehicle.cameras]
+        return list(dict.fromkeys(file_part(name, self._base_dir)[0] for name in named if name))
 
     @property
     def moving(self) -> dict[str, Object]:

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from varos_warp.scene.description.block import Block, Vec3, outside, unwritten_if_absent
 from varos_warp.scene.optics.camera import camera_model, unit
+from varos_warp.scene.optics.distortion import DOUBLE_SPHERE, FISHEYES
 
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
 """Refractive index, relative to air."""
@@ -14,7 +15,6 @@ Size = Annotated[float, Field(gt=0.0, le=100.0)]
 """[m]"""
 Thickness = Annotated[float, Field(ge=0.0, le=100.0)]
 """[m]"""
-Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 SHORTEST_S = 1e-9
 """Times are counted in nanoseconds."""
 Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
@@ -91,26 +91,6 @@ class Seawater(Block):
 WaterIndex = Index | tuple[Index, Index, Index] | Seawater
 
 
-class BrownConrady(Block):
-    """Distortion of a lens as OpenCV's calib3d has it."""
-
-    model: Literal["brown_conrady"]
-    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = Field(
-        examples=[[-0.15, 0.03, 0.001, -0.002, 0.0]])
-    """Coefficients k1, k2, p1, p2, k3, in OpenCV's order."""
-
-
-class KannalaBrandt(Block):
-    """A fisheye as OpenCV's has it: ``focal_mm`` is per radian of the angle to the axis."""
-
-    model: Literal["kannala_brandt"]
-    k: tuple[Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0)
-    """Coefficients k1, k2, k3, k4, in OpenCV's order; all 0 is the equidistant fisheye."""
-
-
-Distortion = Annotated[BrownConrady | KannalaBrandt, Field(discriminator="model")]
-
-
 class Vignetting(Block):
     """Fall of the light towards the corners: natural (cos^4 of the angle to the axis), or a polynomial.
 
@@ -134,9 +114,29 @@ LENS = ("distortion", "port", "n_water", "vignetting")
 """What bends or dims a camera's rays."""
 
 
+def resized(camera: Any, width: int, height: int) -> Any:
+    """The same view in another number of pixels."""
+    changed: dict[str, Any] = {"resolution": (width, height)}
+    if camera.intrinsics is not None:
+        x, y = width / camera.resolution[0], height / camera.resolution[1]
+        fx, fy, cx, cy = (number for _, number in camera.intrinsics)
+        changed["intrinsics"] = camera.intrinsics.model_copy(update={
+            "fx": fx * x, "fy": fy * y, "cx": (cx + 0.5) * x - 0.5, "cy": (cy + 0.5) * y - 0.5})
+    return camera.model_copy(update=changed)
+
+
 def twin(camera: Any) -> Any:
-    """The same camera as a pinhole or thin lens in the water: without what bends, dims or blurs what it sees."""
-    return camera.model_copy(update=dict.fromkeys((*LENS, "shutter")))
+    """The same camera as a pinhole or thin lens in the water: without what bends, dims or blurs what it sees.
+
+    In the middle of the image it shows things as large, so of a double sphere the focal length is another.
+    """
+    scale, changed = camera_model(camera).lens.central_scale, dict.fromkeys((*LENS, "shutter"))
+    if scale != 1.0 and camera.intrinsics is not None:
+        f = {key: scale * getattr(camera.intrinsics, key) for key in ("fx", "fy")}
+        changed["intrinsics"] = camera.intrinsics.model_copy(update=f)
+    elif scale != 1.0:
+        changed["focal_mm"] = scale * camera.focal_mm
+    return camera.model_copy(update=changed)
 
 
 def has_twin(camera: Any) -> bool:
@@ -149,9 +149,13 @@ def has_lens(camera: Any) -> bool:
     return any(getattr(camera, name) is not None for name in LENS)
 
 
+CROSS = np.array([[0, 0], [-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]])
+"""A place and those half a pixel beside it."""
+
+
 def check_optics(camera: Any) -> Any:
     """Validator of a camera: lens, port and water fit together."""
-    for problem in (_of_water, _of_port, _of_lens, _of_rim, _of_vignetting):
+    for problem in (_of_intrinsics, _of_water, _of_port, _of_lens, _of_rim, _of_vignetting):
         if found := problem(camera):
             raise ValueError(found)
     return camera
@@ -163,22 +167,43 @@ def _of_water(camera: Any) -> str | None:
     return None
 
 
-BORDER = 65
-"""Places along each side of an image, and rows and columns of them, at which a lens is inverted."""
+def unwritten_of_camera(camera: Any) -> list[str]:
+    """Keys that a camera does not write down.
+
+    What is absent, the calibration, whose numbers are written instead, and what says nothing beside intrinsics.
+    """
+    keys = [key for key in (*LENS, "shutter", "intrinsics") if getattr(camera, key) is None]
+    beside = [] if camera.intrinsics is None else ["sensor_mm"] if camera.f_stop > 0.0 else ["sensor_mm", "focal_mm"]
+    return [*keys, *beside, "calibration"]
+
+
+def _of_intrinsics(camera: Any) -> str | None:
+    """Focal lengths are given once."""
+    if camera.intrinsics is None:
+        return None
+    of, given = "calibration" if camera.calibration else "intrinsics", camera.model_fields_set
+    if "sensor_mm" in given:
+        return f"sensor_mm: stands beside {of}, which say how large pixels are; leave out one of them"
+    if camera.f_stop > 0.0 and "focal_mm" not in given:
+        return f"f_stop: beside {of}, in pixels, it needs focal_mm, too: the aperture's diameter is focal_mm / f_stop"
+    if camera.f_stop == 0.0 and "focal_mm" in given:
+        return (f"focal_mm: stands beside {of}, which say it in pixels; leave out one of them (with an f_stop, "
+                "focal_mm is of the aperture only)")
+    return None
 
 
 def _of_lens(camera: Any) -> str | None:
-    """Every point of the image must see one direction."""
+    """The middle of the image sees something."""
     if camera.distortion is None:
         return None
-    if camera.f_stop > 0.0 and camera.distortion.model == "kannala_brandt":
-        return "f_stop: a fisheye (distortion kannala_brandt) has no depth of field here; leave f_stop out"
-    model = camera_model(camera)
-    x, y = (np.linspace(0.0, side, BORDER) for side in camera.resolution)
-    if np.isfinite(model.directions(np.stack(np.meshgrid(x, y), -1))).all():
+    model = camera.distortion.model
+    if camera.f_stop > 0.0 and model in FISHEYES:
+        return f"f_stop: a fisheye (distortion {model}) has no depth of field here; leave f_stop out"
+    middle = 0.5 * np.array(camera.resolution) + CROSS
+    if np.isfinite(camera_model(camera).directions(middle)).all():
         return None
-    return ("distortion.k folds within the image: its edge sees nothing, or what is seen further in already; "
-            "give smaller coefficients, or a longer focal_mm")
+    return ("distortion: not even the middle of the image sees anything, for the lens ends before; give smaller "
+            f"{'xi' if model == DOUBLE_SPHERE else 'coefficients'}, or longer focal lengths")
 
 
 def _of_port(camera: Any) -> str | None:
@@ -205,7 +230,7 @@ def _of_port(camera: Any) -> str | None:
 def _of_rim(camera: Any) -> str | None:
     """The pixels in the middle of the image see something."""
     model = camera_model(camera)
-    middle = model.K[:2, 2] + np.array([[0, 0], [-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]])
+    middle = model.K[:2, 2] + CROSS
     if model.port is None or all((model.rays(middle, channel).weight > 0.0).all() for channel in range(3)):
         return None
     key = "clear_radius_m" if camera.port.kind == "flat" else "half_angle_deg"
@@ -216,14 +241,22 @@ BRIGHTEST = 10.0
 """Most that a polynomial makes of the light."""
 
 
+def _farthest_corner(camera: Any) -> float:
+    """Square of the largest r of a polynomial: 1 if the principal point is in the middle."""
+    if camera.intrinsics is None:
+        return 1.0
+    half, centre = 0.5 * np.array(camera.resolution), camera_model(camera).K[:2, 2]
+    return float(((np.abs(centre - half) + half) ** 2).sum() / (half**2).sum())
+
+
 def _of_vignetting(camera: Any) -> str | None:
-    fall = camera_model(camera).vignetting
+    fall, lens = camera_model(camera).vignetting, camera.distortion
     if fall is None:
         return None
-    if fall.kind == "cos4" and camera.distortion is not None and camera.distortion.model == "kannala_brandt":
-        return "vignetting.kind: cos4 is not the law of a fisheye (distortion kannala_brandt); give a polynomial"
+    if fall.kind == "cos4" and lens is not None and lens.model in FISHEYES:
+        return f"vignetting.kind: cos4 is not the law of a fisheye (distortion {lens.model}); give a polynomial"
     with np.errstate(over="ignore", invalid="ignore"):
-        share = fall.polynomial(np.linspace(0.0, 1.0, 257))
+        share = fall.polynomial(np.linspace(0.0, _farthest_corner(camera), 257))
     if not ((share >= 0.0) & (share <= BRIGHTEST)).all():
         return ("vignetting.coefficients: between the centre and the corners, 1 + a1 r^2 + a2 r^4 ... does not stay "
                 f"between 0 and {BRIGHTEST:g}; r is in half diagonals of the image")

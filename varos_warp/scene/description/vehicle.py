@@ -19,10 +19,19 @@ from varos_warp.scene.description.block import (
     check_look_at,
     outside,
     unwritten_if_absent,
+    written_otherwise,
 )
 from varos_warp.scene.description.body import RigidBody, Turbulence
+from varos_warp.scene.description.lens import Distortion, MeasuredIntrinsics, Resolution, with_calibration
 from varos_warp.scene.description.lights import Light
-from varos_warp.scene.description.optics import Distortion, Port, Shutter, Vignetting, WaterIndex, check_optics
+from varos_warp.scene.description.optics import (
+    Port,
+    Shutter,
+    Vignetting,
+    WaterIndex,
+    check_optics,
+    unwritten_of_camera,
+)
 from varos_warp.scene.description.patterns import Pattern
 from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check_recorded
 
@@ -31,9 +40,6 @@ from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 """[mm]; within these bounds every field of view is representable in single precision."""
-
-
-Pixels = Annotated[int, Field(ge=1, le=16384)]
 
 
 class Camera(Block):
@@ -53,12 +59,19 @@ class Camera(Block):
     image upright."""
     look_at: Position | None = Field(default=None, examples=[[0.0, 3.0, 0.5]])
     """Point to look at, in the axes of the mount [m]; instead of ``rotation_euler_deg``."""
-    resolution: tuple[Pixels, Pixels] = (1280, 720)
+    resolution: Resolution = (1280, 720)
     """Width and height of the image [pixels]."""
     sensor_mm: tuple[LensSize, LensSize] = (4.416, 2.484)
     """Width and height of the sensor [mm]; pixels are square if it has the shape of the resolution."""
     focal_mm: LensSize = 3.4
-    """Focal length [mm]; without a port that in the water, which is 1.34 times that in air."""
+    """Focal length [mm]; without a port that in the water, which is 1.34 times that in air. Beside ``intrinsics`` or
+    ``calibration`` only for the aperture of an ``f_stop``."""
+    intrinsics: MeasuredIntrinsics | None = None
+    """Measured focal lengths and principal point, instead of ``sensor_mm`` and ``focal_mm``. Absent: by those, with the
+    principal point in the middle of the image."""
+    calibration: str | None = Field(default=None, examples=["camchain.yaml#cam0"])
+    """Calibration file of Kalibr, OpenCV or ROS that gives ``intrinsics``, ``distortion`` and ``resolution``, as
+    ``FILE#camera``; the camera may be left out where the file has one (docs/cameras.md)."""
     f_stop: Annotated[float, Field(ge=0.0, le=1e6), outside(
         0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")] = 0.0
     """Focal length over aperture diameter, at least 0.001; 0 is a pinhole, which is sharp everywhere."""
@@ -71,15 +84,17 @@ class Camera(Block):
     """Refractive index of the water at the port: a number, one each for R, G and B, or a block of temperature and
     salinity. Absent: 1.34."""
     distortion: Distortion | None = None
-    """Distortion of the lens in OpenCV's models, ``brown_conrady`` or ``kannala_brandt`` (fisheye). Absent: none."""
+    """Distortion of the lens: ``brown_conrady`` (radtan, plumb_bob), ``rational``, ``kannala_brandt`` (equidistant,
+    fisheye) or ``double_sphere``. Where the lens ends within the image, pixels are black. Absent: none."""
     vignetting: Vignetting | None = None
     """Fall of A's light towards the corners; B, C, D and S have none. Absent: none."""
     shutter: Shutter | None = None
     """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 
+    _calibrated = model_validator(mode="before")(with_calibration)
     _looks_somewhere = model_validator(mode="after")(check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
-    _written = unwritten_if_absent("port", "n_water", "distortion", "vignetting", "shutter")
+    _written = written_otherwise(unwritten_of_camera)
 
 
 class Mounted(Block):

@@ -10,13 +10,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError
+from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import keys_without_effect
-from varos_warp.scene.file import plain_yaml
 from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
-from varos_warp.scene.file.yaml_files import escapes, parse_file
+from varos_warp.scene.file.yaml_files import parse_file
 
 DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""
@@ -91,8 +91,9 @@ def _apply_override(source: Source, override: str, where: str) -> None:
         value = plain_yaml.parse(text)
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
+        remedy = plain_yaml.escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3]."
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
-                         remedy=escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3].") from None
+                         remedy=remedy) from None
     block = source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
@@ -126,14 +127,14 @@ def _child(block, part, path, where):
 
 def _validate(source: Source, base_dir: Path) -> Scene:
     folder = Path(base_dir).resolve()
-    scene = _validated(with_noise_files(source, folder))
+    scene = _validated(with_noise_files(source, folder), base_dir)
     scene._base_dir, scene._source = folder, source
     return scene
 
 
-def _validated(source: Source):
-    """The block that a file describes."""
+def _validated(source: Source, base_dir: Path = Path(".")):
+    """The block that a file describes; files that blocks are read from are relative to a folder."""
     try:
-        return source.model.model_validate(source.data)
+        return source.model.model_validate(source.data, context={"base_dir": Path(base_dir)})
     except ValidationError as error:
         raise input_error(error, source) from None

@@ -27,7 +27,7 @@ ELSEWHERE = {
     "resolution": ("size", "image_size", "width", "height", "image_width", "image_height"),
     "focal_mm": ("f", "focal_length", "focal_length_mm"),
     "f_stop": ("aperture", "f_number", "fnumber"),
-    "distortion": ("dist", "dist_coeffs", "distortion_coefficients", "distortion_coeffs"),
+    "distortion": ("dist", "dist_coeffs", "distortion_coefficients", "distortion_coeffs", "distortion_model"),
     "position": ("translation", "xyz", "origin", "location", "t"),
     "quaternion": ("q", "quat", "q_wxyz", "rotation_quaternion"),
     "rotation_euler_deg": ("rotation", "rpy", "orientation", "euler", "quaternion"),
@@ -49,10 +49,11 @@ HEIGHTS = ("heightmap", "heightfield", "height_map", "height_field", "heights", 
            "grid", "geotiff", "raster")
 """Names of heights on a grid; ours is a kind."""
 AS_FILE = "Heights on a grid are given as kind: heights and file; docs/terrain.md tells of their keys."
-INTRINSICS = ("k", "fx", "fy", "cx", "cy", "intrinsics", "camera_matrix", "fov", "fov_deg", "hfov", "horizontal_fov")
-"""What other tools say of a camera in one key, and we in three."""
-THREE_KEYS = ("Intrinsics are resolution, sensor_mm and focal_mm: fx = focal_mm / sensor_mm[0] x width; the principal "
-              "point is the middle of the image.")
+INTRINSICS = ("k", "fx", "fy", "cx", "cy", "camera_matrix", "principal_point", "camera_info", "fov", "fov_deg", "hfov",
+              "horizontal_fov")
+"""What other tools say of a camera."""
+MEASURED = ("Measured ones are intrinsics: {fx, fy, cx, cy} in pixels, or calibration: a file of Kalibr, OpenCV or "
+            "ROS; else give sensor_mm and focal_mm, by which fx = focal_mm / sensor_mm[0] x width.")
 TYPES = frozenset(("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "bool_type",
                    "bool_parsing", "string_type", "string_pattern_mismatch", "tuple_type", "list_type", "dict_type",
                    "model_type", "model_attributes_type"))
@@ -66,13 +67,13 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     problems.sort(key=lambda p: p[1]["type"] != "extra_forbidden")
     path, first = problems[0]
     problem, remedy = _explain(path, first, source)
-    named = re.match(r"([\w.]+): ", problem)
-    if not path and named:  # a check of the whole scene that names a key itself
-        path = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
-        problem = problem[named.end():]
+    inner = _named_key(problem, path, source)
+    if inner:
+        path += inner
+        problem = problem.partition(": ")[2]
     # the mesh that is missing is what the remedy speaks of
     remedy += _others(path, first, [p for p in problems[1:] if remedy != AS_FILE or p[1]["type"] != "missing"])
-    value = first["input"] if first["type"] not in ("missing", "extra_forbidden", "union_tag_not_found") else None
+    value = None if first["type"] in ("missing", "extra_forbidden", "union_tag_not_found") or inner else first["input"]
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
     where = source.where(path)
@@ -80,7 +81,17 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     if "line" in where and path and changes:  # which may have made the block wrong
         problem += f" (with {' and '.join(changes)})"
         remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
-    return InputError(problem, value=value, remedy=remedy or None, **where)
+    return InputError(problem, value=value, remedy=remedy.strip() or None, **where)
+
+
+def _named_key(problem: str, path: tuple, source: Source) -> tuple:
+    """The key that the check of a whole block names itself, ``port.normal: ...``; none that is not of the block."""
+    named = re.match(r"([\w.]+): ", problem)
+    if named is None:
+        return ()
+    inner = tuple(int(part) if part.isdigit() else part for part in named[1].split("."))
+    block = source.value(path)
+    return inner if not path or (isinstance(block, dict) and inner[0] in block) else ()
 
 
 def _others(path: tuple, first: dict, problems: list) -> str:
@@ -232,17 +243,18 @@ def _first_sentence(entry: Entry) -> str:
 def _instead(path: tuple, source: Source) -> str:
     """What to give instead of a key that is not known."""
     word, models = str(path[-1]), _models_at(path[:-1], source)
-    if kinds := [kind for model in models if word in model.model_fields for kind in _kinds(model)]:
+    if kinds := [kind for model in models if {word, "kind"} <= {*model.model_fields} for kind in _kinds(model)]:
         return f"Blocks of kind {' or '.join(kinds)} have it: give the kind."
     known = _keys_of(models, source.value(path[:-1]))
     if word.lower() in INTRINSICS and "focal_mm" in known:
-        return THREE_KEYS
+        return MEASURED
     if word.lower() in HEIGHTS and path[0] == "terrain":
         return AS_FILE
     for ours, theirs in ELSEWHERE.items():
         if ours in known and word.lower() in theirs and (entries := _known((*path[:-1], ours), source)):
             return f"Here it is {ours}: {_first_sentence(entries[0])}"
-    places = _where_it_fits(word, source.value(path), source.model)
+    here = ".".join(str(part) for part in path[:-1] if not isinstance(part, int))
+    places = [place for place in _where_it_fits(word, source.value(path), source.model) if place != here]
     if len(places) in (1, 2) and not did_you_mean(word, known):
         where = " and ".join(f"of {place}" if place else "at the top of the file" for place in places)
         return f"{word} is a key {where}. {_known_here(known)}"
@@ -286,9 +298,8 @@ def _models_at(path: tuple, source: Source) -> list[type[BaseModel]]:
 
 def _of_kind(models: list[type[BaseModel]], data: Any) -> list[type[BaseModel]]:
     """Those that a block says it is of; all if it says nothing of use."""
-    if not isinstance(data, dict) or "kind" not in data:
-        return models
-    return [model for model in models if data["kind"] in _kinds(model)] or models
+    named = [data[key] for key in KIND_KEYS if key in data] if isinstance(data, dict) else []
+    return [model for model in models if named and named[0] in _kinds(model)] or models
 
 
 def _keys_of(models: list[type[BaseModel]], data: Any) -> list[str]:
@@ -297,7 +308,8 @@ def _keys_of(models: list[type[BaseModel]], data: Any) -> list[str]:
 
 
 def _kinds(model) -> tuple:
-    return typing.get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
+    tags = [model.model_fields[key].annotation for key in KIND_KEYS if key in model.model_fields]
+    return typing.get_args(tags[0]) if tags else ()
 
 
 def _models_in(annotation) -> list[type[BaseModel]]:

@@ -45,7 +45,7 @@ def json_schema(model: type[BaseModel] = Scene) -> dict[str, Any]:
         schema["required"].remove("trajectory")  # or each of the vehicles has one
     for block in (schema, *schema["$defs"].values()):
         for key, entry in block.get("properties", {}).items():
-            if "const" in entry and key in KIND_KEYS:
+            if key in KIND_KEYS and tags_of(entry):
                 entry.setdefault("description", f"Tells what this is. {block['description']}")
             if unit := unit_of(entry.get("description", "")):
                 entry["x-unit"] = unit
@@ -84,7 +84,7 @@ def find_key(key: str, model: type[BaseModel] = Scene) -> list[Entry]:
     for part in key.split("."):
         if part.isdecimal():
             continue
-        of_kind = [block for block in blocks if kind_of(block) == part]
+        of_kind = [block for block in blocks if part in kinds_of(block)]
         holders = [block for block in blocks if part in block.get("properties", {})]
         if holders:
             found = entries(part, holders)
@@ -147,9 +147,21 @@ def names_in(block: dict) -> list[str]:
 
 
 def kind_of(block: dict) -> str | None:
-    """What tells a block from others that may stand in its place."""
-    tags = (block.get("properties", {}).get(key, {}).get("const") for key in KIND_KEYS)
-    return next((tag for tag in tags if tag is not None), None)
+    """What tells a block from others that may stand in its place, by the first of its names."""
+    return next(iter(kinds_of(block)), None)
+
+
+def kinds_of(block: dict) -> tuple[str, ...]:
+    """All names by which a block may be told from others that may stand in its place."""
+    tags = (tags_of(block.get("properties", {}).get(key, {})) for key in KIND_KEYS)
+    return next(filter(None, tags), ())
+
+
+def tags_of(entry: dict) -> tuple[str, ...]:
+    """Values of a key that tells what a block is; nothing of others, such as choices with a default."""
+    if "const" in entry:
+        return (entry["const"],)
+    return () if "default" in entry else tuple(entry.get("enum", ()))
 
 
 def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
@@ -187,10 +199,10 @@ def _explained(path, entry, root) -> Iterator[str]:
     yield f"  {plain(entry.schema['description'])}"
     yield from (f"  {name + ':':9}{words}" for name, words in facts(entry).items() if words)
     for block in blocks_in(entry.schema, root):
-        kind = kind_of(block)
+        kind = " or ".join(kinds_of(block))
         yield ""
         yield f"  {f'kind {kind}' if kind else 'keys'}: {plain(block['description'].splitlines()[0])}"
-        names = [name for name in names_in(block) if name not in KIND_KEYS or kind is None]
+        names = [name for name in names_in(block) if name not in KIND_KEYS or not kind]
         rows = [(name, _default(inner), inner) for name in names for inner in entries(name, [block])]
         wide, deep = (max((len(row[column]) for row in rows), default=0) for column in (0, 1))
         yield from (f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}"

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
 from varos_warp.scene.frames import intrinsics
-from varos_warp.scene.optics.distortion import Lens
+from varos_warp.scene.optics.distortion import Lens, lens_of
 from varos_warp.scene.optics.ports import DomePort, FlatPort, Port
 from varos_warp.scene.optics.seawater import CHANNELS_NM, SEA, seawater_index
 
@@ -29,6 +29,8 @@ def channel_number(name: str) -> int:
 
 
 PINHOLE = Lens()
+BORDER, BAND = 65, 64
+"""Places along each side of an image at which a lens is asked whether it ends, and rows that are looked at at once."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,19 @@ class Rays(NamedTuple):
         return Rays(self.origin @ T[:3, :3].T + T[:3, 3], self.direction @ T[:3, :3].T, self.weight)
 
 
+class LensEnd(NamedTuple):
+    """Where a lens ends within an image."""
+
+    pixels: int
+    """Pixels whose centres see nothing for it, whatever a port hides."""
+    share: float
+    """Of all pixels."""
+    radius_px: float
+    """Distance of the nearest of its edge from the principal point."""
+    half_angle: float
+    """Of the cone that it sees, in air if there is a port [rad]."""
+
+
 @dataclass(frozen=True)
 class CameraModel:
     """Camera axes (x right, y down, z forward), origin at the lens; the centre of the first pixel is (0.5, 0.5)."""
@@ -71,6 +86,8 @@ class CameraModel:
     n_water: tuple[float, float, float] = (SEA, SEA, SEA)
     """Behind the port, R, G, B."""
     vignetting: Vignetting | None = None
+    size: tuple[int, int] | None = None
+    """Width and height of the image [pixels]; None: K is that of its middle."""
 
     @property
     def is_pinhole(self) -> bool:
@@ -91,14 +108,42 @@ class CameraModel:
         return float(np.linalg.norm(np.cross(*d)))
 
     def field_of_view(self, width: int, height: int) -> np.ndarray:
-        """Angles [2] [rad] across and down the middle of an image, between the outermost rays that see water."""
-        middle, along = np.array([width, height]) / 2, np.linspace(-1.0, 1.0, 1025)[:, None]
-        angles = []
-        for half in np.diag(middle):
-            d = self.rays(middle + along * half).direction
-            d = d[np.isfinite(d).all(-1)][[0, -1]]
-            angles.append(np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]).sum())
+        """Angles [2] [rad] across and down an image, through its principal point, between the outermost rays seen.
+
+        Through the edge nearest to the principal point where that lies outside; 0 if nothing is seen there.
+        """
+        size, angles = np.array([width, height]), []
+        through, along = np.clip(self.K[:2, 2], 0.0, size), np.linspace(-1.0, 1.0, 1025)
+        for axis in range(2):
+            points = np.tile(through, (len(along), 1))
+            points[:, axis] = size[axis] / 2 + along * (size[axis] / 2)
+            d = self.rays(points).direction
+            angle = np.copysign(np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]), points[:, axis] - self.K[axis, 2])
+            angle = angle[np.isfinite(angle)]
+            angles.append(angle[-1] - angle[0] if len(angle) else 0.0)
         return np.array(angles)
+
+    def lens_ends_within(self, width: int, height: int) -> bool:
+        """Whether its lens ends within an image, of which a part then sees nothing: if so, at its border."""
+        across, down = (np.linspace(0.0, side, BORDER) for side in (width, height))
+        sides = [np.stack(np.broadcast_arrays(x, y), -1) for x, y in (
+            (across, 0.0), (across, float(height)), (0.0, down), (float(width), down))]
+        return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
+
+    def lens_end(self, width: int, height: int) -> LensEnd | None:
+        """Where its lens ends within an image; None if it does not."""
+        if not self.lens_ends_within(width, height):
+            return None
+        edge = self.lens.edge(np.linspace(0.0, 2.0 * np.pi, 721))
+        away, unseen = np.hypot(edge[:, 0], edge[:, 1]), 0
+        inner, outer = (1.0 - 1e-4) * away.min(), (1.0 + 1e-4) * away.max()  # between azimuths, a little more
+        f, c = self.K[[0, 1], [0, 1]], self.K[:2, 2]
+        for row in range(0, height, BAND):  # which bounds the memory
+            at = (pixel_centres(width, min(BAND, height - row)) + [0.0, row] - c) / f
+            r = np.hypot(at[..., 0], at[..., 1])
+            near = (r >= inner) & (r <= outer)
+            unseen += int((r > outer).sum() + np.isnan(self.lens.directions(at[near])[:, 0]).sum())
+        return LensEnd(unseen, unseen / (width * height), float(np.hypot(*(edge * f).T).min()), self.lens.half_angle)
 
     def directions(self, points: np.ndarray) -> np.ndarray:
         """Unit vectors [..., 3] in front of the lens, in air if there is a port, of image points [..., 2]."""
@@ -111,11 +156,11 @@ class CameraModel:
         if self.vignetting is None:
             return np.ones(x.shape)
         if self.vignetting.kind == "polynomial":
-            r2 = (x**2 + y**2) / (self.K[1, 2] ** 2 + self.K[0, 2] ** 2)
-            return np.maximum(self.vignetting.polynomial(r2), 0.0)
+            half = self.K[:2, 2] if self.size is None else 0.5 * np.array(self.size)
+            return np.maximum(self.vignetting.polynomial((x**2 + y**2) / (half[1] ** 2 + half[0] ** 2)), 0.0)
         if self.lens.model == "none":
             return 1.0 / (1.0 + (x / self.K[0, 0]) ** 2 + (y / self.K[1, 1]) ** 2) ** 2
-        return np.maximum(self.directions(points)[..., 2], 0.0) ** 4
+        return np.fmax(self.directions(points)[..., 2], 0.0) ** 4  # 0 where nothing is seen
 
     def rays(self, points: np.ndarray, channel: int = GREEN) -> Rays:
         """Rays of image points [..., 2] [pixels] for one of R, G, B."""
@@ -152,19 +197,19 @@ def water_indices(n_water: Any) -> tuple[float, float, float]:
 
 def camera_model(camera: Any) -> CameraModel:
     """The model of a scene's camera block."""
-    lens = PINHOLE if camera.distortion is None else Lens(camera.distortion.model, camera.distortion.k)
+    lens = PINHOLE if camera.distortion is None else lens_of(**camera.distortion.model_dump())
     port = None if camera.port is None else port_model(**camera.port.model_dump())
     vignetting = None if camera.vignetting is None else Vignetting(**camera.vignetting.model_dump())
-    return CameraModel(intrinsics(camera), lens, port, water_indices(camera.n_water), vignetting)
+    return CameraModel(intrinsics(camera), lens, port, water_indices(camera.n_water), vignetting, camera.resolution)
 
 
 def described_camera(about: dict[str, Any]) -> CameraModel:
     """The model of a camera of dataset.json."""
     lens, port, fall = about.get("distortion", "none"), about.get("port"), about.get("vignetting")
-    return CameraModel(np.array(about["K_center_half"], float),
-                       PINHOLE if isinstance(lens, str) else Lens(lens["model"], tuple(lens["k"])),
+    return CameraModel(np.array(about["K_center_half"], float), PINHOLE if isinstance(lens, str) else lens_of(**lens),
                        port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)),
-                       Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None)
+                       Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None,
+                       (about["width"], about["height"]))
 
 
 def port_model(kind: str, **values: Any) -> Port:

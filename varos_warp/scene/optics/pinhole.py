@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varos_warp.scene.optics.camera import PINHOLE, CameraModel, camera_model
-from varos_warp.scene.optics.distortion import BROWN_CONRADY, KANNALA_BRANDT, Lens
+from varos_warp.scene.optics.distortion import BROWN_CONRADY, FISHEYES, KANNALA_BRANDT, Lens
 
 ALIKE_PX = 0.05
 """Pictures that differ by less everywhere are the same."""
@@ -32,7 +32,8 @@ class PortWorth(NamedTuple):
     besides: tuple[str, ...]
     """What else differs, in words."""
     pinhole: dict[str, Any] | None
-    """``focal_mm`` and perhaps ``distortion`` of a camera without port that shows the same; None: there is none."""
+    """``focal_mm`` or ``intrinsics``, and perhaps ``distortion``, of a camera without port that shows the same; None:
+    there is none."""
 
     @property
     def in_words(self) -> str:
@@ -61,24 +62,28 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
     seen = np.isfinite(rays.direction).all(-1)
     points = (rays.origin + ranges[:, None, None] * rays.direction)[:, seen]
     image = np.broadcast_to(image[seen], (*points.shape[:2], 2))
-    lens = KANNALA_BRANDT if model.lens.model == KANNALA_BRANDT else BROWN_CONRADY
+    lens = KANNALA_BRANDT if model.lens.model in FISHEYES else BROWN_CONRADY
     off = distance_px(fit_pinhole(model, image, points, lens), image, points)
-    colours, keys, besides = 0.0, None, [*_besides(camera, seen)]
+    colours, keys, besides = 0.0, None, [*_besides(camera, model, seen)]
     if len(set(model.n_water)) > 1:
         colours = float(np.nanmax(np.linalg.norm(model.project(points, 0) - model.project(points, 2), axis=-1)))
     if colours < ALIKE_PX and not besides:
-        fits = [fit_pinhole(model, image, points, kind, centre=False) for kind in ("none", lens)]
+        free = camera.intrinsics is not None
+        fits = [fit_pinhole(model, image, points, kind, centre=free) for kind in ("none", lens)]
         apart = [np.linalg.norm(fit.project(points) - image, axis=-1).max() for fit in fits]  # NaN: its lens folds
         keys = next((_keys(camera, model, fit) for fit, px in zip(fits, apart, strict=True) if px < ALIKE_PX), None)
-        if keys is None and off.max() < ALIKE_PX:
+        if keys is None and off.max() < ALIKE_PX and not free:
             besides.append(f"with its centre in the middle of the image, {np.nanmin(apart):.2g} px")
     rms = float(np.sqrt(np.square(off).mean()))
     return PortWorth(rms, float(off.max()), float(ranges.min()), float(ranges.max()), colours, tuple(besides), keys)
 
 
-def _besides(camera: Any, seen: np.ndarray) -> Iterator[str]:
+def _besides(camera: Any, model: CameraModel, seen: np.ndarray) -> Iterator[str]:
     """What a pinhole would not have, but for the places of points."""
-    if not seen.all():
+    ends = model.lens_ends_within(*camera.resolution)
+    if ends:
+        yield "the lens ends within the image, and a fitted one would elsewhere"
+    elif not seen.all():
         yield "a part of the image sees nothing through the port"
     if camera.f_stop > 0.0:
         yield "its depth of field would be another"
@@ -138,6 +143,11 @@ def distance_px(pinhole: CameraModel, image: np.ndarray, points: np.ndarray) -> 
 def _keys(camera: Any, model: CameraModel, fit: CameraModel) -> dict[str, Any]:
     """Of a scene's camera block."""
     keys: dict[str, Any] = {"focal_mm": float(f"{camera.focal_mm * fit.K[0, 0] / model.K[0, 0]:.{DIGITS}g}")}
+    if camera.intrinsics is not None:
+        numbers = (*fit.K[[0, 1], [0, 1]], *(fit.K[:2, 2] - 0.5))
+        names = ("fx", "fy", "cx", "cy")
+        keys = {"intrinsics": {name: float(f"{number:.{DIGITS}g}")
+                               for name, number in zip(names, numbers, strict=True)}}
     if fit.lens.model != "none":
         # what is left of zeros by rounding is not written down
         k = [float(f"{round(k, 9) + 0.0:.{DIGITS}g}") for k in fit.lens.k]

@@ -4,9 +4,12 @@ Aliases count as often as what they stand for is repeated. Tags make nothing but
 """
 
 import re
+from pathlib import Path
 from typing import Any
 
 import yaml
+
+from varos_warp.errors import InputError
 
 MOST_NODES = 1_000_000
 """Values of a file, each alias counted with all that it stands for; a scene of 100 000 poses has 800 000."""
@@ -38,22 +41,76 @@ for _tag in ("binary", "set", "omap", "pairs"):
     PlainLoader.add_constructor(f"tag:yaml.org,2002:{_tag}", yaml.SafeLoader.construct_undefined)
 
 
+def read(text: str, file: Path, loader: type = PlainLoader) -> tuple[Any, dict[tuple, int]]:
+    """Data of a file's YAML document, and the line of every key by its path.
+
+    Args:
+        text: Of the file.
+        file: Its path, for messages.
+        loader: `PlainLoader`, or one that knows more tags.
+
+    Raises:
+        InputError: It is not valid YAML, beyond the limits, or gives a key twice.
+    """
+    try:
+        node = compose(text, loader)
+        lines: dict[tuple, int] = {}
+        if node is not None:
+            _collect_lines(node, (), lines, file, set())
+        return construct(node, loader), lines
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
+        raise InputError(f"is not valid YAML: {problem}", file=file, line=mark.line + 1 if mark else None,
+                         remedy=escapes(problem) or "Check indentation, colons and brackets there.") from None
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:  # such as a date that does not exist
+        raise InputError(f"is not valid YAML: {error}", file=file, remedy="Quote the value if it is text.") from None
+
+
+def escapes(problem: str) -> str | None:
+    """The remedy for what YAML says of a backslash in double quotes, such as that of a path of Windows."""
+    if "escape character" in problem or "hexdecimal" in problem:
+        return "Write / instead of \\ in paths, and text with \\ in single quotes."
+    return None
+
+
 def parse(text: str) -> Any:
     """Data of a YAML document; raises `yaml.YAMLError` if it is not valid, or beyond the limits."""
     return construct(compose(text))
 
 
-def compose(text: str) -> yaml.Node | None:
+def compose(text: str, loader: type = PlainLoader) -> yaml.Node | None:
     """Node of a YAML document, for lines; raises as `parse` does."""
     _check_size(text)
-    node = yaml.compose(text, Loader=PlainLoader)
+    node = yaml.compose(text, Loader=loader)
     _check_keys(node, set())
     return node
 
 
-def construct(node: yaml.Node | None) -> Any:
+def construct(node: yaml.Node | None, loader: type = PlainLoader) -> Any:
     """Data of a node, whose merged blocks are then written out in it; raises as `parse` does."""
-    return None if node is None else PlainLoader("").construct_document(node)
+    return None if node is None else loader("").construct_document(node)
+
+
+def _collect_lines(node, path, lines, file, seen):
+    """Note the line of every key under a YAML node; a key given twice is an error, for the first would be lost."""
+    if id(node) in seen:  # an alias
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            lines[*path, i] = item.start_mark.line + 1
+            _collect_lines(item, (*path, i), lines, file, seen)
+    elif isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            inner, line = (*path, key.value), key.start_mark.line + 1
+            if inner in lines and key.value != "<<":
+                raise InputError("is given twice", file=file, line=line, key=".".join(map(str, inner)),
+                                 remedy=f"Keep one; the first is in line {lines[inner]}.")
+            lines[inner] = line
+            _collect_lines(value, inner, lines, file, seen)
 
 
 def _check_size(text: str) -> None:

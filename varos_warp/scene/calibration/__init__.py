@@ -1,0 +1,1 @@
+"""Calibration files of other programs: the intrinsics, distortion and resolution of their cameras."""
