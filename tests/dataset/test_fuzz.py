@@ -15,9 +15,11 @@ import signal
 import sys
 import warnings
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
+from ies_by_hand import ies_text, measured
 from PIL import Image
 
 from varos_warp.dataset.reader.dataset import Dataset
@@ -28,6 +30,8 @@ from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import template_text
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
+from varos_warp.scene.lights.distribution import of_profile
+from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.materials.textures import read_image
 from varos_warp.sim.trajectory import simulate
 
@@ -60,6 +64,15 @@ def dae() -> bytes:
 <scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
 
+def lamps() -> dict[str, str]:
+    """Files of lamps: IES of type C with symmetry and tilt, and of type B; CSV of two angles."""
+    angles, tilt = np.arange(0.0, 91.0, 15.0), "TILT=INCLUDE\n1\n2\n0 90\n1 0.9"
+    around = [f"{polar},{azimuth},{polar + azimuth}" for azimuth in (0, 90, 180, 270) for polar in (0, 40, 80)]
+    return {"quadrants.ies": ies_text("C", angles, angles, measured("C", angles, angles), tilt=tilt),
+            "flood.ies": ies_text("B", angles, angles, measured("B", angles, angles)),
+            "around.csv": "\n".join(["polar_deg,azimuth_deg,intensity", *around])}
+
+
 def seeds() -> dict[str, bytes]:
     """A good file of each kind, by name."""
     ball = trimesh.creation.icosphere(subdivisions=1)
@@ -70,6 +83,7 @@ def seeds() -> dict[str, bytes]:
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)
         made[f"x.{kind}"] = file.getvalue()
+    made |= lamps()
     return {name: data if isinstance(data, bytes) else data.encode() for name, data in made.items()}
 
 
@@ -125,6 +139,9 @@ def read(path, simulated: bool) -> None:
             simulate(load_scene(path, ("trajectory.duration_s=5",)))
     elif path.suffix in (".png", ".jpeg", ".tiff"):
         read_image(path)
+    elif path.suffix in (".ies", ".csv"):
+        values = of_profile(read_profile(path, "file")).profile
+        assert 0.0 <= min(values) <= max(values) <= 1.0 + 1e-9
     else:
         load_mesh(path)
 

@@ -70,7 +70,11 @@ def unavailable(scene: Scene) -> str | None:
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
-    for shape in (distribution(light, scene) for light in lights):
+    for light in lights:
+        shape = distribution(light, scene)
+        if not shape.is_round:
+            return (f"the intensity of a lamp ({light.file}) changes around its axis, and the field is known for lamps "
+                    "that are the same all around")
         if not shape.everywhere and not narrow <= np.degrees(2.0 * shape.half_angle) <= wide:
             return (f"a light's cone of {np.degrees(2.0 * shape.half_angle):.3g} degrees is not between {narrow:g} and "
                     f"{wide:g}")
