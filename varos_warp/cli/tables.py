@@ -85,6 +85,7 @@ def print_info(facts: dict) -> None:
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    str(light["intensity"])] for i, light in enumerate(facts["lights"])])
+    _print_profiles(facts["lights"])
     print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
@@ -94,6 +95,18 @@ def print_info(facts: dict) -> None:
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
         print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
               f"that see it: {seen}")
+
+
+def _print_profiles(lights: list[dict]) -> None:
+    """What the files of lamps say, and what is made of it."""
+    for i, light in enumerate(lights):
+        if not (profile := light.get("profile")):
+            continue
+        around = f"changes by up to {100 * profile['uneven']:.2g} % of the peak around the axis"
+        if profile["round"]:
+            around = f"{around}: round, by the mean" if profile["uneven"] else "the same all around the axis"
+        print(f"light {i}: {light['file']}, {profile['source']}, up to {profile['ends_at_deg']:g} degrees from the "
+              f"axis, {around}", *profile["notes"], sep="; ")
 
 
 def _print_mounts(facts: dict) -> None:

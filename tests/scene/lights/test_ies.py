@@ -7,10 +7,12 @@ from chance import run
 from ies_by_hand import ies_text, intensity_by_hand, measured
 from scipy.spatial.transform import Rotation
 
+from varos_warp.cli.tables import _print_profiles
 from varos_warp.errors import InputError
 from varos_warp.kernels.world import light as lights
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import transform
+from varos_warp.scene.info import light_info
 from varos_warp.scene.lights.distribution import distribution, of_profile
 from varos_warp.scene.lights.goniometry import MOST_PLANES, NODES
 from varos_warp.scene.lights.profiles import read_profile
@@ -139,7 +141,26 @@ def test_nothing_that_only_scales_a_lamp_changes_it(tmp_path):
 def test_it_is_told_which_edition_a_file_follows(tmp_path, header, edition):
     profile = file_of(tmp_path, ies_text("C", DOWN, [0.0], measured("C", DOWN, [0.0]), header=header))
     assert profile.describe() == {"source": f"IES LM-63-{edition}, type C, 1 horizontal angle", "round": True,
-                                  "uneven": 0.0, "ends_at_deg": 90.0, "opening_m": [0.0, 0.0, 0.0]}
+                                  "uneven": 0.0, "ends_at_deg": 90.0, "opening_m": [0.0, 0.0, 0.0], "notes": []}
+
+
+@pytest.mark.parametrize(("text", "note"), [
+    (PLAIN.replace("TILT=NONE", TILTED), "factors of tilt"),
+    (ies_text("B", DOWN, SIDES, measured("B", DOWN, SIDES)), "shine below as above")])
+def test_it_is_told_what_a_file_leaves_to_its_reader(tmp_path, text, note):
+    (told,) = file_of(tmp_path, text).describe()["notes"]
+    assert note in told
+
+
+def test_info_tells_by_how_much_a_lamp_changes_around_its_axis(tmp_path, capsys):
+    rows = np.array([[1000.0, 800.0, 0.0], [1000.0, 788.0, 0.0]])
+    scene = lamp_scene(tmp_path, ies_text("C", [0, 45, 90], [0, 90], rows))
+    facts = light_info(scene.vehicle.lights[0], scene)
+    assert facts["profile"]["uneven"] == 0.012
+    _print_profiles([{"kind": "spot"}, facts])
+    assert capsys.readouterr().out == (
+        "light 1: lamp.ies, IES LM-63-2002, type C, 2 horizontal angles, up to 90 degrees from the axis, changes by up "
+        "to 1.2 % of the peak around the axis: round, by the mean\n")
 
 
 @pytest.mark.parametrize(("off", "is_round"), [(0.019, True), (0.021, False)])

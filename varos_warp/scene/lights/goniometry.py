@@ -53,6 +53,8 @@ class Profile:
     """How much the intensities of one angle to the axis differ around it in the file, at most, over the peak."""
     opening_m: tuple[float, float, float] | None = None
     """Width, length and height of the lamp's opening [m], where the file tells."""
+    notes: tuple[str, ...] = ()
+    """What else is to be known of how the file was read."""
 
     @property
     def is_round(self) -> bool:
@@ -63,7 +65,7 @@ class Profile:
         """Its facts in plain JSON types."""
         return {"source": self.source, "round": self.is_round, "uneven": float(f"{self.uneven:.3g}"),
                 "ends_at_deg": float(f"{np.degrees(self.polar[-1]):.6g}"),
-                "opening_m": self.opening_m and list(self.opening_m)}
+                "opening_m": self.opening_m and list(self.opening_m), "notes": list(self.notes)}
 
 
 class NotMeasured(ValueError):
@@ -79,7 +81,11 @@ def profile_of(file: IesFile) -> Profile:
     planes = len(file.horizontal)
     source = f"IES LM-63-{file.edition}, type {file.kind}, {planes} horizontal angle{'s' * (planes != 1)}"
     polar, azimuth, intensity = (_of_type_c if file.kind == "C" else _of_planes)(file)
-    return replace(full_turn(np.radians(polar), np.radians(azimuth), intensity, source), opening_m=file.opening_m)
+    notes = ["its factors of tilt scale the output of a tilted lamp and do not count"] * file.tilted
+    if file.kind != "C" and _is(file.vertical[0], 0.0):
+        notes.append("its vertical angles begin at 0: it is taken to shine below as above")
+    profile = full_turn(np.radians(polar), np.radians(azimuth), intensity, source)
+    return replace(profile, opening_m=file.opening_m, notes=tuple(notes))
 
 
 def full_turn(polar: np.ndarray, azimuth: np.ndarray, intensity: np.ndarray, source: str) -> Profile:

@@ -45,6 +45,8 @@ class IesFile:
     """Intensities [horizontal, vertical], 0 or more, of any scale."""
     opening_m: tuple[float, float, float] | None
     """Width, length and height of the luminous opening [m]; a negative one is a diameter. None: in no known unit."""
+    tilted: bool = False
+    """Whether it tells how the output changes as the lamp is tilted."""
 
 
 def read_ies(path: Path, key: str) -> IesFile:
@@ -100,7 +102,7 @@ class _Reader:
         after = [tilt[2], *text[tilt.end() + 1:].split("\n")]
         self.words = [(first + i, word) for i, line in enumerate(after) for word in re.split(r"[\s,]+", line) if word]
         self.words.reverse()
-        self.skip_tilt(tilt[1].upper(), f"{tilt[1]}{tilt[2]}".strip(), first)
+        tilted = self.skip_tilt(tilt[1].upper(), f"{tilt[1]}{tilt[2]}".strip(), first)
         self.take(2, "the number of lamps and their lumens")
         self.positive("the candela multiplier")
         vertical, horizontal = self.count("vertical angles", 2), self.count("horizontal angles", 1)
@@ -115,16 +117,17 @@ class _Reader:
                              line=self.words[-1][0])
         if candela.min() < 0.0 or not candela.any():
             raise self.wrong("its intensities are not 0 or more, with one above")
-        return IesFile(_edition(text), kind, *angles, candela, unit and tuple((unit * opening).tolist()))
+        return IesFile(_edition(text), kind, *angles, candela, unit and tuple((unit * opening).tolist()), tilted)
 
-    def skip_tilt(self, how: str, named: str, line: int) -> None:
-        """Step over the factors of a lamp that stands askew: they scale its output, not where it shines."""
+    def skip_tilt(self, how: str, named: str, line: int) -> bool:
+        """Step over the factors of a lamp that stands askew, if any: they scale its output, not where it shines."""
         if how == "INCLUDE":
             self.take(1, "the lamp's place in the luminaire")
             self.take(2 * self.count("angles of tilt", 0), "the angles and factors of tilt")
         elif how != "NONE":
             raise self.wrong(f"its factors of tilt are in another file: TILT={named}", line=line, remedy=(
                 "They do not change where the lamp shines: write TILT=NONE there."))
+        return how == "INCLUDE"
 
     def take(self, count: int, what: str) -> np.ndarray:
         """The next numbers, float64 [count]."""
