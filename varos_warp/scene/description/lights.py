@@ -98,12 +98,12 @@ class ProfileLight(Block):
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
-    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead. The angles 0 of a file point
-    there."""
+    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     up: Position | None = Field(default=None, examples=[[0, 0, 1]])
-    """The lamp's own upward direction, in vehicle axes, of any length, for lamps that are not the same all around: C =
-    0 of type C, V = 90 of types B and A, and azimuth_deg = 0 are there; what of it lies along the direction is left
-    out. Absent: as of a camera, upwards as far as the direction allows; of one straight down, forwards."""
+    """The lamp's own upward direction, in vehicle axes, of any length, for lamps that are not the same all around.
+    There are C = 0 of type C, V = 90 of types B and A, and azimuth_deg = 0; along the direction is the angle 0 of all.
+    What of it lies along the direction is left out. Absent: as of a camera, upwards as far as the direction allows; of
+    a lamp straight down, forwards."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity at the profile's peak for red, green and blue [W/sr]."""
     port: LampPort | None = None
