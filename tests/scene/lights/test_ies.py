@@ -246,3 +246,16 @@ def test_a_port_before_a_lamp_that_shines_backwards_only_is_refused(tmp_path):
 def test_an_up_without_a_part_across_the_direction_is_refused(tmp_path, up):
     with pytest.raises(InputError, match=r"lights\.0\.up"):
         lamp_scene(tmp_path, PLAIN, up=up)
+
+
+@pytest.mark.parametrize("lit", [(0.0,), (90.0, 0.0, 90.0)])
+def test_a_beam_between_the_steps_of_a_table_is_refused_by_file_and_key(tmp_path, lit):
+    """Backwards, where steps even in the sine of half the angle are 7 degrees wide."""
+    vertical = [0.0, 176.0, 176.1, 176.2, 180.0]
+    rows = np.zeros((3, 5))
+    rows[:len(lit), 2] = np.array(lit) + 10.0
+    planes = [0, 0, 0] if len(lit) == 1 else [0, 1, 2]
+    scene = lamp_scene(tmp_path, ies_text("C", vertical, [0.0, 90.0, 180.0], rows[planes]))
+    with pytest.raises(InputError, match=r"lights\.0\.file: its brightest beam is so narrow") as refused:
+        distribution(scene.vehicle.lights[0], scene)
+    assert refused.value.file == tmp_path / "lamp.ies"

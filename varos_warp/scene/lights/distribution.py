@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,8 @@ from varos_warp.scene.optics.ports import snell, transmitted
 
 HALF = 0.5
 """Share of its peak at which a profile is divided for quadratures along rays."""
+RESOLVED = 0.5
+"""Least share of a file's peak that its profile must have somewhere."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def distribution(light: Light, scene: Scene) -> Distribution:
     if light.kind in ("point", "sheet"):
         return Distribution()
     if light.kind == "profile":
-        own = of_profile(read_profile(scene.resolve(light.file), f"{scene.key_of_light(light)}.file"))
+        own = _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
     else:
         half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
         own = Distribution(half, light.blend)
@@ -98,26 +101,52 @@ def distribution(light: Light, scene: Scene) -> Distribution:
         raise error.at(f"{scene.key_of_light(light)}.port") from None
 
 
+def _of_file(path: Path, key: str) -> Distribution:
+    """The distribution of a file, which a key of the scene names."""
+    profile = read_profile(path, key)
+    try:
+        return of_profile(profile)
+    except InputError as error:
+        raise InputError(error.problem, file=path, key=key, remedy=error.remedy) from None
+
+
 def of_profile(profile: Profile) -> Distribution:
-    """Distribution of what a file tells; any scale."""
+    """Distribution of what a file tells; any scale.
+
+    Raises:
+        InputError: If its brightest light is between the steps of the table.
+    """
     if profile.is_round:
         return of_table(profile.polar, profile.intensity[0])
-    rows = even_planes(profile)
-    edge = _edge(profile.polar, rows.any(axis=0))
-    values = np.array([np.interp(edge.angles, profile.polar, row) for row in rows])
-    return _around(edge.half_angle, values / profile.intensity.max(), 1.0)
+    edge, values = _at_nodes(profile.polar, even_planes(profile))
+    return _around(edge, values / profile.intensity.max(), 1.0)
 
 
 def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
-    """Distribution of intensities at increasing angles to the axis [rad], linear between, 0 beyond; any scale."""
-    edge = _edge(angle, intensity)
-    values = np.interp(edge.angles, angle, intensity)
-    return replace(_normalised(edge.half_angle, values), gain=1.0)
+    """Distribution of intensities at increasing angles to the axis [rad], linear between, 0 beyond; any scale.
+
+    Raises:
+        InputError: If its brightest light is between the steps of the table.
+    """
+    edge, values = _at_nodes(angle, intensity[None])
+    return replace(_normalised(edge, values[0]), gain=1.0)
 
 
-def _edge(angle: np.ndarray, lit: np.ndarray) -> Distribution:
-    """The cone, without a profile, of light at some of the angles to the axis [rad]."""
-    return Distribution(float(angle[min(int(np.flatnonzero(lit)[-1]) + 1, len(angle) - 1)]))
+def _at_nodes(angle: np.ndarray, intensity: np.ndarray) -> tuple[float, np.ndarray]:
+    """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
+
+    Args:
+        angle: To the axis [rad], increasing.
+        intensity: [planes, angle]
+    """
+    lit = np.flatnonzero(intensity.any(axis=0))
+    if len(lit):
+        edge = Distribution(float(angle[min(int(lit[-1]) + 1, len(angle) - 1)]))
+        values = np.array([np.interp(edge.angles, angle, row) for row in intensity])
+        if values.max() >= RESOLVED * intensity.max():
+            return edge.half_angle, values
+    raise InputError(f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
+                     remedy="Give a wider one, or a spot.")
 
 
 @lru_cache(maxsize=64)

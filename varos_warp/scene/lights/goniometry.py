@@ -97,7 +97,7 @@ def full_turn(polar: np.ndarray, azimuth: np.ndarray, intensity: np.ndarray, sou
         intensity: [azimuth, polar], of any scale.
         source: What it was read from, in words.
     """
-    uneven = float(np.ptp(intensity, axis=0).max() / intensity.max())
+    uneven = float(np.ptp(intensity, axis=0).max() / max(intensity.max(), 1e-300))
     if uneven <= UNEVEN:
         azimuth, intensity = np.zeros(1), intensity.mean(axis=0)[None]
     return Profile(polar, azimuth, intensity, source, uneven)
