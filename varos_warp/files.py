@@ -74,11 +74,27 @@ def read_text(path: Path, what: str, remedy: str, key: str | None = None) -> str
     Raises:
         InputError: There is no such file, or it cannot be read as text.
     """
+    data = read_bytes(path, what, remedy, key)
+    try:
+        return with_line_feeds(data.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise InputError("is not a text file in UTF-8", file=path, key=key, remedy=remedy) from None
+
+
+def read_bytes(path: Path, what: str, remedy: str, key: str | None = None) -> bytes:
+    """What is in a file of text, in any encoding; the arguments are those of `require_file`.
+
+    Raises:
+        InputError: There is no such file, or it cannot be read, or it is larger than the limit.
+    """
     require_file(path, what, remedy, key)
     try:
         check_limit("TEXT_BYTES", path.stat().st_size, file=path, key=key)
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("is not a text file in UTF-8", file=path, key=key, remedy=remedy) from None
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=path, key=key, remedy=remedy) from error
+
+
+def with_line_feeds(text: str) -> str:
+    """A text whose lines end as those of any system, with line feeds alone."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -240,3 +240,23 @@ def test_equiangular_points_follow_the_density(h, ya, yb):
     _, y, _, _ = on_device(h, ya, yb, rng_array(5, N))
     share = true_angle(h, ya, np.maximum(y.astype(float), ya)) / true_angle(h, ya, yb)
     assert_plausible([uniform_p(np.clip(share, 0, 1))])
+
+
+@wp.kernel(enable_backward=False)
+def choose(u: wp.array(dtype=float), weights: wp.array(dtype=float), index: wp.array(dtype=int),
+           inverse: wp.array(dtype=float)):
+    i = wp.tid()
+    chosen = sampling.make_reservoir(u[i])
+    for k in range(weights.shape[0]):
+        chosen = sampling.offer(chosen, k, weights[k])
+    index[i] = chosen.index
+    inverse[i] = chosen.total / chosen.weight
+
+
+@pytest.mark.parametrize("weight", [1.0, 1e-30, 1e-40, 3e-45])
+def test_the_only_candidate_is_taken_however_little_it_weighs(weight):
+    """A number below 1 times one that float32 hardly holds is that number again: it must not be refused."""
+    u = np.append(rng_array(6, 1000), np.float32(1.0 - 2.0**-24))
+    index, inverse = run(choose, [u, np.array([0.0, weight, 0.0])], [int, float], dim=len(u))
+    assert np.all(index == 1)
+    assert np.all(inverse == 1.0)

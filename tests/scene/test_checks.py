@@ -201,6 +201,31 @@ def test_a_camera_inside_an_object_is_noticed():
     assert any("waypoint 0 is inside objects.0" in t for t in texts)
 
 
+ROCK = {"kind": "boulder", "diameter": 0.6, "chord_error_m": 0.02, "position": [0, 3, 0.6]}
+
+
+def test_a_lamp_inside_an_object_or_the_ground_is_noticed_at_the_stops_where_it_is():
+    lamps = [LAMP, {"position": [0, 3, -0.4]}, {"kind": "point", "position": [0, 1, -1.5]}]
+    texts = warnings(terrain=FLAT, objects=[ROCK], vehicle={"lights": lamps},
+                     waypoints=[(0, 0, 1), (0.1, 0, 1), (3, 0, 2)])
+    assert [text for text in texts if "lights" in text] == [
+        "vehicle.lights.2: is under the terrain at waypoints 0, 1, and none of its light leaves it",
+        "vehicle.lights.1: is inside objects.0 at waypoints 0, 1, and none of its light leaves it"]
+
+
+def test_lamps_of_a_vehicle_that_is_itself_inside_are_not_told_one_by_one():
+    texts = warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 1, -2)], vehicle={"lights": [LAMP, LAMP]})
+    assert any("waypoint 1 is under the terrain" in text for text in texts)
+    assert not any("lights" in text for text in texts)
+
+
+def test_a_lamp_inside_one_copy_of_a_scatter_is_noticed_far_from_the_vehicle():
+    scatter = [{"object": ROCK | {"position": [0, 0, 0], "diameter": 1.0}, "count": 1, "circle": [4.0, 4.0, 0.01]}]
+    texts = warnings(terrain=FLAT, scatter=scatter, vehicle={"lights": [{"position": [4.0, 4.0, -0.95]}]})
+    assert [text for text in texts if "inside" in text] == [
+        "vehicle.lights.0: is inside scatter.0 at waypoint 0, and none of its light leaves it"]
+
+
 def test_a_camera_standing_in_the_world_is_checked_where_it_stands():
     cameras = [{"id": "M0"}, {"id": "M1", "mount": "world", "position": [2, 2, -0.5]}]
     assert warnings(terrain=FLAT, vehicle={"cameras": cameras}) == ["vehicle.cameras.1 (M1): is under the terrain"]

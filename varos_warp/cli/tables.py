@@ -87,6 +87,7 @@ def print_info(facts: dict) -> None:
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    str(light["intensity"])] for i, light in enumerate(facts["lights"])])
+    _print_profiles(facts["lights"])
     print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
@@ -152,6 +153,18 @@ def print_survey(survey: dict) -> None:
     print(f"survey {', '.join(survey['files'])}: {what}{thin}; {survey['crs'] or 'coordinate system not told'}")
     print(f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
           f"{survey['heights_m'][1]:.3f} m; {holes}{missing}")
+
+
+def _print_profiles(lights: list[dict]) -> None:
+    """What the files of lamps say, and what is made of it."""
+    for i, light in enumerate(lights):
+        if not (profile := light.get("profile")):
+            continue
+        around = f"changes by up to {100 * profile['uneven']:.2g} % of the peak around the axis"
+        if profile["round"]:
+            around = f"{around}: round, by the mean" if profile["uneven"] else "the same all around the axis"
+        print(f"light {i}: {light['file']}, {profile['source']}, up to {profile['ends_at_deg']:g} degrees from the "
+              f"axis, {around}", *profile["notes"], sep="; ")
 
 
 def _print_mounts(facts: dict) -> None:

@@ -199,9 +199,9 @@ def offer(reservoir: Reservoir, index: int, weight: float):
     after.total += weight
     if weight <= 0.0:
         return after
-    # without a division, since an approximate one might reject the only candidate
+    # without a division, since an approximate one might reject the only candidate, as rounding of the least numbers may
     share = reservoir.u * after.total
-    if share < weight:
+    if share < weight or reservoir.index < 0:
         after.u = wp.min(share / weight, LARGEST)
         after.index = index
         after.weight = weight

@@ -83,12 +83,13 @@ class RadianceRenderer:
         self.scene, self.world, self.films = scene, world, films
         self.launcher, self.device = films.launcher, films.device
         self._shares: dict[Camera, wp.array | None] = {}
+        self._told = False
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> Steps[RadianceImage]:
         """Render A."""
         view, options = shot.view, shot.options
-        integrator = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
+        integrator = self._integrator(options)
         if step := sample_step(view, integrator == "field"):
             options = replace(options, spp=step * ceil(options.spp / step))
             shot = shot._replace(options=options)
@@ -102,9 +103,24 @@ class RadianceRenderer:
             return (yield from self._by_reference(shot, bounds))
         return (yield from self._by_paths(shot, bounds, integrator == "field"))
 
+    def _integrator(self, options: RenderOptions) -> str:
+        """The integrator of A; that ``auto`` does without a field that cannot be solved for is told, once.
+
+        Raises:
+            InputError: If ``field`` is asked for by name and cannot be had.
+        """
+        name = resolve_integrator(options.integrator, options.max_scatterings, lambda: self._no_field)
+        if name != "field" or "multiple" not in options.layers or (why := self.open_water.failure) is None:
+            return name
+        name = resolve_integrator(options.integrator, None, lambda: why)
+        if not self._told:
+            self._told = True
+            warn(f"{why}: A is rendered by paths alone")
+        return name
+
     @functools.cached_property
     def _no_field(self) -> str | None:
-        """Why there is no field: once, for it reads files."""
+        """What `unavailable` tells: once, for it reads files."""
         return unavailable(self.scene)
 
     def _share(self, view: Camera) -> wp.array | None:

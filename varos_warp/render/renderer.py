@@ -125,6 +125,14 @@ class FrameRenderer:
         """Time spent so far on compiling kernels."""
         return self.launcher.compile_seconds
 
+    @property
+    def field_failure(self) -> str | None:
+        """Why the field of open water, which the scene may have, cannot be solved for; None if it can. Takes its time.
+
+        Only for scenes for which nothing is `unavailable` (render/field/open_water.py).
+        """
+        return self.radiance.open_water.failure
+
     def compiling(self, outputs: Iterable[str], integrator: str | None = None) -> AbstractContextManager[None]:
         """A ``with`` statement during which threads compile what images of the scene's cameras will need.
 

@@ -28,28 +28,10 @@ class AngleTable:
         Raises:
             InputError: The file is missing, or is no such table.
         """
-        lines = self._lines(path, key)
-        columns, header = ("angle_deg", self.column), [name.strip() for name in lines[0][1]] if lines else []
-        missing = [name for name in columns if name not in header]
-        if missing:
-            raise InputError(f"has no column {' and '.join(missing)}", file=path, key=key,
-                             remedy=f"Its first line names the columns: {','.join(columns)}.")
-        at = [header.index(name) for name in columns]
-        rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
-                 for name, i in zip(columns, at, strict=True)] for line, row in lines[1:]]
-        if len(rows) < 2:
-            raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=path, key=key,
-                             remedy=f"A {self.what} has two at least.")
-        numbers = [line for line, _ in lines[1:]]
-        angle_deg, values = np.array(rows).T
+        rows, numbers = read_rows(path, key, self.what, ("angle_deg", self.column))
+        angle_deg, values = rows.T
         self._check(path, key, numbers, angle_deg, values)
         return angle_deg, values, numbers
-
-    def _lines(self, path: Path, key: str) -> list[tuple[int, list[str]]]:
-        """Number and cells of every line that is neither empty nor a comment."""
-        text = read_text(path, self.what, "Paths are relative to the scene file; export it as CSV.", key)
-        lines = enumerate(text.splitlines(), start=1)
-        return [(i, next(csv.reader([line]))) for i, line in lines if line.strip(", \t") and not line.startswith("#")]
 
     def _check(self, path: Path, key: str, lines: list[int], angle_deg: np.ndarray, values: np.ndarray):
         """Angles increase within 0 to 180 degrees; values are not negative, and not all 0."""
@@ -65,6 +47,54 @@ class AngleTable:
                 raise InputError(problem, file=path, line=lines[i], key=key, value=float(found[i]), remedy=remedy)
         if not values.any():
             raise InputError(f"{self.column} is 0 everywhere", file=path, key=key, remedy=self.not_all_0)
+
+
+def column_names(path: Path, key: str, what: str) -> list[str]:
+    """What the first line of a CSV file names; nothing if it is empty. Arguments as for `read_rows`.
+
+    Raises:
+        InputError: The file is missing, or no text.
+    """
+    lines = _lines(path, key, what)
+    return [name.strip() for name in lines[0][1]] if lines else []
+
+
+def read_rows(path: Path, key: str, what: str, columns: tuple[str, ...]) -> tuple[np.ndarray, list[int]]:
+    """Numbers in some columns of a CSV file, float64 [rows, columns], and the numbers of their lines; two at least.
+
+    Args:
+        path: Of the file; empty lines, those that begin with # and other columns are left.
+        key: That names it, for messages.
+        what: It is, for messages.
+        columns: Their names, as in the file's first line.
+
+    Raises:
+        InputError: The file is missing, or is no such table.
+    """
+    header = column_names(path, key, what)
+    missing = [name for name in columns if name not in header]
+    if missing:
+        raise InputError(f"has no column {' and '.join(missing)}", file=path, key=key,
+                         remedy=f"Its first line names the columns: {','.join(columns)}.")
+    at = [header.index(name) for name in columns]
+    lines = _lines(path, key, what)[1:]
+    rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
+             for name, i in zip(columns, at, strict=True)] for line, row in lines]
+    if len(rows) < 2:
+        raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=path, key=key,
+                         remedy=f"A {what} has two at least.")
+    return np.array(rows), [line for line, _ in lines]
+
+
+def _lines(path: Path, key: str, what: str) -> list[tuple[int, list[str]]]:
+    """Number and cells of every line that is neither empty nor a comment."""
+    text = read_text(path, what, "Paths are relative to the scene file; export it as CSV.", key)
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1)
+             if line.strip(", \t") and not line.startswith("#")]
+    try:
+        return [(i, next(csv.reader([line]))) for i, line in lines]
+    except csv.Error as error:
+        raise InputError(f"is no CSV file: {error}", file=path, key=key, remedy="Export it as CSV.") from None
 
 
 def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:

@@ -17,6 +17,7 @@ from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ra
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.info import camera_info
 from varos_warp.scene.lights.distribution import distribution
+from varos_warp.scene.lights.records import light_position
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import row_offsets_s
@@ -57,7 +58,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
     found = [*made, *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
              *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene),
-             *_check_lights(scene, poses), *_check_inside(scene, solids, poses), *_check_starts(parts),
+             *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
+             *_check_lamps_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
@@ -67,7 +69,8 @@ def _gather(scene, parts, poses, path):
     """The parts, and of every scatter the copies near to where vehicle and cameras go, as one part with its name."""
     fixed = [c.position for c in scene.vehicle.cameras if c.mount == "world"]
     points = np.vstack([poses[:, :3, 3], *fixed, *(() if path is None else path[1:3])])
-    margin = vehicle_radius(scene) + max(np.linalg.norm(c.position) for c in scene.vehicle.cameras)
+    mounted = [*scene.vehicle.cameras, *scene.vehicle.lights]
+    margin = vehicle_radius(scene) + max(np.linalg.norm(block.position) for block in mounted)
     tree, solids = cKDTree(points), []
     for part in parts:
         if isinstance(part, Part):
@@ -255,6 +258,19 @@ def _check_inside(scene, parts, poses):
             if wrong.any():
                 where = "" if fixed else f" at {_which(scene, wrong)}"
                 warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
+    return warnings
+
+
+def _check_lamps_inside(scene, parts, poses):
+    """Lamps within rock or objects, where the vehicle itself is not: that is told of by itself."""
+    warnings, T_w_v = [], np.array(poses)
+    for part in parts:
+        outside = ~_inside(part, T_w_v[:, :3, 3])
+        for i, light in enumerate(scene.vehicle.lights):
+            wrong = outside & _inside(part, light_position(light, T_w_v))
+            if wrong.any():
+                warnings.append(f"vehicle.lights.{i}: is {_within(part)} at {_which(scene, wrong)}, and none of its "
+                                "light leaves it")
     return warnings
 
 

@@ -4,11 +4,13 @@ import numpy as np
 
 from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.lights import Light
 from varos_warp.scene.frames import attitude, intrinsics, opencv_intrinsics
 from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.geometry.course import find_course
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.hull import vehicle_radius
+from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
@@ -25,7 +27,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "water": water_info(scene),
         "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
         "stereo": _pairs(scene.vehicle.cameras),
-        "lights": [light.model_dump(mode="json") for light in scene.vehicle.lights],
+        "lights": [light_info(light, scene) for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "mesh_files": _file_info(parts),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
@@ -36,6 +38,18 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
                        **({"pattern": pattern.kind} if pattern else {}),
                        **({"recorded": stops.about} if isinstance(stops, RecordedCourse) else {})},
     }
+
+
+def light_info(light: Light, scene: Scene) -> dict:
+    """The keys of a light; of a lamp with a file also what that says, in ``profile``.
+
+    ``uneven`` is by how much of the peak the file's intensities differ around the axis, at most.
+    """
+    keys = light.model_dump(mode="json")
+    if light.kind != "profile":
+        return keys
+    profile = read_profile(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
+    return {**keys, "profile": profile.describe()}
 
 
 def _mesh_info(parts):

@@ -91,7 +91,7 @@ def _metadata() -> type[BaseModel]:
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
     of_light = {"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
-                "thickness_deg": float, "radius_m": float, "strobe": Strobe}
+                "thickness_deg": float, "radius_m": float, "up": Vec3, "strobe": Strobe}
     light = _block(of_light | {"T_v_light": matrix})
     sensor = _block({"field_T": Vec3, "beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]},
                     rate_hz=Rate, T_v_s=matrix, noise=dict | None)

@@ -138,7 +138,7 @@ def write_row_poses(layout: Layout, camera, frames: list[int], motion: Callable[
 
 
 def light_pose(light) -> np.ndarray:
-    """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal."""
+    """T_v_l [4, 4]: z is the axis of the light, outwards; of a sheet y is its normal, of a profile -y is its up."""
     return transform(light_axes(light), light.position)
 
 

@@ -2,10 +2,11 @@
 
 `light_count` and `get_light` give the lights of a scene; of a disk, that is one of its points (transport/moments.py).
 `light_sample` evaluates what a light sends to a given point, `light_towards` to one in its beam, and `light_at` at an
-angle to its axis. `lit_part`, `light_beam` and `light_core` give the lit part of a ray, `light_importance` and
-`light_strength` its importance near a point and overall. `light_emit` draws a ray that leaves it, with density
-1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with `light_axis` and
-`light_intensity`, for what is computed for lights with an axis: quadratures, and the field of open water.
+angle to the axis of one that is the same all around. `lit_part`, `light_beam` and `light_core` give the lit part of a
+ray, `light_importance` and `light_strength` its importance near a point and overall. `light_emit` draws a ray that
+leaves it, with density 1 / `light_solid_angle`. `light_centre` is for sampling pixels that show a light, and, with
+`light_axis` and `light_intensity`, for what is computed for lights that are the same all around an axis: quadratures,
+and the field of open water.
 """
 
 import warp as wp
@@ -33,12 +34,16 @@ class Light:
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
+    planes: int
+    """Over 1: how many such profiles there are, one after the other, in even steps around the axis."""
     sheet: int
     """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
     from the light."""
     right: wp.vec3
     up: wp.vec3
-    """Perpendicular to the axis and to each other, and as long as the cotangents of a sheet's half angles."""
+    """Perpendicular to the axis and to each other, and of a sheet as long as the cotangents of its half angles. Of a
+    light with planes, unit; the first plane holds -up, and the next is a turn about -axis away: seen from behind the
+    light, counter-clockwise. (``up`` is the axis y of the light's own, which are those of a camera.)"""
 
 
 @wp.func
@@ -96,6 +101,35 @@ def falloff(light: Light, cos_angle: float):
         return 1.0
     s = x / width
     return s * s * (3.0 - 2.0 * s)
+
+
+@wp.func(inline=False)  # few scenes have such a light, and code that all would carry is not free
+def profile_around(profile: wp.array(dtype=float), planes: int, sine: float, turn: float):
+    """Value at a share of the sine of half the edge's angle, at most 1, and a turn about the axis [rad]."""
+    steps = profile.shape[0] / planes - 1
+    place = float(steps) * sine
+    k = wp.min(int(place), steps - 1)
+    share = turn / wp.tau
+    around = (share - wp.floor(share)) * float(planes)
+    plane = wp.min(int(around), planes - 1)
+    after = wp.where(plane + 1 < planes, plane + 1, 0)
+    row = plane * (steps + 1) + k
+    next_row = after * (steps + 1) + k
+    u = place - float(k)
+    v = around - float(plane)
+    return wp.lerp(wp.lerp(profile[row], profile[row + 1], u), wp.lerp(profile[next_row], profile[next_row + 1], u), v)
+
+
+@wp.func
+def falloff_towards(light: Light, cos_angle: float, x: wp.vec3):
+    """Fraction of the intensity towards ``x``, from the light, which is at an angle to the axis."""
+    if light.planes > 1:
+        if cos_angle < light.cos_half:
+            return 0.0
+        sine = wp.sqrt(wp.clamp((1.0 - cos_angle) / (1.0 - light.cos_half), 0.0, 1.0))
+        turn = wp.atan2(-wp.dot(x, light.right), -wp.dot(x, light.up))
+        return profile_around(light.profile, light.planes, sine, turn)
+    return falloff(light, cos_angle)
 
 
 @wp.struct
@@ -240,7 +274,7 @@ def light_sample(light: Light, p: wp.vec3):
     offset = light.position - p
     sample.distance = wp.max(wp.length(offset), NEAR)
     sample.d = wp.normalize(offset)
-    sample.intensity = falloff(light, -wp.dot(sample.d, light.axis)) * light.intensity
+    sample.intensity = falloff_towards(light, -wp.dot(sample.d, light.axis), -offset) * light.intensity
     if light.sheet == 1:
         if not in_sheet(light, -offset):
             sample.intensity = wp.vec3(0.0)
@@ -249,14 +283,15 @@ def light_sample(light: Light, p: wp.vec3):
 
 @wp.func
 def light_at(light: Light, cos_angle: float):
-    """Radiant intensity [W/sr] at an angle to the light's axis, in its `light_beam`."""
+    """Radiant intensity [W/sr] at an angle to the axis of a light without planes, in its `light_beam`."""
     return falloff(light, cos_angle) * light.intensity
 
 
 @wp.func
 def light_towards(light: Light, p: wp.vec3, distance: float):
     """Radiant intensity [W/sr] towards a point of `light_beam` at an accurately known ``distance``."""
-    return light_at(light, wp.dot(p - light.position, light.axis) / distance)
+    x = p - light.position
+    return falloff_towards(light, wp.dot(x, light.axis) / distance, x) * light.intensity
 
 
 @wp.func

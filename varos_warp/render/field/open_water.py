@@ -15,7 +15,7 @@ from varos_warp.kernels.field.open_water import Field, LightField
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.render.field import solver
-from varos_warp.render.field.solver import LightFieldSolver, farthest_m
+from varos_warp.render.field.solver import LightFieldSolver, NotSolved, farthest_m
 from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import resized
@@ -71,7 +71,11 @@ def unavailable(scene: Scene) -> str | None:
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     narrow, wide = CONES_DEG
-    for shape in (distribution(light, scene) for light in lights):
+    for light in lights:
+        shape = distribution(light, scene)
+        if not shape.is_round:
+            return (f"the intensity of a lamp ({light.file}) changes around its axis, and the field is known for lamps "
+                    "that are the same all around")
         if not shape.everywhere and not narrow <= np.degrees(2.0 * shape.half_angle) <= wide:
             return (f"a light's cone of {np.degrees(2.0 * shape.half_angle):.3g} degrees is not between {narrow:g} and "
                     f"{wide:g}")
@@ -106,8 +110,21 @@ class OpenWater:
         self.lights = lights or Lights(scene, self.device)
         self._cameras: dict[str, wp.array] = {}
 
+    @cached_property
+    def failure(self) -> str | None:
+        """Why the field cannot be had although nothing is `unavailable`; None if it can. It is solved for."""
+        try:
+            _ = self._lights
+        except NotSolved as error:
+            return str(error)
+        return None
+
     def field(self, view: Camera) -> Field:
-        """The field for a camera; without the part along its rays where `along_camera` says that there is none."""
+        """The field for a camera; without the part along its rays where `along_camera` says that there is none.
+
+        Raises:
+            NotSolved: If there is a `failure`.
+        """
         field = Field()
         field.lights = self._lights
         if not along_camera(self.scene, view):
@@ -140,6 +157,8 @@ class OpenWater:
         which = f" ({kinds.index(unit) + 1} of {len(kinds)} kinds)" if len(kinds) > 1 else ""
         arrays = cached("light", self._depends_on(light=asdict(unit)), lambda: _solved(solving),
                         what=f"the field of a lamp in this water{which}")
+        if "failure" in arrays:
+            raise NotSolved(str(arrays["failure"]))
         field = LightField()
         field.grid = solving.fine
         field.irradiance, field.source = self._array(arrays["irradiance"]), self._array(arrays["source"])
@@ -173,9 +192,15 @@ class OpenWater:
 
 
 def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
-    """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more."""
-    with threadpool_limits(1):
-        return solving.solve()
+    """The field's arrays, the same however many cores there are: a product of matrices rounds differently on more.
+
+    That it cannot be solved is kept like any field, so that it is found out once.
+    """
+    with threadpool_limits(1), np.errstate(all="ignore"):  # what is not a number is looked for
+        try:
+            return solving.solve()
+        except NotSolved as error:
+            return {"failure": np.array(str(error))}
 
 
 def _as_pinhole(view: Camera) -> tuple[Camera, dict]:

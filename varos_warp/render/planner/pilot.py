@@ -112,12 +112,13 @@ def pilot_frames(count: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, POSES).round().astype(int)).tolist()
 
 
-def pilot_views(scene: Scene, frames: Frames) -> Iterator[View]:
+def pilot_views(scene: Scene, frames: Frames, integrator: str) -> Iterator[View]:
     """A few frames through every camera."""
     for frame in pilot_frames(len(frames)):
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
-            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame}
+            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
+                                     "integrator": integrator}
             images = tuple(frames.render(frame, small, "A", seed=seed, **how).A for seed in (None, SECOND_SEED))
             yield View(frame, camera, images)
 

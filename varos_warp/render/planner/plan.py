@@ -78,7 +78,8 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
         progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
 
     Raises:
-        InputError: If the tolerance is not above 0, or a pose is none.
+        InputError: If the tolerance is not above 0, a pose is none, or the field is asked for by name and there is
+            none.
     """
     if not scene.render.tolerance > 0.0:
         raise InputError("must be above 0", key="render.tolerance", value=scene.render.tolerance)
@@ -100,6 +101,8 @@ class Planner:
         self.render, self.integrator = scene.render, scene.render.integrator
         self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
+        self.failed = False
+        """Whether the field that the scene might have was found not to be solved for."""
 
     def plan(self) -> Plan:
         """All decisions."""
@@ -137,7 +140,8 @@ class Planner:
         """What the pilot sees."""
         count, seen = len(pilot.pilot_frames(len(self.frames))) * len(self.scene.vehicle.cameras), []
         self.progress("views", 0.0)
-        for view in pilot.pilot_views(self.scene, self.frames):
+        integrator = "path" if self.failed else self.render.integrator
+        for view in pilot.pilot_views(self.scene, self.frames, integrator):
             seen.append(view)
             self.progress("views", len(seen) / count)
         return seen
@@ -161,6 +165,11 @@ class Planner:
     def no_field(self) -> str | None:
         """Why the scene has no field."""
         return unavailable(self.scene)
+
+    @property
+    def failure(self) -> str | None:
+        """Why the field that the scene may have cannot be solved for; None if it can, or is not looked at."""
+        return self.renderer.field_failure if "multiple" in self.render.layers else None
 
     @property
     def resolved(self) -> str:
@@ -203,6 +212,9 @@ class Planner:
         if asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
+            if failure := self.failure:
+                self.failed = True
+                return self.take_paths(failure)
             why = "light in open water is known beforehand"
             if self.lit and self.renderer.world.contents.surfaces:
                 self.progress("integrator", 0.0)
@@ -211,6 +223,8 @@ class Planner:
                     return self.take_paths("in this scene the field of open water helps little: "
                                            f"paths alone take {gain:.2g} of the time for the same noise")
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
+        elif failure := self.failure:
+            resolve_integrator(asked, None, lambda: failure)  # refuses it
         return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
 
     def take_paths(self, why: str) -> None:

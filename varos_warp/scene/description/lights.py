@@ -80,17 +80,30 @@ class SpotLight(Block):
     _written = unwritten_if_absent("port", "radius_m", "strobe")
 
 
+def _is_across(value, info: ValidationInfo) -> bool:
+    """Whether a vector has a length and a part across the light's direction."""
+    direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
+    size = np.linalg.norm(value) * np.linalg.norm(direction)
+    return np.linalg.norm(np.cross(value, direction)) > 1e-3 * size
+
+
 class ProfileLight(Block):
-    """A lamp whose intensity by angle to its axis a file tells: CSV (angle_deg, intensity) or IES LM-63."""
+    """A lamp whose intensity by direction a file tells: IES LM-63, or CSV."""
 
     kind: Literal["profile"]
     file: str = Field(examples=["led_flood"])
-    """File of the intensity by the angle to the axis, CSV (angle_deg, intensity) or IES LM-63, the same all around the
-    axis; its scale does not matter. Or the name of a lamp that comes with the package, ``led_flood``."""
+    """File of the intensity by direction, of any scale: IES LM-63 (types C, B and A), or CSV with the columns angle_deg
+    and intensity, or polar_deg, azimuth_deg and intensity. Or the name of a lamp that comes with the package,
+    ``led_flood``."""
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
     """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
+    up: Position | None = Field(default=None, examples=[[0, 0, 1]])
+    """The lamp's own upward direction, in vehicle axes, of any length, for lamps that are not the same all around.
+    There are C = 0 of type C, V = 90 of types B and A, and azimuth_deg = 0; along the direction is the angle 0 of all.
+    What of it lies along the direction is left out. Absent: as of a camera, upwards as far as the direction allows; of
+    a lamp straight down, forwards."""
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity at the profile's peak for red, green and blue [W/sr]."""
     port: LampPort | None = None
@@ -103,7 +116,15 @@ class ProfileLight(Block):
     """Flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
-    _written = unwritten_if_absent("radius_m", "strobe")
+
+    @field_validator("up")
+    @classmethod
+    def _across(cls, value, info: ValidationInfo):
+        if value is not None and not _is_across(value, info):
+            raise ValueError("up of a lamp must have a length, and not lie along its direction")
+        return value
+
+    _written = unwritten_if_absent("up", "radius_m", "strobe")
 
 
 class PointLight(Block):
@@ -147,9 +168,7 @@ class SheetLight(Block):
     @field_validator("normal")
     @classmethod
     def _across(cls, value, info: ValidationInfo):
-        direction = info.data.get("direction", (0.0, 1.0, 0.0))  # absent if it was refused
-        size = np.linalg.norm(value) * np.linalg.norm(direction)
-        if np.linalg.norm(np.cross(value, direction)) <= 1e-3 * size:
+        if not _is_across(value, info):
             raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
         return value
 

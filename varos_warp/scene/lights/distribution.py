@@ -2,19 +2,22 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import LampPort, Light
+from varos_warp.scene.lights.goniometry import NODES, Profile, even_planes
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.ports import snell, transmitted
 
-NODES = 512
-"""Steps of a profile, even in the sine of half the angle to the axis."""
 HALF = 0.5
 """Share of its peak at which a profile is divided for quadratures along rays."""
+RESOLVED = 0.5
+"""Least share of a file's peak that its profile must have somewhere."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,9 @@ class Distribution:
     """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge; none: 1, and the soft edge."""
     gain: float = 1.0
     """Peak intensity in the water over that of the light itself."""
+    planes: int = 1
+    """Half planes around the axis, in even steps, with such values each, one after the other; 1: the same all
+    around."""
 
     @property
     def everywhere(self) -> bool:
@@ -40,42 +46,107 @@ class Distribution:
         """Angles to the axis [rad] of the profile's values."""
         return 2.0 * np.arcsin(np.linspace(0.0, np.sin(0.5 * self.half_angle), NODES + 1))
 
-    def at(self, angle: ArrayLike) -> np.ndarray:
-        """Relative intensity, without the gain, at angles to the axis [rad]."""
+    @property
+    def is_round(self) -> bool:
+        """Whether it is the same all around the axis."""
+        return self.planes == 1
+
+    @property
+    def table(self) -> np.ndarray:
+        """The profile's values, float64 [planes, NODES + 1]."""
+        return np.reshape(self.profile, (self.planes, -1))
+
+    def at(self, angle: ArrayLike, azimuth: ArrayLike = 0.0) -> np.ndarray:
+        """Relative intensity, without the gain, at angles to the axis and around it (as C of type C) [rad]."""
         angle = np.asarray(angle, float)
         x = np.sin(0.5 * angle) / np.sin(0.5 * self.half_angle)
         inside = (x <= 1.0) | (self.half_angle >= np.pi)
         if self.profile:
-            return np.where(inside, np.interp(x, np.linspace(0.0, 1.0, NODES + 1), self.profile), 0.0)
+            return np.where(inside, self._profile_at(x, azimuth), 0.0)
         if self.half_angle >= np.pi or self.blend == 0.0:
             return inside.astype(float)
         s = np.clip((1.0 - x * x) / self.blend, 0.0, 1.0)  # 1 - x^2 = (cos - cos_half) / (1 - cos_half)
         return s * s * (3.0 - 2.0 * s)
+
+    def _profile_at(self, x: np.ndarray, azimuth: ArrayLike) -> np.ndarray:
+        """The profile's value at shares of the sine of half its edge's angle; `profile_around` of kernels likewise."""
+        if self.is_round:
+            return np.interp(x, np.linspace(0.0, 1.0, NODES + 1), self.profile)
+        x, turn = np.broadcast_arrays(NODES * np.clip(x, 0.0, 1.0), self.planes * np.asarray(azimuth) / (2.0 * np.pi))
+        k, plane = np.minimum(x.astype(int), NODES - 1), np.floor(turn).astype(int)
+        u, v, table = x - k, turn - plane, self.table
+        one, next_one = (table[row % self.planes, k] * (1.0 - u) + table[row % self.planes, k + 1] * u
+                         for row in (plane, plane + 1))
+        return one * (1.0 - v) + next_one * v
 
 
 def distribution(light: Light, scene: Scene) -> Distribution:
     """How the intensity of a light of a scene is distributed, behind its port if it has one; everywhere for a sheet.
 
     Raises:
-        InputError: The file of a profile is missing, or is none.
+        InputError: The file of a profile is missing, or is none, or a port lets no light through.
     """
     if light.kind in ("point", "sheet"):
         return Distribution()
     if light.kind == "profile":
-        own = of_table(*read_profile(scene.resolve(light.file), f"{scene.key_of_light(light)}.file"))
+        own = _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
     else:
         half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
         own = Distribution(half, light.blend)
-    return own if light.port is None else behind_port(own, light.port)
+    if light.port is None:
+        return own
+    try:
+        return behind_port(own, light.port)
+    except InputError as error:
+        raise error.at(f"{scene.key_of_light(light)}.port") from None
+
+
+def _of_file(path: Path, key: str) -> Distribution:
+    """The distribution of a file, which a key of the scene names."""
+    profile = read_profile(path, key)
+    try:
+        return of_profile(profile)
+    except InputError as error:
+        raise InputError(error.problem, file=path, key=key, remedy=error.remedy) from None
+
+
+def of_profile(profile: Profile) -> Distribution:
+    """Distribution of what a file tells; any scale.
+
+    Raises:
+        InputError: If its brightest light is between the steps of the table.
+    """
+    if profile.is_round:
+        return of_table(profile.polar, profile.intensity[0])
+    edge, values = _at_nodes(profile.polar, even_planes(profile))
+    return _around(edge, values / profile.intensity.max(), 1.0)
 
 
 def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
-    """Distribution of intensities at increasing angles to the axis [rad], linear between, 0 beyond; any scale."""
-    lit = np.flatnonzero(intensity)
-    last = min(int(lit[-1]) + 1, len(angle) - 1)
-    edge = Distribution(float(angle[last]))
-    values = np.interp(edge.angles, angle, intensity)
-    return replace(_normalised(edge.half_angle, values), gain=1.0)
+    """Distribution of intensities at increasing angles to the axis [rad], linear between, 0 beyond; any scale.
+
+    Raises:
+        InputError: If its brightest light is between the steps of the table.
+    """
+    edge, values = _at_nodes(angle, intensity[None])
+    return replace(_normalised(edge, values[0]), gain=1.0)
+
+
+def _at_nodes(angle: np.ndarray, intensity: np.ndarray) -> tuple[float, np.ndarray]:
+    """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
+
+    Args:
+        angle: To the axis [rad], increasing.
+        intensity: [planes, angle]
+    """
+    lit = np.flatnonzero(intensity.any(axis=0))
+    if len(lit):
+        edge = Distribution(float(angle[min(int(lit[-1]) + 1, len(angle) - 1)]))
+        values = np.array([np.interp(edge.angles, angle, row) for row in intensity])
+        if values.max() >= RESOLVED * intensity.max():
+            return edge.half_angle, values
+    raise InputError(f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
+                     remedy="Give a wider one, or a spot.")
 
 
 @lru_cache(maxsize=64)
@@ -84,18 +155,27 @@ def behind_port(own: Distribution, port: LampPort) -> Distribution:
 
     Light at an angle a in air leaves at w in water, sin a = n sin w, and the power in a cone is that in air but for
     Fresnel's reflections T: I_w = I_a T n^2 cos w / cos a. Nothing leaves beyond the critical angle.
+
+    Raises:
+        InputError: If no light goes that way.
     """
     most = min(own.half_angle, 0.5 * np.pi)
     edge = Distribution(float(snell(most, 1.0, port.n_water)))
     water = edge.angles
     air = np.minimum(snell(water, port.n_water, 1.0), most)
     # T / cos a stays finite where light grazes the pane
-    values = own.at(air) * transmitted(air, (1.0, port.n_glass, port.n_water)) * port.n_water**2 * np.cos(water)
+    azimuth = 2.0 * np.pi * np.arange(own.planes)[:, None] / own.planes  # which a pane across the axis keeps
+    values = own.at(air, azimuth) * transmitted(air, (1.0, port.n_glass, port.n_water)) * port.n_water**2
+    values = np.atleast_2d(values * np.cos(water))
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(np.cos(air) > 1e-9, values / np.cos(air), 0.0)
     if air[-1] > 0.5 * np.pi - 1e-6:
-        values[-1] = values[-2]
-    return _normalised(edge.half_angle, values, own.gain)
+        values[:, -1] = values[:, -2]
+    if not values.any():
+        raise InputError("a pane before a lamp that shines backwards only: no light leaves", remedy="Leave it out.")
+    if own.is_round:
+        return _normalised(edge.half_angle, values[0], own.gain)
+    return _around(edge.half_angle, values / values.max(), own.gain * float(values.max()))
 
 
 def _normalised(half_angle: float, values: np.ndarray, gain: float = 1.0) -> Distribution:
@@ -104,3 +184,8 @@ def _normalised(half_angle: float, values: np.ndarray, gain: float = 1.0) -> Dis
     relative = values / peak
     x = (np.flatnonzero(relative >= HALF)[-1] / NODES) ** 2  # (1 - cos) / (1 - cos_half)
     return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain * peak)
+
+
+def _around(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
+    """Profiles [planes, NODES + 1], from 0 to 1, around the axis."""
+    return Distribution(half_angle, 0.0, tuple(relative.ravel().tolist()), gain, len(relative))

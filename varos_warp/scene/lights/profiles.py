@@ -1,59 +1,80 @@
 """Files of a lamp's intensity by angle: CSV, and IES LM-63 as makers of lamps publish it."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.files import read_text
-from varos_warp.scene.angle_table import AngleTable
+from varos_warp.scene.angle_table import AngleTable, column_names, read_rows
+from varos_warp.scene.lights.goniometry import WIDEST_GAP_DEG, NotMeasured, Profile, full_turn, profile_of
+from varos_warp.scene.lights.ies import read_ies
 
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
-UNEVEN = 0.02
-"""Intensities of one angle to the axis may differ by so much of the peak around it; their mean is taken."""
-HEADER = 13
-"""Numbers of an IES file ahead of its angles."""
+AROUND = ("polar_deg", "azimuth_deg", "intensity")
+"""Columns of a lamp that is not the same all around its axis."""
 
 
-def read_profile(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Angles to the axis [rad], increasing, and intensities there, in any unit.
+def read_profile(path: Path, key: str) -> Profile:
+    """How a lamp shines, as a file tells.
 
     Args:
-        path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity.
+        path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity, or
+            polar_deg, azimuth_deg and intensity.
         key: That names it, for messages.
 
     Raises:
-        InputError: The file is missing, or is no profile of a lamp that is the same all around its axis.
+        InputError: The file is missing, or is no profile of a lamp.
     """
     if path.suffix.lower() == ".ies":
-        return _read_ies(path, key)
+        file = read_ies(path, key)
+        try:
+            return profile_of(file)
+        except NotMeasured as problem:
+            raise InputError(str(problem), file=path, key=key, remedy=(
+                "Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity.")) from None
+    if "azimuth_deg" in column_names(path, key, TABLE.what):
+        return _read_around(path, key)
     angle_deg, intensity, _ = TABLE.read(path, key)
-    return np.radians(angle_deg), intensity
+    return Profile(np.radians(angle_deg), np.zeros(1), intensity[None], "CSV")
 
 
-def _read_ies(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Of an IES file of type C: its vertical angles, from straight down, which is the lamp's axis."""
-    text = read_text(path, "IES file", "Paths are relative to the scene file.", key)
+def _read_around(path: Path, key: str) -> Profile:
+    """A CSV file of intensities at every pair of some angles to the axis and some half planes around it."""
+    rows, lines = read_rows(path, key, TABLE.what, AROUND)
 
-    def wrong(problem, remedy="Export it as IES LM-63, type C, or as CSV with the columns angle_deg,intensity."):
-        return InputError(problem, file=path, key=key, remedy=remedy)
+    def wrong(problem, at, column, remedy):
+        return InputError(problem, file=path, line=lines[at], key=key, value=float(rows[at, column]), remedy=remedy)
 
-    _, tilt, rest = text.partition("TILT=")
-    if not tilt or rest.split(None, 1)[:1] != ["NONE"]:
-        raise wrong("has no line TILT=NONE")
-    try:
-        numbers = np.array(re.split(r"[\s,]+", rest.split(None, 1)[1].strip()), float)
-        vertical, horizontal = int(numbers[3]), int(numbers[4])
-        angles = numbers[HEADER:HEADER + vertical]
-        candela = numbers[HEADER + vertical + horizontal:].reshape(horizontal, vertical)
-    except (ValueError, IndexError, OverflowError):
-        raise wrong("its numbers are not those of an IES LM-63 file") from None
-    if numbers[5] != 1 or vertical < 2 or angles[0] != 0.0 or not (np.diff(angles) > 0.0).all() or angles[-1] > 180.0:
-        raise wrong("is not of type C with increasing angles from 0, straight along the lamp's axis")
-    if not np.isfinite(candela).all() or candela.min() < 0.0 or not candela.any():
-        raise wrong("its intensities are not 0 or more, with one above")
-    if (uneven := np.ptp(candela, axis=0).max() / candela.max()) > UNEVEN:
-        raise wrong(f"its intensity changes around the axis by {uneven:.0%} of the peak",
-                    "Lamps must shine alike all around their axis: give the mean as CSV.")
-    return np.radians(angles), candela.mean(axis=0)
+    for bad, column, problem, remedy in (
+            ((rows[:, 0] < 0.0) | (rows[:, 0] > 180.0), 0, "polar_deg is not between 0 and 180",
+             "Give the angle to the axis in degrees; 0 is straight on."),
+            (np.abs(rows[:, 1]) > 360.0, 1, "azimuth_deg is not between -360 and 360", "Give degrees."),
+            (rows[:, 2] < 0.0, 2, "intensity is negative", TABLE.not_negative)):
+        if bad.any():
+            raise wrong(problem, int(np.argmax(bad)), column, remedy)
+    if not rows[:, 2].any():
+        raise InputError("intensity is 0 everywhere", file=path, key=key, remedy=TABLE.not_all_0)
+    azimuth_deg, at_azimuth = np.unique(rows[:, 1] % 360.0, return_inverse=True)
+    polar_deg, at_polar = np.unique(rows[:, 0], return_inverse=True)
+    intensity = np.full((len(azimuth_deg), len(polar_deg)), np.nan)
+    for row, place in enumerate(zip(at_azimuth, at_polar, strict=True)):
+        if not np.isnan(intensity[place]) and intensity[place] != rows[row, 2]:
+            raise wrong("has two intensities in one direction", row, 2, "360 degrees of azimuth are 0.")
+        intensity[place] = rows[row, 2]
+    _check_grid(path, key, azimuth_deg, polar_deg, intensity)
+    return full_turn(np.radians(polar_deg), np.radians(azimuth_deg), intensity, f"CSV, {len(azimuth_deg)} azimuths")
+
+
+def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.ndarray, intensity: np.ndarray) -> None:
+    """Every direction has its intensity, and half planes are all around."""
+    missing = np.argwhere(np.isnan(intensity))
+    if len(missing):
+        azimuth, polar = azimuth_deg[missing[0, 0]], polar_deg[missing[0, 1]]
+        raise InputError(f"has no intensity at polar_deg {polar:g}, azimuth_deg {azimuth:g}", file=path, key=key,
+                         remedy="Give every azimuth the same polar angles.")
+    gap = np.diff(azimuth_deg, append=azimuth_deg[0] + 360.0).max()
+    if len(polar_deg) < 2 or (gap > WIDEST_GAP_DEG and len(azimuth_deg) > 1):
+        raise InputError("has one angle to the axis" if len(polar_deg) < 2 else
+                         f"has no azimuth in a gap of {gap:g} degrees", file=path, key=key,
+                         remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
+                                f"{WIDEST_GAP_DEG:g} apart.")

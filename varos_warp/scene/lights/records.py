@@ -26,6 +26,7 @@ def light_record(shape: Distribution, intensity: ArrayLike, position=(0.0, 0.0, 
     record.axis = wp.vec3(*(np.asarray(axis, float) / np.linalg.norm(axis)))
     record.cos_half = -1.0 if shape.half_angle >= np.pi else float(np.cos(shape.half_angle))
     record.blend = shape.blend
+    record.planes = shape.planes
     if profile is not None:
         record.profile = profile
     return record
@@ -119,12 +120,16 @@ def light_position(light: Light, T_w_v: np.ndarray) -> np.ndarray:
 
 
 def light_axes(light: Light) -> np.ndarray:
-    """Axes of a light in the vehicle [3, 3]: z outwards, of a sheet y its normal and x along the fan."""
+    """Axes of a light in the vehicle [3, 3]: z outwards, of a sheet y its normal and x along the fan.
+
+    Else as of a camera, x to the right and y down: -y is the key ``up`` of a profile, made perpendicular.
+    """
     if light.kind == "point":
         return np.eye(3)
-    if light.kind != "sheet":
+    y = light.normal if light.kind == "sheet" else np.negative(getattr(light, "up", None) or (0.0, 0.0, 0.0))
+    if not np.any(y):
         return look_at_matrix((0.0, 0.0, 0.0), light.direction) @ R_V_C
     z = light.direction / np.linalg.norm(light.direction)
-    y = light.normal - (z @ light.normal) * z
+    y = y - (z @ y) * z
     y /= np.linalg.norm(y)
     return np.column_stack([np.cross(y, z), y, z])
