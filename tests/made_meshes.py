@@ -8,6 +8,8 @@ import struct
 import numpy as np
 from PIL import Image
 
+from varos_warp.scene.images import linear
+
 BOARD = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 """A square of 4 m^2 in the plane of x and y, seen from +z."""
 TWO = np.array([[0, 1, 2], [0, 2, 3]])
@@ -220,9 +222,9 @@ def colour_at(mesh, x, y):
 
 
 def texel(page, uv):
-    height, width, _ = page.image.shape
+    height, width, _ = page.texels.shape
     u, v = (wrapped(x, how) for x, how in zip(uv, page.wrap, strict=True))
-    return page.image[min(int((1.0 - v) * height), height - 1), min(int(u * width), width - 1)]
+    return linear(page.texels)[min(int((1.0 - v) * height), height - 1), min(int(u * width), width - 1)]
 
 
 def wrapped(x, how):

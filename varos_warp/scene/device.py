@@ -28,11 +28,11 @@ from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import (
-    corner_tints,
     corner_values,
     device_material,
     face_pages,
     is_textured,
+    tints_of,
 )
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
@@ -207,7 +207,8 @@ class DeviceScene:
             self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
         self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)
-        self.data.corner_tints = self._array(corner_tints(with_faces), wp.vec4)
+        face_tint, tints = tints_of(with_faces)
+        self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
         self.data.face_page = self._array(face_pages(with_faces), wp.int32)
 
     def _upload_meshes(self, parts: list[Part]):

@@ -25,21 +25,20 @@ _ONE_AT_A_TIME = threading.Lock()
 class Picture:
     """A picture as a surface shows it."""
 
-    reflectance: np.ndarray
-    """float32 [H, W, 3], linear, rows from the top; sides are powers of two."""
+    texels: np.ndarray
+    """uint8 [H, W, 3], sRGB, rows from the top; sides are powers of two."""
     alpha: np.ndarray | None = None
     """uint8 [h, w], of the file's own size; None: it has none."""
 
     @staticmethod
     def plain() -> "Picture":
         """One white texel."""
-        return Picture(np.ones((1, 1, 3), np.float32))
+        return Picture(np.full((1, 1, 3), 255, np.uint8))
 
     @property
     def is_constant(self) -> bool:
         """Whether a picture of more than one texel is one colour throughout."""
-        pixels = self.reflectance
-        return pixels.size > 3 and not np.any(pixels != pixels[:1, :1])
+        return self.texels.size > 3 and not np.any(self.texels != self.texels[:1, :1])
 
 
 def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Picture:
@@ -54,11 +53,11 @@ def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Pi
         InputError: It is no picture, of a kind that has no meaning as a colour, or larger than the limit.
     """
     with _readable(source, key) as image:
-        picture = Picture(decode_image(image), _alpha(image))
+        picture = Picture(_texels(image), _alpha(image))
     if mask is None:
         return picture
     with _readable(mask, key) as image:
-        return Picture(picture.reflectance, np.asarray(image.convert("L")))
+        return Picture(picture.texels, np.asarray(_of_8_bits(image).convert("L")))
 
 
 @contextlib.contextmanager
@@ -119,14 +118,29 @@ def _opened(file) -> Image.Image:
 def decode_image(image: Image.Image) -> np.ndarray:
     """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
     check_limit("TEXTURE_PIXELS", image.width * image.height)
-    if image.mode.startswith("I"):  # grey of 16 bits, which Pillow would cut off
-        values = np.asarray(image, np.float32)
-        image = Image.fromarray(np.clip(values / 65535.0 * 255.0, 0, 255).astype(np.uint8))
-    image = image.convert("RGB")
+    return linear(_texels(image))
+
+
+def linear(texels: np.ndarray) -> np.ndarray:
+    """Linear reflectances, float32, of sRGB values of 8 bits."""
+    return _SRGB_TO_LINEAR[texels]
+
+
+def _texels(image: Image.Image) -> np.ndarray:
+    """The sRGB values, uint8 [H, W, 3], of an image whose sides are made powers of two, at most LARGEST."""
+    image = _of_8_bits(image).convert("RGB")
     size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
     if size != image.size:
         image = image.resize(size, Image.Resampling.BICUBIC)
-    return _SRGB_TO_LINEAR[np.asarray(image)]
+    return np.asarray(image)
+
+
+def _of_8_bits(image: Image.Image) -> Image.Image:
+    """The same image; grey of 16 bits, which Pillow would cut off, with 8."""
+    if not image.mode.startswith("I"):
+        return image
+    values = np.asarray(image, np.float32)
+    return Image.fromarray(np.clip(values / 65535.0 * 255.0, 0, 255).astype(np.uint8))
 
 
 def srgb_to_linear(values: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene import device
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
@@ -113,7 +114,7 @@ def test_a_map_can_be_on_the_terrain_and_on_copies(tmp_path):
              {"poses": [{"position": [0, 0, 2]}]}, "scatter": [{"object": {"file": "square.glb"}, "count": 1}]}
     parts = build_parts(scene_from_dict(block, tmp_path))
     for part in parts:
-        np.testing.assert_array_equal(part.skin.pages[0].image, skin.pages[0].image)
+        np.testing.assert_array_equal(part.skin.pages[0].texels, skin.pages[0].texels)
         np.testing.assert_array_equal(part.skin.corners, skin.corners)
 
 
@@ -215,3 +216,55 @@ def test_kernels_see_what_pages_wraps_factors_and_tints_say(tmp_path, how):
             np.testing.assert_allclose(seen[row, col], around[7], atol=0.02)
             right += 1
     assert right > 60
+
+
+def test_copies_of_every_size_have_the_colours_of_faces_without_texture(tmp_path, monkeypatch):
+    """A mesh with a textured and a plain primitive: its copies, twice as large, are as bright as in one mesh."""
+    gltf = made_meshes.Gltf()
+    gltf.mesh(0.2 * made_meshes.BOARD, material=gltf.textured(), attributes={"TEXCOORD_0": gltf.uv()})
+    plain = {"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.8, 1.0]}}
+    gltf.mesh(0.2 * made_meshes.BOARD + [0, 0, 0.1], material=gltf.add("materials", plain))
+    gltf.save(tmp_path / "two.glb")
+    data = {"terrain": {"kind": "procedural", "size_m": 3, "resolution": 3, "relief_m": 0, "position": [0, 0, -0.2]},
+            "scatter": [{"object": {"file": "two.glb", "up": "z"}, "count": 3, "scale_range": [2, 2]}],
+            "vehicle": {"cameras": [{"resolution": [64, 64], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}]},
+            "trajectory": {"poses": [{"position": [0, 0, 2]}]}}
+    images = []
+    for most in (0, 1 << 20):
+        monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", most)
+        images.append(seen_from_above(scene_from_dict(data, tmp_path), 4))
+    blue = (images[1][..., 2] > 0.5) & (images[1][..., 0] < 0.2)
+    assert np.count_nonzero(blue) > 50
+    assert np.mean(np.abs(images[0][blue] - images[1][blue]).max(axis=-1) < 0.01) > 0.98  # but for edges
+
+
+def test_a_clamped_picture_far_away_does_not_show_its_other_side(tmp_path):
+    """Half red, half blue, 40 m away, where one texel covers many of the finest: borders stay red and blue."""
+    gltf = made_meshes.Gltf()
+    halves = made_meshes.picture(np.array([[[255, 0, 0], [0, 0, 255]]]), side=128)
+    uv = 3.0 * made_meshes.UV - 1.0
+    material = gltf.textured(halves, sampler={"wrapS": WRAPS["clamp"], "wrapT": WRAPS["clamp"]})
+    gltf.mesh(20.0 * made_meshes.BOARD, material=material, attributes={"TEXCOORD_0": gltf.uv(uv)})
+    gltf.save(tmp_path / "far.glb")
+    data = scene_of(tmp_path / "far.glb").model_dump(mode="json")
+    data["vehicle"]["cameras"][0]["resolution"] = [32, 32]
+    far = DOWN.copy()
+    far[2, 3] = 40.0
+    seen = FrameRenderer(scene_from_dict(data, tmp_path), device="cpu").render(far, outputs="B", spp_b=4).B.radiance
+    np.testing.assert_allclose(seen[16, 9:13], np.broadcast_to([1.0, 0, 0], (4, 3)), atol=2e-3)
+    np.testing.assert_allclose(seen[16, 19:23], np.broadcast_to([0, 0, 1.0], (4, 3)), atol=2e-3)
+
+
+def test_records_of_pages_and_tints_are_there_once_and_where_they_are_needed(tmp_path):
+    """Of many copies the pages are uploaded once, and colours of vertices only for the faces that have them."""
+    gltf = made_meshes.Gltf()
+    gltf.mesh(material=gltf.textured(), attributes={"TEXCOORD_0": gltf.uv(), "COLOR_0": gltf.accessor(np.ones((4, 3)))})
+    gltf.save(tmp_path / "one.glb")
+    data = {"terrain": {"kind": "procedural", "size_m": 30, "resolution": 33, "relief_m": 0},
+            "scatter": [{"object": {"file": "one.glb", "up": "z"}, "count": 20}],
+            "trajectory": {"poses": [{"position": [0, 0, 2]}]}}
+    scene = scene_from_dict(data, tmp_path)
+    world = device.DeviceScene(scene, build_parts(scene), "cpu")
+    assert world.data.corner_tints.shape[0] == 3 * 2
+    assert world.data.face_tint.shape[0] == 2 * 32 * 32 + 2
+    assert len(world.textures.by_id) == 1

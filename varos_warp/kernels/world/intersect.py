@@ -57,8 +57,10 @@ class SceneData:
     """Normals of image C, per face corner in the mesh's axes."""
     corner_values: wp.array(dtype=wp.vec3)
     """Texture coordinates or colours from mesh files, per face corner (see texture.surface_at); may be empty."""
+    face_tint: wp.array(dtype=wp.int32)
+    """Of each face, where its corners are in ``corner_tints``, in threes; -1: nowhere. Empty if no face has any."""
     corner_tints: wp.array(dtype=wp.vec4)
-    """Colours from mesh files that multiply textures, and alpha, per face corner; may be empty."""
+    """Colours from mesh files that multiply textures, and alpha."""
     face_page: wp.array(dtype=wp.int32)
     """Page of the mesh file's textures of each face, -1 for colours; empty if all have page 0, or colours."""
     lobe_albedo: wp.array2d(dtype=float)
@@ -138,6 +140,25 @@ def to_instance(instance: Instance, q: wp.vec3):
 
 
 @wp.func
+def between(values: wp.array(dtype=wp.vec3), face: int, bary: wp.vec2):
+    """Values given per face corner, interpolated at a place of a face."""
+    corner = 3 * face
+    w = 1.0 - bary[0] - bary[1]
+    return bary[0] * values[corner] + bary[1] * values[corner + 1] + w * values[corner + 2]
+
+
+@wp.func
+def tint_at(scene: SceneData, face: int, bary: wp.vec2):
+    """Colour that multiplies a texture at a place of a face, and alpha; ones where there is none."""
+    if scene.face_tint.shape[0] == 0 or scene.face_tint[face] < 0:
+        return wp.vec4(1.0)
+    corner = 3 * scene.face_tint[face]
+    tints = scene.corner_tints
+    w = 1.0 - bary[0] - bary[1]
+    return bary[0] * tints[corner] + bary[1] * tints[corner + 1] + w * tints[corner + 2]
+
+
+@wp.func
 def page_of(scene: SceneData, face: int):
     """Page of a mesh file's textures that a face shows; -1 for colours."""
     if scene.face_page.shape[0] > 0:
@@ -156,17 +177,8 @@ def in_hole(scene: SceneData, face: int, part: int, bary: wp.vec2):
     layer = scene.materials[part].layers[page]
     if layer.cutoff <= 0.0:
         return False
-    w = wp.vec3(bary[0], bary[1], 1.0 - bary[0] - bary[1])
-    at = wp.vec3(0.0)
-    tint = float(0.0)
-    for k in range(3):
-        at += w[k] * scene.corner_values[3 * face + k]
-        if scene.corner_tints.shape[0] > 0:
-            tint += w[k] * scene.corner_tints[3 * face + k][3]
-    alpha = page_alpha(layer, at[0], at[1])
-    if scene.corner_tints.shape[0] > 0:
-        alpha *= tint
-    return alpha < layer.cutoff
+    at = between(scene.corner_values, face, bary)
+    return page_alpha(layer, at[0], at[1]) * tint_at(scene, face, bary)[3] < layer.cutoff
 
 
 STEEPEST = wp.constant(0.2)
@@ -359,18 +371,7 @@ def make_rays(instances: bool, masks: bool = False):
 @wp.func
 def between_corners(values: wp.array(dtype=wp.vec3), hit: Hit):
     """Values given per face corner, interpolated at a hit."""
-    corner = 3 * hit.face
-    w = 1.0 - hit.bary[0] - hit.bary[1]
-    return hit.bary[0] * values[corner] + hit.bary[1] * values[corner + 1] + w * values[corner + 2]
-
-
-@wp.func
-def between_tints(scene: SceneData, hit: Hit):
-    """Colour that multiplies a texture, and alpha, interpolated at a hit."""
-    corner = 3 * hit.face
-    w = 1.0 - hit.bary[0] - hit.bary[1]
-    tints = scene.corner_tints
-    return hit.bary[0] * tints[corner] + hit.bary[1] * tints[corner + 1] + w * tints[corner + 2]
+    return between(values, hit.face, hit.bary)
 
 
 @wp.func
@@ -405,19 +406,20 @@ def make_hit_surface(textures: bool, instances: bool):
             at = wp.vec3(0.0)
             if scene.corner_values.shape[0] > 0:
                 at = between_corners(scene.corner_values, hit)
+            page = page_of(scene, hit.face)
             p = hit.p
             up = n
             if wp.static(instances):
-                if hit.instance >= 0 and m.kind == MAPPED:
+                if hit.instance >= 0 and m.kind == MAPPED and page >= 0:
                     at[2] = at[2] / get_instance(scene, hit.instance).scale
                 if moves(scene, hit):
                     # patterns move with their object
                     copy = scene.moving[hit.instance]
                     p = to_instance(copy, hit.p - copy.p)
                     up = to_instance(copy, n)
-            surface = surface_at(m, p, up, at, page_of(scene, hit.face), footprint)
-            if scene.corner_tints.shape[0] > 0:
-                tint = between_tints(scene, hit)
+            surface = surface_at(m, p, up, at, page, footprint)
+            if scene.face_tint.shape[0] > 0:
+                tint = tint_at(scene, hit.face, hit.bary)
                 surface.reflectance = wp.cw_mul(surface.reflectance, wp.vec3(tint[0], tint[1], tint[2]))
             return surface
         surface = Surface()

@@ -185,13 +185,14 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 @wp.func
 def wrapped(u: float, how: int, texel: float):
-    """Coordinate within 0..1 of one outside, and half a texel from its ends, where the image does not repeat."""
+    """Coordinate within 0..1 of one outside, and half a texel, at most the whole, from its ends, if none repeats."""
     if how == REPEAT:
         return u
     inside = u
     if how == MIRROR:
         inside = wp.abs(u - 2.0 * wp.round(0.5 * u))
-    return wp.clamp(inside, 0.5 * texel, 1.0 - 0.5 * texel)
+    margin = wp.min(0.5 * texel, 0.5)
+    return wp.clamp(inside, margin, 1.0 - margin)
 
 
 @wp.func
@@ -199,10 +200,11 @@ def mapped(layer: Layer, at: wp.vec3, footprint: float):
     """Page of a mesh file at coordinates u, v (v up), with at[2] of their units per metre."""
     width = float(layer.image.width)
     height = float(layer.image.height)
-    x = width * wrapped(at[0], layer.wrap_u, 1.0 / width)
-    y = height * (1.0 - wrapped(at[1], layer.wrap_v, 1.0 / height))
-    texels = footprint * at[2] * wp.sqrt(width * height)
-    return wp.cw_mul(layer.factor, sample(layer.image, x, y, level_of(layer.image, texels)))
+    level = level_of(layer.image, footprint * at[2] * wp.sqrt(width * height))
+    texel = wp.pow(2.0, wp.ceil(level))  # of the coarser of the two levels
+    x = width * wrapped(at[0], layer.wrap_u, texel / width)
+    y = height * (1.0 - wrapped(at[1], layer.wrap_v, texel / height))
+    return wp.cw_mul(layer.factor, sample(layer.image, x, y, level))
 
 
 @wp.func

@@ -19,7 +19,6 @@ from varos_warp.scene.geometry.files.pieces import MeshFile
 from varos_warp.scene.geometry.files.ply import read_ply
 from varos_warp.scene.geometry.files.skins import Skins, check_finite, shares_outside
 from varos_warp.scene.geometry.foreign import remedy_for
-from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import MeshFacts, Skin
 from varos_warp.scene.geometry.topology import FARTHEST
 
@@ -141,7 +140,7 @@ def _guarded(read, path, key):
 
 def _in_metres(file, pieces, up_axis, key):
     """Vertices float64 [V, 3], z up, and faces int32 [F, 3] of some pieces."""
-    vertices, faces = join((piece.vertices, piece.faces) for piece in pieces)
+    vertices, faces = _joined(pieces)
     if len(faces) == 0:
         problem, remedy = "the mesh has no triangles", "Point clouds and lines cannot be rendered; export a surface."
         if file.triangles:
@@ -151,6 +150,19 @@ def _in_metres(file, pieces, up_axis, key):
     with np.errstate(invalid="ignore", over="ignore"):
         vertices = vertices * file.unit_m
         return vertices if (up == np.eye(3)).all() else vertices @ up.T, faces
+
+
+def _joined(pieces):
+    """Vertices and faces of all pieces; those that share their vertices, as of several materials, keep one copy."""
+    places, shared, count = [], {}, 0
+    for piece in pieces:
+        if id(piece.vertices) not in shared:
+            shared[id(piece.vertices)] = count
+            places.append(piece.vertices)
+            count += len(piece.vertices)
+    faces = [piece.faces + np.int64(shared[id(piece.vertices)]) for piece in pieces]
+    return (np.concatenate([np.zeros((0, 3)), *places]),
+            np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.int32))
 
 
 def _tell(file, key, up_axis):

@@ -12,8 +12,8 @@ from varos_warp.scene.description.world import Material, Stop
 class Page:
     """A texture of a mesh file, as one of its materials uses it."""
 
-    image: np.ndarray
-    """float32 [H, W, 3]: linear reflectances, rows from the top, sides powers of two."""
+    texels: np.ndarray
+    """uint8 [H, W, 3]: sRGB, rows from the top, sides powers of two."""
     factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear reflectance that multiplies the image."""
     wrap: tuple[str, str] = ("repeat", "repeat")
@@ -22,6 +22,19 @@ class Page:
     """uint8 [h, w], rows from the top: alpha of a mask; None: there are no holes."""
     cutoff: float = 0.0
     """There are holes where the alpha, as a share of 255, is below."""
+
+    @property
+    def masks(self) -> bool:
+        """Whether it cuts holes."""
+        return self.alpha is not None
+
+    def shown(self) -> np.ndarray | None:
+        """Which of the texels the mask leaves, bool [H, W]; None without a mask."""
+        if self.alpha is None:
+            return None
+        rows, cols = ((np.arange(new) + 0.5) * old / new for new, old in zip(
+            self.texels.shape[:2], self.alpha.shape, strict=True))
+        return self.alpha[np.ix_(rows.astype(int), cols.astype(int))] >= 255.0 * self.cutoff
 
 
 @dataclass(frozen=True)
@@ -41,7 +54,7 @@ class Skin:
     @property
     def has_holes(self) -> bool:
         """Whether masks cut holes."""
-        return any(page.alpha is not None for page in self.pages)
+        return any(page.masks for page in self.pages)
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""

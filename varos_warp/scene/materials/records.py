@@ -60,15 +60,15 @@ def _set_skin(record, part, textures):
     record.kind = int(texture.MAPPED if part.skin.pages else texture.COLOURED)
     record.has_holes = int(part.skin.has_holes)
     if part.skin.pages:
-        record.layers = textures.layers([_page_layer(page, textures) for page in part.skin.pages])
+        record.layers = textures.pages(part.skin, lambda: [_page_layer(page, textures) for page in part.skin.pages])
 
 
 def _page_layer(page, textures):
     layer = texture.Layer()
-    layer.image = textures.map(page.image)
+    layer.image = textures.map(page)
     layer.factor = wp.vec3(*page.factor)
     layer.wrap_u, layer.wrap_v = (WRAPS[how] for how in page.wrap)
-    if page.alpha is not None:
+    if page.masks:
         layer.alpha, layer.cutoff = textures.alpha(page.alpha), page.cutoff
     return layer
 
@@ -120,12 +120,22 @@ def corner_values(parts: list[Part | Instances]) -> np.ndarray:
     return np.concatenate([_part_values(part).reshape(-1, 3) for part in parts])
 
 
-def corner_tints(parts: list[Part | Instances]) -> np.ndarray:
-    """Colours and alpha that multiply textures, per face corner of all parts, float32 [3 F, 4]; empty without any."""
-    if not any(part.skin is not None and part.skin.tints is not None for part in parts):
-        return np.zeros((0, 4), np.float32)
-    return np.concatenate([np.ones((3 * len(part.faces), 4), np.float32) if part.skin is None or part.skin.tints is None
-                           else part.skin.tints.reshape(-1, 4) for part in parts])
+def tints_of(parts: list[Part | Instances]) -> tuple[np.ndarray, np.ndarray]:
+    """Colours and alpha that multiply textures.
+
+    Returns:
+        Of each face of all parts, where its corners are, in threes, int32 [F] (-1: nowhere); and the corners of the
+        parts that have any, float32 [3 T, 4]. Both are empty if none has.
+    """
+    tints, places, count = [np.zeros((0, 4), np.float32)], [np.zeros(0, np.int32)], 0
+    for part in parts:
+        own = None if part.skin is None else part.skin.tints
+        places.append(np.full(len(part.faces), -1, np.int32) if own is None else
+                      np.arange(count, count + len(own), dtype=np.int32))
+        if own is not None:
+            tints.append(own.reshape(-1, 4))
+            count += len(own)
+    return np.concatenate(places if count else places[:1]), np.concatenate(tints)
 
 
 def face_pages(parts: list[Part | Instances]) -> np.ndarray:

@@ -16,7 +16,8 @@ from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
 from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
-from varos_warp.scene.images import read_picture
+from varos_warp.scene.geometry.parts import Page, Skin
+from varos_warp.scene.images import linear, read_picture
 from varos_warp.scene.launch import launch_rows
 from varos_warp.scene.optics.camera import camera_model
 
@@ -39,7 +40,7 @@ class Textures:
         self.texel_m = min(camera_model(camera).pixel_angle for camera in scene.vehicle.cameras)
         """What the finest pixel covers at a distance of 1 m [m]: how fine procedural tiles are made."""
         self.images: dict = {}
-        self.masks: dict = {}
+        self.by_id: dict = {}
         self.arrays: list[wp.array] = []
 
     def tile(self, texture: str, key: str, tile_m: float) -> Image:
@@ -50,20 +51,28 @@ class Textures:
         path = self.scene.resolve(texture)
         return self._image(path, lambda: image_tile(path, key))
 
-    def map(self, reflectance: np.ndarray) -> Image:
-        """Texture map of linear reflectances, float32 [H, W, 3]."""
-        return self._image(id(reflectance), lambda: map_pyramid(reflectance), reflectance)
+    def map(self, page: Page) -> Image:
+        """The picture of a page of a mesh file; where masks cut, of what they leave."""
+        key = id(page.texels), id(page.alpha), page.cutoff if page.masks else 0.0
+        return self._image(key, lambda: map_pyramid(linear(page.texels), page.shown()), page)
 
     def alpha(self, values: np.ndarray) -> wp.array:
         """Alpha of a mask, uint8 [h, w], on the device."""
-        if id(values) not in self.masks:
-            self.masks[id(values)] = wp.array(values, dtype=wp.uint8, device=self.device), values
-        return self.masks[id(values)][0]
+        return self._kept(id(values), lambda: wp.array(values, dtype=wp.uint8, device=self.device), values)
+
+    def pages(self, skin: Skin, make: Callable[[], list[Layer]]) -> wp.array:
+        """Records of the pages of a mesh file, once for all its copies."""
+        return self._kept(id(skin), lambda: wp.array(make(), dtype=Layer, device=self.device), skin)
 
     def layers(self, records: list[Layer]) -> wp.array:
         """Records of a material on the device."""
         self.arrays.append(wp.array(records, dtype=Layer, device=self.device))
         return self.arrays[-1]
+
+    def _kept(self, key: int, make: Callable[[], wp.array], alive: object) -> wp.array:
+        if key not in self.by_id:
+            self.by_id[key] = make(), alive
+        return self.by_id[key][0]
 
     def _image(self, key, make, alive=None) -> Image:
         if key not in self.images:
@@ -96,9 +105,15 @@ class Pyramid:
         return image
 
 
-def map_pyramid(reflectance: np.ndarray) -> Pyramid:
-    """Pyramid of a texture map, float [H, W, 3] linear, sides powers of two; its texels are the reflectances."""
-    levels = _levels(np.asarray(reflectance, np.float32))
+def map_pyramid(reflectance: np.ndarray, shown: np.ndarray | None = None) -> Pyramid:
+    """Pyramid of a texture map, float [H, W, 3] linear, sides powers of two; its texels are the reflectances.
+
+    Args:
+        reflectance: The map.
+        shown: bool [H, W], which texels a mask leaves: coarse levels are means of these. None: all.
+    """
+    image = np.asarray(reflectance, np.float32)
+    levels = _levels(image) if shown is None else _levels_shown(image, shown)
     return Pyramid(_pack(levels), levels[0].shape[1], levels[0].shape[0], len(levels))
 
 
@@ -183,6 +198,14 @@ def _levels(image):
     return levels
 
 
+def _levels_shown(image, shown):
+    """The image and its means over 2 x 2 texels, of which only some are shown; of none of them, what is there."""
+    share = shown.astype(np.float32)[..., None]
+    weighted = zip(_levels(image * share), _levels(share), _levels(image), strict=True)
+    levels = [np.where(weight > 0.0, total / np.maximum(weight, 1e-9), plain) for total, weight, plain in weighted]
+    return [image, *levels[1:]]
+
+
 def _pack(levels):
     """Levels of values 0..1 as uint32: 11, 11 and 10 bits."""
     packed = []
@@ -232,4 +255,4 @@ def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
     path = Path(path)
     known = " or ".join(GROUND)
     require_file(path, "image file", f"Give {known}, or the path relative to the scene file.", key)
-    return read_picture(path, key).reflectance
+    return linear(read_picture(path, key).texels)

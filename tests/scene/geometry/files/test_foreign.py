@@ -16,7 +16,7 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.images import srgb_to_linear
+from varos_warp.scene.images import linear, srgb_to_linear
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
 BOX = trimesh.creation.box((1.0, 2.0, 3.0))
@@ -194,8 +194,8 @@ def at_corners(mesh, count):
     for k in np.random.default_rng(3).integers(0, len(mesh.faces), count):
         values, skin = mesh.skin.corners[k, 1], mesh.skin
         if skin.pages:
-            height, width, _ = skin.pages[0].image.shape
-            values = skin.pages[0].image[int((1 - values[1]) * height), int(values[0] * width)]
+            height, width, _ = skin.pages[0].texels.shape
+            values = linear(skin.pages[0].texels)[int((1 - values[1]) * height), int(values[0] * width)]
         yield mesh.vertices[mesh.faces[k, 1]], values
 
 

@@ -4,6 +4,7 @@ Read from the XML, not through pycollada: that keeps single precision, in which 
 turns NaN into 0, drops holes, and refuses sources whose stride is more than what they name.
 """
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.dae_materials import DaeMaterials
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
-from varos_warp.scene.geometry.files.polygons import fill, triangulate
+from varos_warp.scene.geometry.files.polygons import fill, strip
 
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 AXES = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
@@ -162,14 +163,8 @@ class _Reader:
         if chosen is None:
             return None
         values, index = self.source(chosen[1], width), corners[..., chosen[0]]
-        self._check(index, len(values), semantic)
+        self.file.check(index, len(values), semantic)
         return values[index]
-
-    def _check(self, index, count, semantic) -> None:
-        if index.size and (index.min() < 0 or index.max() >= count):
-            worst = index.min() if index.min() < 0 else index.max()
-            raise InputError(f"a face names {semantic} {worst} of {count}", file=self.file.path,
-                             remedy="The file is damaged; export it again.")
 
     def _inputs(self, element):
         """Offset, source and set of all inputs by semantic, those of ``vertices`` among them; and numbers a corner."""
@@ -193,24 +188,21 @@ class _Reader:
     def _triangles(self, element, stride, offset, vertices):
         """Numbers [C, stride] of all corners, and corners [T, 3] of the triangles."""
         corners, counts, holes = self._corners(element, stride)
-        self._check(corners[:, offset], len(vertices), "vertex")
-        self.file.count(0)
-        if element.tag == "tristrips":
-            return corners, _joined(first + np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
-                                    for first, i in _runs(counts))
-        if element.tag == "trifans":
-            return corners, _joined(first + np.stack([0 * i, i + 1, i + 2], axis=1) for first, i in _runs(counts))
         starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
-        places = vertices[corners[:, offset]]
-        triangles, polygon, crossed = triangulate(places[:starts[-1]], starts)
+        self.file.check(corners[:, offset], len(vertices), "vertex")
+        if element.tag in ("tristrips", "trifans"):
+            runs = [np.arange(*ends) for ends in itertools.pairwise(starts)]
+            return corners, np.concatenate([np.zeros((0, 3), int), *(
+                strip(run) if element.tag == "tristrips" else _fan(run) for run in runs)])
+        places, crossed = vertices[corners[:, offset]], 0
+        triangles, polygon = self.file.triangulated(vertices, corners[:starts[-1], offset], starts)
         for number, rings in holes.items():
             filled, sound = fill(places[starts[number]:starts[number + 1]], [places[ring] for ring in rings])
             ring = np.concatenate([np.arange(starts[number], starts[number + 1]), *rings])
             triangles = np.concatenate([triangles[polygon != number], ring[filled]])
             polygon = np.concatenate([polygon[polygon != number], np.full(len(filled), number)])
             crossed += not sound
-        if crossed:
-            self.file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
+        self.file.note_crossed(crossed)
         return corners, triangles
 
     def _corners(self, element, stride):
@@ -262,14 +254,10 @@ class _Reader:
         return values[offset:offset + count * stride].reshape(count, stride)[:, columns]
 
 
-def _runs(counts):
-    """Of each strip or fan, its first corner and the numbers of its triangles."""
-    for first, count in zip(np.cumsum([0, *counts[:-1]]), counts, strict=False):
-        yield first, np.arange(max(count - 2, 0))
-
-
-def _joined(triangles):
-    return np.concatenate([np.zeros((0, 3), int), *triangles])
+def _fan(corners):
+    """Triangles [T, 3] of a fan of corners [C]."""
+    i = np.arange(1, max(len(corners) - 1, 1))
+    return np.stack([np.broadcast_to(corners[:1], i.shape), corners[i], corners[i + 1]], axis=1)
 
 
 def _transform(step, file) -> np.ndarray:

@@ -9,7 +9,6 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.mtl import MtlMaterial, read_mtl, tiles_of
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
-from varos_warp.scene.geometry.files.polygons import triangulate
 from varos_warp.scene.images import srgb_to_linear
 
 FREE_FORM = {b"curv", b"curv2", b"surf", b"cstype", b"trim", b"deg"}
@@ -23,25 +22,22 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     vertices, colours = text.vertices()
     coordinates = text.numbers(b"vt", 2)
     corners, starts, material = text.faces()
-    place = _index(corners[:, 0], len(vertices), path, "vertex")
-    triangles, polygon, crossed = triangulate(vertices[place], starts)
-    file.count(len(triangles))
-    if crossed:
-        file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
+    place = corners[:, 0] - 1
+    triangles, polygon = file.triangulated(vertices, place, starts)
     libraries = text.materials() if with_colours else {}
     if with_colours and colours is None and len(coordinates) and not text.names_libraries:
         file.note("it has texture coordinates but names no material library (mtllib): it is grey")
     for name in dict.fromkeys(material.tolist()):
-        chosen = triangles[material[polygon] == name] if len(material) else triangles
+        chosen = triangles[material[polygon] == name]
         look = libraries.get(text.names[name])
-        file.pieces += _pieces(vertices, colours if with_colours else None, coordinates, corners, place, chosen, look,
-                               file)
+        for piece in _pieces(vertices, colours if with_colours else None, coordinates, corners, chosen, look, file):
+            file.add(piece)
     return file
 
 
-def _pieces(vertices, colours, coordinates, corners, place, chosen, look, file):
+def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
     """Pieces of the triangles [F, 3] of one material: those with coordinates and without, and one for each tile."""
-    faces = place[chosen]
+    faces = corners[chosen, 0] - 1
     painted = None if colours is None else colours[faces]
     if look is None or look.texture is None:
         return [Piece(vertices, faces, None if look is None else look.material(), None, painted)]
@@ -52,23 +48,15 @@ def _pieces(vertices, colours, coordinates, corners, place, chosen, look, file):
         bare = MtlMaterial(look.kd or (0.5, 0.5, 0.5)).material()
         found.append(Piece(vertices, faces[~has_uv], bare, None, None if painted is None else painted[~has_uv]))
     if has_uv.any():
-        at = _index(corners[chosen[has_uv], 1].ravel(), len(coordinates), file.path, "texture coordinate")
-        uv = look.uv(coordinates[at].reshape(-1, 3, 2))
+        at = corners[chosen[has_uv], 1] - 1
+        file.check(at, len(coordinates), "texture coordinate")
+        uv = look.uv(coordinates[at])
         tile = tiles_of(uv) if look.has_tiles else np.zeros(len(uv), int)
         for number in np.unique(tile):
             mine = tile == number
             found.append(Piece(vertices, faces[has_uv][mine], look.material(number if look.has_tiles else None),
                                uv[mine], None if painted is None else painted[has_uv][mine]))
     return found
-
-
-def _index(numbers, count, path, what):
-    """Places from 0 of OBJ's numbers from 1, or of relative ones, which `_Text.faces` has made absolute."""
-    if len(numbers) and (numbers.min() < 1 or numbers.max() > count):
-        worst = numbers.min() if numbers.min() < 1 else numbers.max()
-        raise InputError(f"a face names {what} {worst} of {count}", file=path,
-                         remedy="The file is damaged; export it again.")
-    return numbers - 1
 
 
 class _Text:
@@ -123,13 +111,17 @@ class _Text:
     def vertices(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Places float64 [V, 3], and linear colours float32 [V, 3] if the file has them behind the coordinates."""
         rows = self._rows[b"v"]
-        widths = np.fromiter((len(row.split()) for row in rows[:1000]), int, min(len(rows), 1000))
-        if not (len(widths) and widths[0] >= 6 and (widths == widths[0]).all()):
+        widths = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+        if not (widths >= 6).any():
             return self.numbers(b"v", 3), None
-        values = self.numbers(b"v", 6)
-        colours = values[:, 3:6] if widths[0] == 6 else self.numbers(b"v", 7)[:, 4:7]
-        top = 255.0 if colours.max(initial=0.0) > 1.0 else 1.0
-        return values[:, :3].copy(), srgb_to_linear(np.clip(colours / top, 0.0, 1.0)).astype(np.float32)
+        values = self.numbers(b"v", 7 if (widths >= 7).any() else 6)
+        colours = np.where((widths >= 7)[:, None], values[:, -3:], values[:, 3:6])  # behind a weight, if there are 7
+        top = 255.0 if colours[widths >= 6].max() > 1.0 else 1.0
+        painted = srgb_to_linear(np.clip(colours / top, 0.0, 1.0)).astype(np.float32)
+        if (widths < 6).any():
+            self.file.note("some of its vertices have no colour: they are grey")
+            painted[widths < 6] = 0.5
+        return values[:, :3].copy(), painted
 
     def numbers(self, keyword: bytes, width: int) -> np.ndarray:
         """The first ``width`` numbers of each line, float64 [N, width]; of vt, v may be missing and is 0."""
@@ -142,7 +134,7 @@ class _Text:
         out = np.zeros((len(rows), width))
         for i, row in enumerate(rows):
             words = row.split()[:width]
-            if len(words) < width and keyword == b"v":
+            if len(words) < 3 and keyword == b"v":
                 raise InputError(f"has a vertex of {len(words)} numbers: {row[:60].decode('utf-8', 'replace')}",
                                  file=self.path, remedy="The file is damaged; export it again.")
             try:

@@ -7,7 +7,6 @@ import trimesh
 
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
-from varos_warp.scene.geometry.files.polygons import triangulate
 from varos_warp.scene.images import srgb_to_linear
 
 
@@ -33,13 +32,7 @@ def read_off(path: Path, with_colours: bool) -> MeshFile:
         raise InputError("has a face with fewer vertices than it says", file=path,
                          remedy="The file is damaged; export it again.")
     corners = np.array([word for row, n in zip(of_faces, counts, strict=True) for word in row[1:n + 1]], np.int64)
-    if len(corners) and (corners.min() < 0 or corners.max() >= vertex_count):
-        worst = corners.min() if corners.min() < 0 else corners.max()
-        raise InputError(f"a face names vertex {worst} of {vertex_count}", file=path,
-                         remedy="The file is damaged; export it again.")
-    chosen, polygon, crossed = triangulate(vertices[corners], np.concatenate([[0], np.cumsum(counts)]).astype(int))
-    if crossed:
-        file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
+    chosen, polygon = file.triangulated(vertices, corners, np.concatenate([[0], np.cumsum(counts)]).astype(int))
     faces = corners[chosen]
     colours = None
     if with_colours:

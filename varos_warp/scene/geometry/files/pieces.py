@@ -8,6 +8,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.limits import check_limit
+from varos_warp.scene.geometry.files.polygons import triangulate
 
 WRAPS = ("repeat", "clamp", "mirror")
 """What a texture shows outside of 0..1: itself again, its edge, or itself mirrored."""
@@ -80,8 +81,6 @@ class MeshFile:
     """In the pieces so far."""
     copies: int = 0
     """Places where meshes stand, so far."""
-    slivers: int = 0
-    """Polygons without area, which were left out."""
 
     def note(self, words: str) -> None:
         """Add a note, once."""
@@ -94,21 +93,44 @@ class MeshFile:
         Raises:
             InputError: The file has more triangles than the limit, or a face names a vertex that is not there.
         """
-        self.count(len(piece.faces))
-        if len(piece.faces) and (piece.faces.min() < 0 or piece.faces.max() >= len(piece.vertices)):
-            worst = piece.faces.min() if piece.faces.min() < 0 else piece.faces.max()
-            raise InputError(f"a face names vertex {worst} of {len(piece.vertices)}", file=self.path,
-                             remedy="The file is damaged; export it again.")
+        self.triangles += len(piece.faces)
+        check_limit("TRIANGLES", self.triangles, file=self.path)
+        self.check(piece.faces, len(piece.vertices), "vertex")
         self.pieces.append(piece)
 
-    def count(self, triangles: int) -> None:
-        """Count triangles before they fill the memory.
+    def check(self, numbers: np.ndarray, count: int, what: str) -> None:
+        """Refuse faces that name what is not there.
 
-        Raises:
-            InputError: They are more than the limit.
+        Args:
+            numbers: What they name, counted from 0.
+            count: How many there are.
+            what: Of what, for the message.
         """
-        self.triangles += triangles
-        check_limit("TRIANGLES", self.triangles, file=self.path)
+        if numbers.size and (numbers.min() < 0 or numbers.max() >= count):
+            worst = numbers.min() if numbers.min() < 0 else numbers.max()
+            raise InputError(f"a face names {what} {worst} of {count}", file=self.path,
+                             remedy="The file is damaged; export it again.")
+
+    def triangulated(self, vertices: np.ndarray, corners: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Triangles of many polygons; those that cross themselves are noted.
+
+        Args:
+            vertices: float64 [V, 3].
+            corners: int [C], the vertices of all polygons, one after another.
+            starts: int [P + 1], where each begins, and the number of corners.
+
+        Returns:
+            Numbers int64 [T, 3] of the triangles' corners in ``corners``, and the polygon of each int64 [T].
+        """
+        self.check(corners, len(vertices), "vertex")
+        triangles, polygon, crossed = triangulate(vertices[corners], starts)
+        self.note_crossed(crossed)
+        return triangles, polygon
+
+    def note_crossed(self, count: int) -> None:
+        """Note how many polygons cross themselves, if any do."""
+        if count:
+            self.note(f"{count} of its polygons cross themselves: what is built of them may differ")
 
     def count_copy(self) -> None:
         """Count one more place where a mesh stands.

@@ -7,7 +7,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture
-from varos_warp.scene.geometry.files.polygons import triangulate
+from varos_warp.scene.geometry.files.polygons import strip
 from varos_warp.scene.images import srgb_to_linear
 
 KINDS = {
@@ -61,12 +61,11 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
     rings = next((face[name] for name in INDICES if isinstance(face.get(name), Lists)), None)
     if rings is not None:
         _add_polygons(file, vertices, vertex, face, rings, textures, with_colours)
-    for name, columns_of in columns.items():
-        strip = columns_of.get("vertex_indices") if name == "tristrips" else None
-        if isinstance(strip, Lists):
-            faces = _strip_faces(strip)
-            painted = _colours(vertex, path) if with_colours else None
-            file.add(Piece(vertices, faces, None, None, None if painted is None else painted[faces]))
+    if isinstance(strips := columns.get("tristrips", {}).get("vertex_indices"), Lists):
+        faces = _strip_faces(strips)
+        file.check(faces, len(vertices), "vertex")
+        painted = _colours(vertex, path) if with_colours else None
+        file.add(Piece(vertices, faces, None, None, None if painted is None else painted[faces]))
     if any(element.name == "edge" and element.count for element in elements):
         file.note("its points and lines are left out: only surfaces are rendered")
     return file
@@ -75,13 +74,7 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
 def _add_polygons(file, vertices, vertex, face, rings, textures, with_colours):
     """Polygons become pieces: one, or one for each texture."""
     corners = rings.values.astype(np.int64)
-    if len(corners) and (corners.min() < 0 or corners.max() >= len(vertices)):
-        worst = corners.min() if corners.min() < 0 else corners.max()
-        raise InputError(f"a face names vertex {worst} of {len(vertices)}", file=file.path,
-                         remedy="The file is damaged; export it again.")
-    chosen, polygon, crossed = triangulate(vertices[corners], rings.starts)
-    if crossed:
-        file.note(f"{crossed} of its polygons cross themselves: what is built of them may differ")
+    chosen, polygon = file.triangulated(vertices, corners, rings.starts)
     faces = corners[chosen]
     if not with_colours:
         file.add(Piece(vertices, faces))
@@ -136,16 +129,13 @@ def _coordinates(vertex, face, faces, chosen, rings, file) -> np.ndarray | None:
     return None if names is None else np.stack([vertex[name] for name in names], axis=1).astype(float)[faces]
 
 
-def _strip_faces(strip) -> np.ndarray:
+def _strip_faces(strips) -> np.ndarray:
     """Faces [F, 3] of strips, which -1 ends."""
-    found, values = [], strip.values.astype(np.int64)
-    for first, last in zip(strip.starts[:-1], strip.starts[1:], strict=True):
+    found, values = [np.zeros((0, 3), np.int64)], strips.values.astype(np.int64)
+    for first, last in zip(strips.starts[:-1], strips.starts[1:], strict=True):
         row = values[first:last]
-        for part in np.split(row, np.flatnonzero(row == -1)):
-            part = part[part != -1]
-            i = np.arange(max(len(part) - 2, 0))
-            found.append(part[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)])
-    return np.concatenate(found) if found else np.zeros((0, 3), np.int64)
+        found += [strip(part[part != -1]) for part in np.split(row, np.flatnonzero(row == -1))]
+    return np.concatenate(found)
 
 
 # -------------------------------------------------------------------------------------------------------------- header

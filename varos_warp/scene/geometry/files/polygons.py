@@ -41,6 +41,12 @@ def triangulate(points: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.
     return np.concatenate(found)[order].astype(np.int64), polygon[order].astype(np.int64), crossed
 
 
+def strip(corners: np.ndarray) -> np.ndarray:
+    """Triangles [T, 3] of a strip of corners [C], every other one turned, so that all look to one side."""
+    i = np.arange(max(len(corners) - 2, 0))
+    return corners[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)]
+
+
 def area_vectors(rings: np.ndarray) -> np.ndarray:
     """Vector areas [..., 3] of polygons [..., n, 3] (Newell): twice the area, along the normal."""
     spokes = rings - rings[..., :1, :]

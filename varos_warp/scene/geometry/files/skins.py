@@ -1,6 +1,7 @@
 """Pieces of a mesh file become one skin: a page for each texture, and colours where there is none."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,8 +27,10 @@ class Skins:
     def __init__(self, file: MeshFile, key: str | None):
         self.file, self.key = file, key
         self.pages: list[Page] = []
+        self.constant: tuple[str, ...] = ()
+        """Names of the textures that are one colour throughout."""
         self._numbers: dict[FileMaterial, int] = {}
-        self._pictures: dict[Texture, Picture | None] = {}
+        self._pictures: dict[tuple, Picture | None] = {}
 
     def made(self) -> tuple[list[Piece], Skin | None]:
         """The pieces that are to be seen, and their skin; None if the file has no colours at all."""
@@ -46,7 +49,8 @@ class Skins:
         numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
         values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
         only = len(self.pages) == 1 and not numbers.any()
-        return pieces, Skin(values[..., :2] if only else values, tuple(self.pages), None if only else numbers, tints)
+        pages = tuple(_without_idle_mask(page, tints, numbers == k) for k, page in enumerate(self.pages))
+        return pieces, Skin(values[..., :2] if only else values, pages, None if only else numbers, tints)
 
     def _piece(self, piece):
         """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
@@ -77,9 +81,12 @@ class Skins:
 
     def _picture(self, texture) -> Picture | None:
         """The picture of a texture; None, with a note, if there is no such file."""
-        if texture not in self._pictures:
-            self._pictures[texture] = self._read(texture)
-        return self._pictures[texture]
+        key = texture.source, texture.mask  # however it is wrapped
+        if key not in self._pictures:
+            self._pictures[key] = self._read(texture)
+            if (picture := self._pictures[key]) is not None and picture.is_constant:
+                self.constant += (texture.name,)
+        return self._pictures[key]
 
     def _read(self, texture):
         where = f"{self.key}: {self.file.path.name}" if self.key else self.file.path.name
@@ -87,14 +94,7 @@ class Skins:
             if not isinstance(path, bytes | None) and not path.is_file():
                 self.file.note(f"{texture.name} is not there ({path.name}): what it colours is grey")
                 return None
-        picture = read_picture(texture.source, f"{where}: {texture.name}", texture.mask)
-        return picture
-
-    @property
-    def constant(self) -> tuple[str, ...]:
-        """Names of the textures that are one colour throughout."""
-        return tuple(dict.fromkeys(texture.name for texture, picture in self._pictures.items()
-                                   if picture is not None and picture.is_constant))
+        return read_picture(texture.source, f"{where}: {texture.name}", texture.mask)
 
 
 def _vanishes(piece) -> bool:
@@ -107,9 +107,17 @@ def _page_of(material, picture) -> Page:
     masked = material.cutoff is not None and material.cutoff > 0.0
     wrap = ("repeat", "repeat") if material.texture is None else material.texture.wrap
     if not masked:
-        return Page(picture.reflectance, material.base, wrap)
+        return Page(picture.texels, material.base, wrap)
     alpha = np.full((1, 1), 255, np.uint8) if picture.alpha is None else picture.alpha
-    return Page(picture.reflectance, material.base, wrap, alpha, material.cutoff / material.alpha)
+    return Page(picture.texels, material.base, wrap, alpha, material.cutoff / material.alpha)
+
+
+def _without_idle_mask(page, tints, faces) -> Page:
+    """A page; without its mask if that cuts nothing off the faces that have it, which then cost no more than others."""
+    if page.alpha is None:
+        return page
+    least = 1.0 if tints is None or not faces.any() else float(tints[faces, :, 3].min())
+    return replace(page, alpha=None, cutoff=0.0) if page.alpha.min() / 255.0 * least >= page.cutoff else page
 
 
 def _flat(piece, colour):

@@ -11,6 +11,8 @@ TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: 
 """5130 is that of KHR_accessor_float64."""
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MOST_ROWS = 2**31
+MOST_ZEROS = 2**24
+"""Numbers of an accessor without bytes, which no size of a file bounds."""
 
 
 def read_accessor(document: Document, index: Any) -> np.ndarray:
@@ -50,8 +52,9 @@ def as_numbers(values: np.ndarray, normalized: bool) -> np.ndarray:
 
 def _zeros(document, block, count, width, kind, key):
     """Zeros, which sparse values replace; there is no file whose size bounds their number."""
-    if count * width > 16 * 2**20 and block.get("sparse") is None:
-        raise document.damaged(f"has {count} elements but no bytes", key)
+    if count * width > MOST_ZEROS:
+        raise InputError(f"has {count} elements without bytes of their own, more than a file may ask for",
+                         file=document.path, key=key, remedy="Export it without sparse accessors.")
     return np.zeros((count, width), kind)
 
 

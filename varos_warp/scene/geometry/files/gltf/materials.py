@@ -8,7 +8,7 @@ from varos_warp.scene.geometry.files.gltf.document import Document
 from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture
 
 WRAPPING = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-NEAREST = (9728, 9984, 9986)
+NEAREST = 9728
 
 
 class Look:
@@ -55,7 +55,7 @@ class Materials:
         factor, info = metallic.get("baseColorFactor"), metallic.get("baseColorTexture")
         if older is not None:
             factor, info = older.get("diffuseFactor"), older.get("diffuseTexture")
-        elif _is_metal(metallic, info) and not document.extension(block, "KHR_materials_unlit"):
+        elif _is_metal(metallic) and not document.extension(block, "KHR_materials_unlit"):
             self.ignored["metal"] = None
         for name, words in (("normalTexture", "normal maps"), ("occlusionTexture", "occlusion maps"),
                             ("emissiveTexture", "emission")):
@@ -97,7 +97,7 @@ class Materials:
             return None
         sampler = {} if block.get("sampler") is None else document.get("samplers", block["sampler"])
         wrap = tuple(WRAPPING.get(sampler.get(name, 10497), "repeat") for name in ("wrapS", "wrapT"))
-        if sampler.get("magFilter") == NEAREST[0]:
+        if sampler.get("magFilter") == NEAREST:
             self.ignored["sharp texels (magFilter NEAREST), which are blended"] = None
         image = document.get("images", source)
         name = f"images.{source}" + (f" ({image['name']})" if image.get("name") else "")
@@ -108,7 +108,7 @@ class Materials:
         return Texture(path or document.bytes_of(uri, f"images.{source}.uri"), name, wrap)
 
 
-def _is_metal(block, base_texture):
+def _is_metal(block):
     """Whether a material is mostly metal: the factor's default is 1, which files without any such thought leave out."""
     stated = "metallicFactor" in block or block.get("metallicRoughnessTexture") is not None
     return stated and float(block.get("metallicFactor", 1.0)) > 0.5

@@ -17,6 +17,7 @@ from varos_warp.scene.geometry.files.gltf.accessors import (
 from varos_warp.scene.geometry.files.gltf.document import Document
 from varos_warp.scene.geometry.files.gltf.materials import Materials
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.polygons import strip
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 DEEPEST = 1000
@@ -139,8 +140,7 @@ class _Reader:
         if skin is not None:
             vertices = self._skinned(stored, vertices, skin)
         corners = stored.indices(len(vertices))
-        if len(corners) and corners.max() >= len(vertices):
-            raise self.document.damaged(f"a face names vertex {corners.max()} of {len(vertices)}", key)
+        self.file.check(corners, len(vertices), "vertex")
         faces = triangles_of(corners, TRIANGLES if compressed else mode)  # Draco gives strips as triangles
         if not self.with_colours:
             return Piece(vertices, faces)
@@ -236,7 +236,7 @@ def triangles_of(corners: np.ndarray, mode: int) -> np.ndarray:
     """Faces int64 [F, 3] of a list of corners: triangles, a strip or a fan (section 3.7.2.1)."""
     if mode == TRIANGLES:
         return corners[:len(corners) // 3 * 3].reshape(-1, 3)
-    i = np.arange(max(len(corners) - 2, 0))
     if mode == STRIP:
-        return corners[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)]
+        return strip(corners)
+    i = np.arange(max(len(corners) - 2, 0))
     return corners[np.stack([i + 1, i + 2, np.zeros_like(i)], axis=1)]
