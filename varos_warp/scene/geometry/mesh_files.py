@@ -14,10 +14,11 @@ from varos_warp.files import require_file
 from varos_warp.scene.geometry.files.dae import read_dae
 from varos_warp.scene.geometry.files.gltf.nodes import read_gltf
 from varos_warp.scene.geometry.files.obj import read_obj
-from varos_warp.scene.geometry.files.off import read_off, read_stl
+from varos_warp.scene.geometry.files.off import read_off
 from varos_warp.scene.geometry.files.pieces import MeshFile
 from varos_warp.scene.geometry.files.ply import read_ply
 from varos_warp.scene.geometry.files.skins import Skins, check_finite, shares_outside
+from varos_warp.scene.geometry.files.stl import read_stl
 from varos_warp.scene.geometry.foreign import remedy_for
 from varos_warp.scene.geometry.parts import MeshFacts, Skin
 from varos_warp.scene.geometry.topology import FARTHEST

@@ -79,20 +79,20 @@ def _add_polygons(file, vertices, vertex, face, rings, textures, with_colours):
     if not with_colours:
         file.add(Piece(vertices, faces))
         return
-    painted = _colours(vertex, file.path)
-    colours = None if painted is None else painted[faces]
-    if (of_faces := _colours(face, file.path)) is not None:
-        colours = np.repeat(of_faces[polygon][:, None], 3, axis=1)
-    uv = _coordinates(vertex, face, faces, chosen, rings, file)
-    if uv is None or not textures:
-        if textures:
-            file.note("it names a texture but has no coordinates for it")
-        elif uv is not None and colours is None:
-            file.note("it has texture coordinates but names no texture (comment TextureFile): it is grey")
-        file.add(Piece(vertices, faces, None, None, colours))
+    colours, uv = _painted(vertex, face, faces, polygon, file), _coordinates(vertex, face, faces, chosen, rings, file)
+    if textures and uv is not None:
+        number = np.asarray(face.get("texnumber", np.zeros(len(rings.starts) - 1))).astype(int)[polygon]
+        _add_textured(file, vertices, faces, uv, colours, number, textures)
         return
-    number = face.get("texnumber", np.zeros(len(rings.starts) - 1, int))
-    number = np.asarray(number).astype(int)[polygon]
+    if textures:
+        file.note("it names a texture but has no coordinates for it")
+    elif uv is not None and colours is None:
+        file.note("it has texture coordinates but names no texture (comment TextureFile): it is grey")
+    file.add(Piece(vertices, faces, None, None, colours))
+
+
+def _add_textured(file, vertices, faces, uv, colours, number, textures):
+    """One piece for each texture, whose ``number`` [F] the faces have."""
     for k in np.unique(number):
         mine = number == k
         if not 0 <= k < len(textures):
@@ -101,6 +101,14 @@ def _add_polygons(file, vertices, vertex, face, rings, textures, with_colours):
         texture = Texture(file.path.parent / textures[k], f"TextureFile {textures[k]}")
         file.add(Piece(vertices, faces[mine], FileMaterial(texture=texture), uv[mine],
                        None if colours is None else colours[mine]))
+
+
+def _painted(vertex, face, faces, polygon, file):
+    """Colours [F, 3, 3] of the corners: of faces, else of vertices; None without any."""
+    if (of_faces := _colours(face, file.path)) is not None:
+        return np.repeat(of_faces[polygon][:, None], 3, axis=1)
+    of_vertices = _colours(vertex, file.path)
+    return None if of_vertices is None else of_vertices[faces]
 
 
 def _colours(columns, path) -> np.ndarray | None:
