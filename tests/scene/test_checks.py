@@ -457,3 +457,13 @@ def test_a_body_that_begins_in_the_ground_or_in_another_and_lamps_in_their_own_b
     assert text.startswith("objects.0: the middle of it is inside vehicles.b")
     (text,) = fleet(at(0, 3, 1) | {"lights": [LAMP, LAMP | {"position": [0.0, 0.9, 0.0]}]})
     assert text.startswith("vehicles.1.lights.0: is inside the body of its vehicle")
+
+
+@pytest.mark.parametrize(("kind", "told"), [("z", True), ("range", False)])
+def test_a_view_behind_the_lens_and_planar_depth_do_not_go_together(kind, told):
+    fisheye = {"resolution": [96, 72], "intrinsics": {"fx": 25, "fy": 25, "cx": 47.5, "cy": 35.5},
+               "distortion": {"model": "kannala_brandt", "k": [0, 0, 0, 0]}}
+    scene = scene_from_dict({"vehicle": {"cameras": [fisheye]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+                             "render": {"depth_kind": kind}})
+    found = [words for words in check_scene(scene, []) if "render.depth_kind: range" in words]
+    assert bool(found) == told

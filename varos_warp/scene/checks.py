@@ -57,7 +57,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
     found = [*made, *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
-             *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_shutters(scene),
+             *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_planar_depth(scene),
+             *_check_shutters(scene),
              *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
              *_check_lamps_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
@@ -162,6 +163,21 @@ def _check_mounts(scene):
             example = next(abs(x) for x in block.position if x)
             warnings.append(f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
                             f"({example / 1000:g} for {example:g} mm)")
+    return warnings
+
+
+def _check_planar_depth(scene):
+    """Cameras that see behind their lens, where planar depth is below 0."""
+    if "D" not in scene.render.outputs or scene.render.depth_kind != "z":
+        return []
+    warnings = []
+    for i, camera in enumerate(scene.vehicle.cameras):
+        width, height = camera.resolution
+        x, y = np.meshgrid((np.arange(GRID) + 0.5) * width / GRID, (np.arange(GRID) + 0.5) * height / GRID)
+        behind = camera_model(camera).rays(np.stack([x, y], -1)).direction[..., 2] <= 0.0
+        if behind.any():
+            warnings.append(f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the lens, "
+                            "where planar depth is below 0 and D holds nothing; give render.depth_kind: range")
     return warnings
 
 

@@ -127,3 +127,8 @@ def test_linear_channels_hold_radiance_error_and_layers():
     channels = outputs.linear_channels(SimpleNamespace(radiance=rgb, stderr=rgb / 10, layers={"direct": rgb / 2}))
     assert list(channels) == ["R", "G", "B", "stderr.R", "stderr.G", "stderr.B", "direct.R", "direct.G", "direct.B"]
     np.testing.assert_array_equal(channels["stderr.G"], rgb[..., 1] / 10)
+
+
+def test_depth_behind_the_lens_is_none():
+    """What a fisheye of more than 180 degrees sees behind its lens has a planar depth below 0, not that of the lens."""
+    assert outputs.encode_depth(np.array([[-0.5, 0.0, 5.0]]), (0.0, 25.0)).tolist() == [[65535, 0, 13107]]

@@ -79,11 +79,14 @@ def decode_normal(pixels: np.ndarray, _scale: None = None) -> np.ndarray:
 
 
 def encode_depth(depth: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:
-    """uint16 [H, W] of distances [m] (paper eq. (1)): 0..65535 over the range, what lies outside is clamped."""
+    """uint16 [H, W] of distances [m] (paper eq. (1)): 0..65535 over the range, what lies outside is clamped.
+
+    Planar depths below 0, of what a wide fisheye sees behind its lens, have no place in the range: 65535, as nothing.
+    """
     _refuse_nan(depth)
     start, end = depth_range_m
     share = np.clip((np.asarray(depth, float) - start) / (end - start), 0.0, 1.0)
-    return np.rint(share * DEPTH_LEVELS).astype(np.uint16)
+    return np.where(depth < 0.0, DEPTH_LEVELS, np.rint(share * DEPTH_LEVELS)).astype(np.uint16)
 
 
 def decode_depth(pixels: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:
