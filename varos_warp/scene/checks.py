@@ -176,8 +176,8 @@ def _check_planar_depth(scene):
         x, y = np.meshgrid((np.arange(GRID) + 0.5) * width / GRID, (np.arange(GRID) + 0.5) * height / GRID)
         behind = camera_model(camera).rays(np.stack([x, y], -1)).direction[..., 2] <= 0.0
         if behind.any():
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the lens, "
-                            "where planar depth is below 0 and D holds nothing; give render.depth_kind: range")
+            warnings.append(f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the "
+                            "lens, where planar depth is below 0 and D holds nothing; give render.depth_kind: range")
     return warnings
 
 

@@ -85,11 +85,11 @@ def test_depth_resolution_is_that_of_equation_1():
     assert 0.49 * 25 / 65535 < error <= 0.5 * 25 / 65535 + 25 * 2.0**-24
 
 
-def test_depth_at_or_beyond_the_end_and_nothing_hit_are_65535():
-    depth = np.array([[25.0, 25.1, np.inf, 0.0, -1.0, 12.5]])
+def test_depth_beyond_the_ends_behind_the_lens_and_nothing_hit_are_65535():
+    depth = np.array([[25.0, 25.1, np.inf, -1.0, 0.0, 12.5]])
     pixels = outputs.encode_depth(depth, (0.0, 25.0))
-    assert pixels.tolist() == [[65535, 65535, 65535, 0, 0, 32768]]
-    assert np.isinf(outputs.decode_depth(pixels, (0.0, 25.0))[0, :3]).all()
+    assert pixels.tolist() == [[65535, 65535, 65535, 65535, 0, 32768]]
+    assert np.isinf(outputs.decode_depth(pixels, (0.0, 25.0))[0, :4]).all()
 
 
 def test_depth_range_may_start_beyond_zero():
