@@ -90,6 +90,27 @@ def test_the_prj_file_beside_it_tells_the_unit(tmp_path, text, metres):
     assert survey.facts["crs"] in ("EPSG:32632", "WGS 84 / UTM zone 32N", "UTM", "STATEPLANE")
 
 
+@pytest.mark.parametrize(("units", "zunits", "plan", "up"), [
+    ("METERS", "FEET", 1.0, 0.3048), ("FEET", "METERS", 0.3048, 1.0), ("METERS", "NO", 1.0, 1.0),
+    ("METERS", "NONE", 1.0, 1.0), ("FEET", "feet", 0.3048, 0.3048), ("4", "100", 0.25, 0.01)])
+def test_the_older_lines_of_a_prj_file_tell_the_unit_of_the_heights_too(tmp_path, units, zunits, plan, up):
+    """A number is how many of the unit make a metre (Esri, technical article 30566)."""
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.prj").write_text(f"Projection    UTM\nZunits        {zunits}\nUnits         {units}\n")
+    facts = read(path).facts
+    np.testing.assert_allclose(facts["extent_m"][:2], [plan * EAST, plan * NORTH], rtol=1e-12)
+    np.testing.assert_allclose(facts["heights_m"], [up * plane_grid().min(), up * plane_grid().max()], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("text", "key"), [
+    ("Units METERS\nZunits CUBITS\n", "terrain.height_unit"), ("Units FEET\nZunits NO\n", "terrain.height_unit"),
+    ("Units METERS\nZunits 0\n", "terrain.height_unit"), ("Units CUBITS\nZunits FEET\n", "terrain.unit")])
+def test_older_lines_of_a_prj_file_with_a_unit_that_is_not_known_are_asked_about(tmp_path, text, key):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.prj").write_text(f"Projection UTM\n{text}")
+    assert refusal(path).key == key
+
+
 @pytest.mark.parametrize("text", [DEGREES_WKT, "Projection GEOGRAPHIC\nUnits DD\n"])
 def test_a_prj_file_of_degrees_is_refused(tmp_path, text):
     path = write_asc(tmp_path / "a.asc", plane_grid())
