@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 
+from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
 from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, of_wkt, refuse_degrees
@@ -101,8 +102,8 @@ def reference_beside(request: Request, middle: tuple[float, float] | None) -> Re
     Raises:
         InputError: The coordinates are degrees.
     """
-    path = request.path.with_suffix(".prj")
-    if not path.is_file():
+    path = beside(request.path, ".prj")
+    if path is None:
         return Reference()
     with path.open("rb") as file:
         text = file.read(MOST_TEXT).decode("latin-1")
