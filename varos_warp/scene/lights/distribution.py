@@ -1,6 +1,6 @@
 """How the intensity of a light is distributed over directions: a cone, or a profile; in the water, behind its port."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,8 +16,9 @@ from varos_warp.scene.optics.ports import snell, transmitted
 
 HALF = 0.5
 """Share of its peak at which a profile is divided for quadratures along rays."""
-RESOLVED = 0.5
-"""Least share of a file's peak that its profile must have somewhere."""
+RESOLVED = 0.98
+"""Least share of a file's peak that its profile must have somewhere: goniometers err by as much. Half a step beside
+its peak a beam loses more if it falls to nothing within 25 steps, which are 4 degrees of a lamp that ends at 90."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +112,14 @@ def _of_file(path: Path, key: str) -> Distribution:
 
 
 def of_profile(profile: Profile) -> Distribution:
-    """Distribution of what a file tells; any scale.
+    """Distribution of what a file tells, relative to the file's own peak; any scale.
 
     Raises:
         InputError: If its brightest light is between the steps of the table.
     """
     if profile.is_round:
         return of_table(profile.polar, profile.intensity[0])
-    edge, values = _at_nodes(profile.polar, even_planes(profile))
-    return _around(edge, values / profile.intensity.max(), 1.0)
+    return _around(*_at_nodes(profile.polar, even_planes(profile), profile.highest), 1.0)
 
 
 def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
@@ -128,25 +128,26 @@ def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
     Raises:
         InputError: If its brightest light is between the steps of the table.
     """
-    edge, values = _at_nodes(angle, intensity[None])
-    return replace(_normalised(edge, values[0]), gain=1.0)
+    edge, relative = _at_nodes(angle, intensity[None], float(intensity.max()))
+    return _all_round(edge, relative[0], 1.0)
 
 
-def _at_nodes(angle: np.ndarray, intensity: np.ndarray) -> tuple[float, np.ndarray]:
+def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[float, np.ndarray]:
     """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
 
     Args:
         angle: To the axis [rad], increasing.
         intensity: [planes, angle]
+        peak: The highest intensity of the file, which becomes 1.
     """
     lit = np.flatnonzero(intensity.any(axis=0))
     if len(lit):
         edge = Distribution(float(angle[min(int(lit[-1]) + 1, len(angle) - 1)]))
         values = np.array([np.interp(edge.angles, angle, row) for row in intensity])
-        if values.max() >= RESOLVED * intensity.max():
-            return edge.half_angle, values
+        if values.max() >= RESOLVED * peak:
+            return edge.half_angle, values / peak
     raise InputError(f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
-                     remedy="Give a wider one, or a spot.")
+                     remedy="Leave that beam out of the file, and give it as a spot beside the profile.")
 
 
 @lru_cache(maxsize=64)
@@ -173,17 +174,16 @@ def behind_port(own: Distribution, port: LampPort) -> Distribution:
         values[:, -1] = values[:, -2]
     if not values.any():
         raise InputError("a pane before a lamp that shines backwards only: no light leaves", remedy="Leave it out.")
-    if own.is_round:
-        return _normalised(edge.half_angle, values[0], own.gain)
-    return _around(edge.half_angle, values / values.max(), own.gain * float(values.max()))
-
-
-def _normalised(half_angle: float, values: np.ndarray, gain: float = 1.0) -> Distribution:
-    """A profile with its peak as the gain, divided where it falls to HALF."""
     peak = float(values.max())
-    relative = values / peak
+    if own.is_round:
+        return _all_round(edge.half_angle, values[0] / peak, own.gain * peak)
+    return _around(edge.half_angle, values / peak, own.gain * peak)
+
+
+def _all_round(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
+    """A profile [NODES + 1], from 0 to 1, that is the same all around the axis, divided where it falls to HALF."""
     x = (np.flatnonzero(relative >= HALF)[-1] / NODES) ** 2  # (1 - cos) / (1 - cos_half)
-    return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain * peak)
+    return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain)
 
 
 def _around(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
