@@ -1,12 +1,13 @@
 """How the intensity of a light is distributed over directions: a cone, or a profile; in the water, behind its port."""
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from varos_warp.cache import digest
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import LampPort, Light
@@ -21,26 +22,55 @@ RESOLVED = 0.98
 its peak a beam loses more if it falls to nothing within 25 steps, which are 4 degrees of a lamp that ends at 90."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Distribution:
-    """Relative radiant intensity around a light's axis, in the water; lights of one distribution share a field."""
+    """Relative radiant intensity around a light's axis, in the water; lights of one distribution share a field.
+
+    Those of the same numbers are equal, and one as keys; a table of two angles is only read once for that.
+    """
 
     half_angle: float = np.pi
     """Beyond it there is no light [rad]; pi where there is no cone."""
     blend: float = 0.0
     """Width of the soft edge as in kernels.world.light; with a profile, only where quadratures divide rays."""
-    profile: tuple[float, ...] = ()
-    """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge; none: 1, and the soft edge."""
+    profile: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge, float64, read only; none: 1,
+    and the soft edge."""
     gain: float = 1.0
     """Peak intensity in the water over that of the light itself."""
     planes: int = 1
     """Half planes around the axis, in even steps, with such values each, one after the other; 1: the same all
     around."""
 
+    def __post_init__(self) -> None:
+        values = np.array(self.profile, float).ravel()
+        values.flags.writeable = False
+        object.__setattr__(self, "profile", values)
+
+    @cached_property
+    def _numbers(self) -> tuple:
+        """All that tells it from others."""
+        return self.half_angle, self.blend, digest(self.profile), self.gain, self.planes
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Distribution) and self._numbers == other._numbers
+
+    def __hash__(self) -> int:
+        return hash(self._numbers)
+
+    def described(self) -> dict:
+        """All its numbers in plain JSON types."""
+        return asdict(self) | {"profile": self.profile.tolist()}
+
+    @property
+    def has_profile(self) -> bool:
+        """Whether its values stand in a table, not in a formula."""
+        return self.profile.size > 0
+
     @property
     def everywhere(self) -> bool:
         """Whether it is the same in all directions."""
-        return self.half_angle >= np.pi and not self.profile
+        return self.half_angle >= np.pi and not self.has_profile
 
     @property
     def angles(self) -> np.ndarray:
@@ -62,7 +92,7 @@ class Distribution:
         angle = np.asarray(angle, float)
         x = np.sin(0.5 * angle) / np.sin(0.5 * self.half_angle)
         inside = (x <= 1.0) | (self.half_angle >= np.pi)
-        if self.profile:
+        if self.has_profile:
             return np.where(inside, self._profile_at(x, azimuth), 0.0)
         if self.half_angle >= np.pi or self.blend == 0.0:
             return inside.astype(float)
@@ -150,7 +180,7 @@ def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[fl
                      remedy="Leave that beam out of the file, and give it as a spot beside the profile.")
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)  # a table of two angles takes 3 MB, and its original is kept too
 def behind_port(own: Distribution, port: LampPort) -> Distribution:
     """What becomes of a distribution in air behind a flat pane that is perpendicular to its axis.
 
@@ -183,9 +213,9 @@ def behind_port(own: Distribution, port: LampPort) -> Distribution:
 def _all_round(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
     """A profile [NODES + 1], from 0 to 1, that is the same all around the axis, divided where it falls to HALF."""
     x = (np.flatnonzero(relative >= HALF)[-1] / NODES) ** 2  # (1 - cos) / (1 - cos_half)
-    return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain)
+    return Distribution(half_angle, float(1.0 - x), relative, gain)
 
 
 def _around(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
     """Profiles [planes, NODES + 1], from 0 to 1, around the axis."""
-    return Distribution(half_angle, 0.0, tuple(relative.ravel().tolist()), gain, len(relative))
+    return Distribution(half_angle, 0.0, relative, gain, len(relative))
