@@ -29,6 +29,12 @@ def stamp_of(path: Path) -> tuple | None:
     return None
 
 
+def beside(path: Path, suffix: str) -> Path | None:
+    """The file beside another that has its name with this suffix, in small letters or capitals; None: there is none."""
+    made = (path.with_suffix(each) for each in (suffix.lower(), suffix.upper()))
+    return next(filter(is_file, made), None)
+
+
 def absolute(base: Path, name: str) -> Path:
     """Path of a file by its name, relative to a folder; loops of links and names that no file has stay as they are."""
     path = base / name

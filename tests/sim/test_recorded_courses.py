@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
-from varos_warp.scene.courses.recorded import RecordedCourse
+from varos_warp.scene.courses.recorded import RecordedCourse, read_course
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.course import local_origin, standpoints
@@ -269,3 +269,39 @@ def test_errors_of_another_vehicles_file_name_its_key(tmp_path):
     with pytest.raises(InputError, match="no camera has the id 'Q1'") as error:
         scene_from_dict(fleet(of="Q1"), tmp_path)
     assert error.value.key == "vehicles.1.trajectory.of"
+
+
+# ----------------------------------------------------------------------------------- what was read, once it is outdated
+
+
+def found(scene):
+    read_course(scene)
+    return scene.trajectory.stops
+
+
+def test_a_changed_key_of_the_trajectory_holds_in_a_copy_and_the_original_keeps_its_poses(scene):
+    original = scene(noisy(0.02))
+    before = found(original).position
+    copy = original.model_copy(update={"trajectory": original.trajectory.model_copy(update={"smoothing_s": 2.0})})
+    assert "smoothing" in found(copy).about
+    np.testing.assert_array_equal(original.trajectory.stops.position, before)
+
+
+def test_a_course_of_a_camera_follows_the_cameras_mount(scene):
+    """Of a camera that looks north, as the vehicle does: 2 m farther ahead on it puts the vehicle 2 m farther back."""
+    text = "".join(f"{k} 0 {k} -5 -0.7071067811865476 0 0 0.7071067811865476\n" for k in range(5))
+    near, far = ({"cameras": [{"id": "M0", "position": [0, y, 0]}]} for y in (1, 3))
+    original = scene(text, {"vehicle": near}, of="M0")
+    before = found(original).position
+    moved = scene(text, {"vehicle": far}, of="M0").vehicle
+    copy = original.model_copy(update={"vehicle": moved})
+    np.testing.assert_allclose(found(copy).position - before, np.tile([0.0, -2.0, 0.0], (5, 1)), atol=1e-12)
+    np.testing.assert_array_equal(found(original).position, before)
+
+
+def test_a_file_that_was_saved_anew_is_read_anew(scene, tmp_path):
+    original = scene(circle())
+    before = found(original)
+    assert found(original) is before
+    (tmp_path / "course.txt").write_text(circle().replace(" -5 ", " -6.5 "))
+    np.testing.assert_array_equal(found(original).position[:, 2], -6.5)

@@ -115,10 +115,10 @@ def test_what_an_interface_lets_through():
 @pytest.mark.parametrize("n_glass", [1.0, 1.49, 1.9])
 def test_a_port_keeps_the_power_but_for_what_it_reflects(own, n_glass):
     shape = behind_port(own, LampPort(n_glass=n_glass))
-    kinks = np.radians([10.0, 40.0, 70.0]) if own.profile else None
+    kinks = np.radians([10.0, 40.0, 70.0]) if own.has_profile else None
     sent = quad(lambda a: own.at(a) * np.sin(a) * transmitted(a, (1.0, n_glass, 1.34)), 0.0, own.half_angle,
                 points=kinks, limit=500, epsrel=1e-9)[0]
-    assert power(shape) == pytest.approx(sent, rel=4.0 / NODES**2 + (1e-4 if own.profile else 0.0))
+    assert power(shape) == pytest.approx(sent, rel=4.0 / NODES**2 + (1e-4 if own.has_profile else 0.0))
 
 
 def test_a_light_for_all_directions_lights_a_cone_of_the_critical_angle_behind_a_port():

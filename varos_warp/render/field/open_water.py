@@ -3,7 +3,7 @@
 kernels/field/open_water.py says what it holds, docs/transport.md how right it is.
 """
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -134,7 +134,7 @@ class OpenWater:
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
             depends_on = self._depends_on(camera=camera, lights=lights,
-                                          distributions=[asdict(shape) for shape in self.lights.distributions])
+                                          distributions=[shape.described() for shape in self.lights.distributions])
             arrays = cached("camera", depends_on, lambda: {"radiance": self._along_rays(view)})
             self._cameras[key] = self._array(arrays["radiance"])
         field.in_scattering = self._cameras[key]
@@ -155,7 +155,7 @@ class OpenWater:
         """The field of one of so many kinds of lamps, which differ in more than their gain."""
         solving, unit = LightFieldSolver(shape, self.water, self.launcher), replace(shape, gain=1.0)
         which = f" ({kinds.index(unit) + 1} of {len(kinds)} kinds)" if len(kinds) > 1 else ""
-        arrays = cached("light", self._depends_on(light=asdict(unit)), lambda: _solved(solving),
+        arrays = cached("light", self._depends_on(light=unit.described()), lambda: _solved(solving),
                         what=f"the field of a lamp in this water{which}")
         if "failure" in arrays:
             raise NotSolved(str(arrays["failure"]))

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError, counted
+from varos_warp.files import stamp_of
 from varos_warp.limits import check_limit
 from varos_warp.scene.courses.axes import along_path, mount, vehicle_poses
 from varos_warp.scene.courses.layout import Layout, layout_of
@@ -18,6 +19,7 @@ from varos_warp.scene.courses.lines import REMEDY, rows_of
 from varos_warp.scene.courses.smoothing import smoothed, smoothed_attitudes
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.block import QUATERNION_SLACK
+from varos_warp.scene.description.recorded import Read
 from varos_warp.scene.description.vehicle import Pose, Trajectory
 
 KEY = "trajectory.file"
@@ -70,16 +72,20 @@ class RecordedCourse(Sequence):
 
 
 def read_course(scene: Scene) -> None:
-    """Read the file of a scene's trajectory, if it has one, once; it keeps what is read.
+    """Read the file of a scene's trajectory, if it has one; the trajectory keeps what is read while that is up to date.
 
     Raises:
         InputError: The file cannot be read exactly as its format says; names its line.
     """
     course = scene.trajectory
-    if course.file is None or course._read.course is not None:
+    if course.file is None:
+        return
+    path = scene.resolve(course.file)
+    depends_on = path, stamp_of(path), course.model_dump(), mount(scene, course.of or WORDS["of"]).tolist()
+    if course._read.course is not None and course._read.depends_on == depends_on:
         return
     try:
-        course._read.course = _read(scene, course, scene.resolve(course.file))
+        course._read = Read(_read(scene, course, path), depends_on)  # a new one: copies of the trajectory share the old
     except InputError as error:
         raise error.at(scene.key_in_file(error.key or "")) from None
 

@@ -53,11 +53,14 @@ class Columns(Block):
         return self
 
 
-@dataclass
+@dataclass(frozen=True)
 class Read:
-    """What was read of a file, if it was. Two are always equal: it is no part of what a scene file says."""
+    """The poses that were read of a file, if any were. Two are always equal: they are no part of what a scene says."""
 
     course: Any = field(default=None, compare=False)
+    """A sequence of poses; None: the file is not read yet."""
+    depends_on: Any = field(default=None, compare=False)
+    """Everything by which the poses would be others: the keys of the trajectory, the mount, the state of the file."""
 
     def poses(self) -> Sequence[Any]:
         """The poses, each as a block when it is asked for."""

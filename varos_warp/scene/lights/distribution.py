@@ -1,12 +1,13 @@
 """How the intensity of a light is distributed over directions: a cone, or a profile; in the water, behind its port."""
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from varos_warp.cache import digest
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import LampPort, Light
@@ -16,30 +17,60 @@ from varos_warp.scene.optics.ports import snell, transmitted
 
 HALF = 0.5
 """Share of its peak at which a profile is divided for quadratures along rays."""
-RESOLVED = 0.5
-"""Least share of a file's peak that its profile must have somewhere."""
+RESOLVED = 0.98
+"""Least share of a file's peak that its profile must have somewhere: goniometers err by as much. Half a step beside
+its peak a beam loses more if it falls to nothing within 25 steps, which are 4 degrees of a lamp that ends at 90."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Distribution:
-    """Relative radiant intensity around a light's axis, in the water; lights of one distribution share a field."""
+    """Relative radiant intensity around a light's axis, in the water; lights of one distribution share a field.
+
+    Those of the same numbers are equal, and one as keys; a table of two angles is only read once for that.
+    """
 
     half_angle: float = np.pi
     """Beyond it there is no light [rad]; pi where there is no cone."""
     blend: float = 0.0
     """Width of the soft edge as in kernels.world.light; with a profile, only where quadratures divide rays."""
-    profile: tuple[float, ...] = ()
-    """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge; none: 1, and the soft edge."""
+    profile: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge, float64, read only; none: 1,
+    and the soft edge."""
     gain: float = 1.0
     """Peak intensity in the water over that of the light itself."""
     planes: int = 1
     """Half planes around the axis, in even steps, with such values each, one after the other; 1: the same all
     around."""
 
+    def __post_init__(self) -> None:
+        values = np.array(self.profile, float).ravel()
+        values.flags.writeable = False
+        object.__setattr__(self, "profile", values)
+
+    @cached_property
+    def _numbers(self) -> tuple:
+        """All that tells it from others."""
+        return self.half_angle, self.blend, digest(self.profile), self.gain, self.planes
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Distribution) and self._numbers == other._numbers
+
+    def __hash__(self) -> int:
+        return hash(self._numbers)
+
+    def described(self) -> dict:
+        """All its numbers in plain JSON types."""
+        return asdict(self) | {"profile": self.profile.tolist()}
+
+    @property
+    def has_profile(self) -> bool:
+        """Whether its values stand in a table, not in a formula."""
+        return self.profile.size > 0
+
     @property
     def everywhere(self) -> bool:
         """Whether it is the same in all directions."""
-        return self.half_angle >= np.pi and not self.profile
+        return self.half_angle >= np.pi and not self.has_profile
 
     @property
     def angles(self) -> np.ndarray:
@@ -61,7 +92,7 @@ class Distribution:
         angle = np.asarray(angle, float)
         x = np.sin(0.5 * angle) / np.sin(0.5 * self.half_angle)
         inside = (x <= 1.0) | (self.half_angle >= np.pi)
-        if self.profile:
+        if self.has_profile:
             return np.where(inside, self._profile_at(x, azimuth), 0.0)
         if self.half_angle >= np.pi or self.blend == 0.0:
             return inside.astype(float)
@@ -111,15 +142,14 @@ def _of_file(path: Path, key: str) -> Distribution:
 
 
 def of_profile(profile: Profile) -> Distribution:
-    """Distribution of what a file tells; any scale.
+    """Distribution of what a file tells, relative to the file's own peak; any scale.
 
     Raises:
         InputError: If its brightest light is between the steps of the table.
     """
     if profile.is_round:
         return of_table(profile.polar, profile.intensity[0])
-    edge, values = _at_nodes(profile.polar, even_planes(profile))
-    return _around(edge, values / profile.intensity.max(), 1.0)
+    return _around(*_at_nodes(profile.polar, even_planes(profile), profile.highest), 1.0)
 
 
 def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
@@ -128,28 +158,29 @@ def of_table(angle: np.ndarray, intensity: np.ndarray) -> Distribution:
     Raises:
         InputError: If its brightest light is between the steps of the table.
     """
-    edge, values = _at_nodes(angle, intensity[None])
-    return replace(_normalised(edge, values[0]), gain=1.0)
+    edge, relative = _at_nodes(angle, intensity[None], float(intensity.max()))
+    return _all_round(edge, relative[0], 1.0)
 
 
-def _at_nodes(angle: np.ndarray, intensity: np.ndarray) -> tuple[float, np.ndarray]:
+def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[float, np.ndarray]:
     """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
 
     Args:
         angle: To the axis [rad], increasing.
         intensity: [planes, angle]
+        peak: The highest intensity of the file, which becomes 1.
     """
     lit = np.flatnonzero(intensity.any(axis=0))
     if len(lit):
         edge = Distribution(float(angle[min(int(lit[-1]) + 1, len(angle) - 1)]))
         values = np.array([np.interp(edge.angles, angle, row) for row in intensity])
-        if values.max() >= RESOLVED * intensity.max():
-            return edge.half_angle, values
+        if values.max() >= RESOLVED * peak:
+            return edge.half_angle, values / peak
     raise InputError(f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
-                     remedy="Give a wider one, or a spot.")
+                     remedy="Leave that beam out of the file, and give it as a spot beside the profile.")
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)  # a table of two angles takes 3 MB, and its original is kept too
 def behind_port(own: Distribution, port: LampPort) -> Distribution:
     """What becomes of a distribution in air behind a flat pane that is perpendicular to its axis.
 
@@ -173,19 +204,18 @@ def behind_port(own: Distribution, port: LampPort) -> Distribution:
         values[:, -1] = values[:, -2]
     if not values.any():
         raise InputError("a pane before a lamp that shines backwards only: no light leaves", remedy="Leave it out.")
-    if own.is_round:
-        return _normalised(edge.half_angle, values[0], own.gain)
-    return _around(edge.half_angle, values / values.max(), own.gain * float(values.max()))
-
-
-def _normalised(half_angle: float, values: np.ndarray, gain: float = 1.0) -> Distribution:
-    """A profile with its peak as the gain, divided where it falls to HALF."""
     peak = float(values.max())
-    relative = values / peak
+    if own.is_round:
+        return _all_round(edge.half_angle, values[0] / peak, own.gain * peak)
+    return _around(edge.half_angle, values / peak, own.gain * peak)
+
+
+def _all_round(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
+    """A profile [NODES + 1], from 0 to 1, that is the same all around the axis, divided where it falls to HALF."""
     x = (np.flatnonzero(relative >= HALF)[-1] / NODES) ** 2  # (1 - cos) / (1 - cos_half)
-    return Distribution(half_angle, float(1.0 - x), tuple(relative.tolist()), gain * peak)
+    return Distribution(half_angle, float(1.0 - x), relative, gain)
 
 
 def _around(half_angle: float, relative: np.ndarray, gain: float) -> Distribution:
     """Profiles [planes, NODES + 1], from 0 to 1, around the axis."""
-    return Distribution(half_angle, 0.0, tuple(relative.ravel().tolist()), gain, len(relative))
+    return Distribution(half_angle, 0.0, relative, gain, len(relative))

@@ -55,11 +55,18 @@ class Profile:
     """Width, length and height of the lamp's opening [m], where the file tells."""
     notes: tuple[str, ...] = ()
     """What else is to be known of how the file was read."""
+    peak: float | None = None
+    """The highest intensity of the file, where none of ``intensity`` may be it; None: it is the highest of those."""
 
     @property
     def is_round(self) -> bool:
         """Whether it is the same all around the axis, or as good as."""
         return len(self.azimuth) == 1
+
+    @property
+    def highest(self) -> float:
+        """The highest intensity of the file."""
+        return float(self.intensity.max()) if self.peak is None else self.peak
 
     def describe(self) -> dict:
         """Its facts in plain JSON types."""
@@ -85,7 +92,8 @@ def profile_of(file: IesFile) -> Profile:
     if file.kind != "C" and _is(file.vertical[0], 0.0):
         notes.append("its vertical angles begin at 0: it is taken to shine below as above")
     profile = full_turn(np.radians(polar), np.radians(azimuth), intensity, source)
-    return replace(profile, opening_m=file.opening_m, notes=tuple(notes))
+    peak = None if profile.is_round else float(file.candela.max())  # of a round one there are means only
+    return replace(profile, opening_m=file.opening_m, notes=tuple(notes), peak=peak)
 
 
 def full_turn(polar: np.ndarray, azimuth: np.ndarray, intensity: np.ndarray, source: str) -> Profile:

@@ -42,7 +42,7 @@ class Lights:
         """Keys of the companions that carry lights, by the number of the light; all others are on the vehicle."""
         self.distributions = [distribution(light, scene) for light in self.lights]
         self._profiles = {shape: wp.array(shape.profile, dtype=float, device=device)
-                          for shape in self.distributions if shape.profile}
+                          for shape in self.distributions if shape.has_profile}
         records = [self._record(light, shape) for light, shape in zip(self.lights, self.distributions, strict=True)]
         self._records = wp.array(records, dtype=LightData, device=device).numpy()
 

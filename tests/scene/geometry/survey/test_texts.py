@@ -10,6 +10,8 @@ from surveys import EAST, NORTH, plane_grid, points_of, write_asc, write_text
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.survey import Heights
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.geometry.files.named import mesh_textures
 from varos_warp.scene.geometry.survey import asc, columns, read_survey
 from varos_warp.scene.geometry.survey.content import Request
 
@@ -90,10 +92,41 @@ def test_the_prj_file_beside_it_tells_the_unit(tmp_path, text, metres):
     assert survey.facts["crs"] in ("EPSG:32632", "WGS 84 / UTM zone 32N", "UTM", "STATEPLANE")
 
 
-@pytest.mark.parametrize("text", [DEGREES_WKT, "Projection GEOGRAPHIC\nUnits DD\n"])
-def test_a_prj_file_of_degrees_is_refused(tmp_path, text):
+@pytest.mark.parametrize("name", ["a.prj", "a.PRJ"])
+def test_the_prj_file_is_one_of_those_that_a_plan_follows_from(tmp_path, name):
+    write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / name).write_text("Projection UTM\nUnits METERS\n")
+    course = {"poses": [{"position": [0, 0, 0]}]}
+    scene = scene_from_dict({"terrain": {"file": "a.asc"}, "trajectory": course}, tmp_path)
+    assert [path.name.lower() for path in mesh_textures(scene)] == ["a.prj"]
+
+
+@pytest.mark.parametrize(("units", "zunits", "plan", "up"), [
+    ("METERS", "FEET", 1.0, 0.3048), ("FEET", "METERS", 0.3048, 1.0), ("METERS", "NO", 1.0, 1.0),
+    ("METERS", "NONE", 1.0, 1.0), ("FEET", "feet", 0.3048, 0.3048), ("4", "100", 0.25, 0.01)])
+def test_the_older_lines_of_a_prj_file_tell_the_unit_of_the_heights_too(tmp_path, units, zunits, plan, up):
+    """A number is how many of the unit make a metre (Esri, technical article 30566)."""
     path = write_asc(tmp_path / "a.asc", plane_grid())
-    (tmp_path / "a.prj").write_text(text)
+    (tmp_path / "a.prj").write_text(f"Projection    UTM\nZunits        {zunits}\nUnits         {units}\n")
+    facts = read(path).facts
+    np.testing.assert_allclose(facts["extent_m"][:2], [plan * EAST, plan * NORTH], rtol=1e-12)
+    np.testing.assert_allclose(facts["heights_m"], [up * plane_grid().min(), up * plane_grid().max()], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("text", "key"), [
+    ("Units METERS\nZunits CUBITS\n", "terrain.height_unit"), ("Units FEET\nZunits NO\n", "terrain.height_unit"),
+    ("Units METERS\nZunits 0\n", "terrain.height_unit"), ("Units CUBITS\nZunits FEET\n", "terrain.unit")])
+def test_older_lines_of_a_prj_file_with_a_unit_that_is_not_known_are_asked_about(tmp_path, text, key):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.prj").write_text(f"Projection UTM\n{text}")
+    assert refusal(path).key == key
+
+
+@pytest.mark.parametrize("text", [DEGREES_WKT, "Projection GEOGRAPHIC\nUnits DD\n"])
+@pytest.mark.parametrize("name", ["a.prj", "a.PRJ"])
+def test_a_prj_file_of_degrees_is_refused(tmp_path, text, name):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / name).write_text(text)
     assert "are degrees" in refusal(path).message
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from varos_warp.errors import InputError
-from varos_warp.files import is_file
+from varos_warp.files import beside, is_file
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.survey import BESIDE, Heights
 from varos_warp.scene.file.named_files import named_meshes
@@ -25,7 +25,7 @@ def mesh_textures(scene: Scene) -> list[Path]:
     """Files that the scene's mesh files name, such as textures, or that belong to its surveys, and that are there."""
     found = [path for _, mesh in named_meshes(scene) if is_file(mesh) for path in named_by(mesh)]
     surveys = map(scene.resolve, scene.terrain.files) if isinstance(scene.terrain, Heights) else ()
-    found += [path.with_suffix(made) for path in surveys for suffix in BESIDE for made in (suffix, suffix.upper())]
+    found += [file for path in surveys for suffix in BESIDE if (file := beside(path, suffix))]
     return sorted({path for path in found if is_file(path)})
 
 

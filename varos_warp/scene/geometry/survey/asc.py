@@ -1,9 +1,12 @@
 """ESRI ASCII grids: a header of names and numbers, then rows of heights from north to south."""
 
+import contextlib
+import math
 import warnings
 
 import numpy as np
 
+from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
 from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, of_wkt, refuse_degrees
@@ -99,18 +102,33 @@ def reference_beside(request: Request, middle: tuple[float, float] | None) -> Re
     Raises:
         InputError: The coordinates are degrees.
     """
-    path = request.path.with_suffix(".prj")
-    if not path.is_file():
+    path = beside(request.path, ".prj")
+    if path is None:
         return Reference()
     with path.open("rb") as file:
         text = file.read(MOST_TEXT).decode("latin-1")
     if "[" in text or "(" in text:
         return of_wkt(text, request, middle)
-    words = {key.lower(): value for key, value in (line.split(maxsplit=1) for line in text.splitlines()
-                                                   if len(line.split()) > 1)}
-    if words.get("projection", "").strip().lower() == "geographic":
-        refuse_degrees(request, f"{path.name} says so", middle)
-    unit = words.get("units", "").strip().lower()
-    known = UNIT_NAMES.get(unit)
-    return Reference(words.get("projection", path.name).strip(), known,
-                     unknown_unit=None if known else f"{path.name} gives '{unit}'")
+    return _of_lines(text, path.name, request, middle)
+
+
+def _of_lines(text: str, name: str, request: Request, middle: tuple[float, float] | None) -> Reference:
+    """What the older lines of a .prj file called ``name`` say, each a word and its value (GDAL reads them, too)."""
+    lines = [line.split(maxsplit=1) for line in text.splitlines() if len(line.split()) > 1]
+    words = {word.lower(): value.strip() for word, value in lines}
+    if words.get("projection", "").lower() == "geographic":
+        refuse_degrees(request, f"{name} says so", middle)
+    unit = words.get("units", "").lower()
+    height = words.get("zunits", "no").lower()
+    known, known_height = _metres(unit), _metres(height)
+    said = None if known_height or height in ("no", "none") else f"{name} gives '{height}'"
+    return Reference(words.get("projection", name), known, known_height,
+                     unknown_unit=None if known else f"{name} gives '{unit}'", unknown_height_unit=said)
+
+
+def _metres(unit: str) -> float | None:
+    """Metres in a unit by its name, or by how many of it make a metre; None if it is not known."""
+    with contextlib.suppress(ValueError):
+        count = float(unit)
+        return 1.0 / count if 0.0 < count < math.inf else None
+    return UNIT_NAMES.get(unit)

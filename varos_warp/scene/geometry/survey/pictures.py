@@ -6,6 +6,7 @@ import numpy as np
 from PIL import Image
 
 from varos_warp.errors import InputError
+from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Request
 
@@ -79,9 +80,8 @@ def world_file(request: Request) -> np.ndarray | None:
     pixel.
     """
     suffix = request.path.suffix
-    names = (f".{suffix[1]}{suffix[-1]}w", f"{suffix}w", ".wld")
-    for path in (request.path.with_suffix(made) for name in names for made in (name.lower(), name.upper())):
-        if not path.is_file():
+    for path in (beside(request.path, name) for name in (f".{suffix[1]}{suffix[-1]}w", f"{suffix}w", ".wld")):
+        if path is None:
             continue
         try:
             a, d, b, e, c, f = map(float, path.read_text(encoding="ascii").split()[:6])
