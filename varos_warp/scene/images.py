@@ -16,8 +16,6 @@ from varos_warp.limits import check_limit
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 
-LARGEST = 8192
-"""Longest side of an image [texels]; larger ones are reduced to it."""
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -26,7 +24,7 @@ class Picture:
     """A picture as a surface shows it."""
 
     texels: np.ndarray
-    """uint8 [H, W, 3], sRGB, rows from the top; sides are powers of two."""
+    """uint8 [H, W, 3], sRGB, rows from the top: the file's own texels."""
     alpha: np.ndarray | None = None
     """uint8 [h, w], of the file's own size; None: it has none."""
 
@@ -116,7 +114,7 @@ def _opened(file) -> Image.Image:
 
 
 def decode_image(image: Image.Image) -> np.ndarray:
-    """Linear reflectances, float32 [H, W, 3], of an sRGB image; sides become powers of two, at most LARGEST."""
+    """Linear reflectances, float32 [H, W, 3], of an sRGB image."""
     check_limit("TEXTURE_PIXELS", image.width * image.height)
     return linear(_texels(image))
 
@@ -127,12 +125,8 @@ def linear(texels: np.ndarray) -> np.ndarray:
 
 
 def _texels(image: Image.Image) -> np.ndarray:
-    """The sRGB values, uint8 [H, W, 3], of an image whose sides are made powers of two, at most LARGEST."""
-    image = _of_8_bits(image).convert("RGB")
-    size = tuple(min(1 << int(np.ceil(np.log2(side))), LARGEST) for side in image.size)
-    if size != image.size:
-        image = image.resize(size, Image.Resampling.BICUBIC)
-    return np.asarray(image)
+    """The sRGB values of an image, uint8 [H, W, 3]."""
+    return np.asarray(_of_8_bits(image).convert("RGB"))
 
 
 def _of_8_bits(image: Image.Image) -> Image.Image:

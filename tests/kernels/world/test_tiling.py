@@ -13,7 +13,8 @@ from trimesh.visual.material import PBRMaterial
 from varos_warp.kernels.world import tiling
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.materials.textures import bake_ground, map_pyramid, tile_pyramid
+from varos_warp.scene.images import linear
+from varos_warp.scene.materials.textures import bake_ground, map_pyramid, reflectance_pyramid, tile_pyramid
 
 DOWN = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Attitude of a vehicle that looks down."""
@@ -63,7 +64,7 @@ def test_a_level_averages_stripes_as_a_box_of_its_texels_does():
     """Stripes of P texels through a box of w: their amplitude falls by sin(pi w / P) / (w sin(pi / P))."""
     n, period = 256, 16
     x = np.arange(n)
-    pyramid = map_pyramid(gray(np.broadcast_to(0.5 + 0.4 * np.cos(2 * np.pi * (x + 0.5) / period), (n, n))))
+    pyramid = reflectance_pyramid(gray(np.broadcast_to(0.5 + 0.4 * np.cos(2 * np.pi * (x + 0.5) / period), (n, n))))
     for level in range(7):
         width = 2**level
         centres = (np.arange(n // width) + 0.5) * width
@@ -74,7 +75,7 @@ def test_a_level_averages_stripes_as_a_box_of_its_texels_does():
 
 
 def test_the_level_follows_the_footprint_and_stays_whole_half_of_the_time():
-    pyramid = map_pyramid(gray(np.full((256, 256), 0.5)))
+    pyramid = reflectance_pyramid(gray(np.full((256, 256), 0.5)))
     octaves = np.linspace(-3, 12, 1501)
     level = run(levels_of, [pyramid.upload("cpu"), (2.0**octaves).astype(np.float32)], [float])
     assert np.all(np.diff(level) >= -1e-6)
@@ -88,12 +89,47 @@ def test_the_level_follows_the_footprint_and_stays_whole_half_of_the_time():
 def test_wide_and_tall_images_end_in_their_mean():
     for shape in ((64, 8), (8, 64)):
         values = np.random.default_rng(1).random((*shape, 3)).astype(np.float32)
-        pyramid = map_pyramid(values)
-        assert pyramid.levels == 4
+        pyramid = reflectance_pyramid(values)
+        assert len(pyramid.starts) == 4
         strip = values.reshape(shape[0] // 8, 8, shape[1] // 8, 8, 3).mean(axis=(1, 3)).reshape(8, 3)
         centres = (np.arange(8) + 0.5) * 8
         x = [(4.0, c) if shape[0] == 64 else (c, 4.0) for c in centres]
         np.testing.assert_allclose(mapped(pyramid, x, 8.0), strip, atol=1.0 / 1023)
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 3), (5, 1), (6, 10), (7, 20), (65, 64), (100, 1), (3, 1000)])
+def test_pictures_of_any_size_show_their_own_texels(height, width):
+    """At the centre of each texel its own colour, on either side of the edge too; to the 10 bits that are kept."""
+    texels = np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    row, col = (index.ravel() for index in np.indices((height, width)))
+    for tiles_off in (0, -3, 1000):
+        x = np.column_stack([col + 0.5 + tiles_off * width, row + 0.5 - tiles_off * height])
+        rounding = 0.51 / 1023 + abs(tiles_off) * max(height, width) * 2**-24
+        np.testing.assert_allclose(mapped(map_pyramid(texels), x, 1.0), linear(texels[row, col]), atol=rounding)
+
+
+@pytest.mark.parametrize(("height", "width"), [(3, 3), (6, 10), (7, 20), (65, 64), (33, 1000)])
+def test_levels_of_any_size_keep_the_mean(height, width):
+    """Every level has the mean of the picture, to the rounding of its texels; the last has a side of one."""
+    texels = np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    pyramid = map_pyramid(texels)
+    ends = [*pyramid.starts[1:], len(pyramid.texels)]
+    mean = linear(texels).mean(axis=(0, 1))
+    for k, (start, end) in enumerate(zip(pyramid.starts, ends, strict=True)):
+        assert end - start == (height >> k) * (width >> k)
+        red, blue = pyramid.texels[start:end] & 2047, pyramid.texels[start:end] >> 22
+        assert red.mean() / 2047 == pytest.approx(mean[0], abs=0.5 / 2047)
+        assert blue.mean() / 1023 == pytest.approx(mean[2], abs=0.5 / 1023)
+    assert min(height >> k, width >> k) == 1
+
+
+def test_a_coarse_texel_of_odd_sides_is_the_mean_of_its_area():
+    """Of seven columns, three: each covers 7 / 3 of them."""
+    row = np.random.default_rng(1).random(7)
+    cut = np.repeat(row, 3).reshape(3, 7).mean(axis=1)  # thirds of columns, seven to each new one
+    level = reflectance_pyramid(gray(np.broadcast_to(row, (4, 7))))
+    red = level.texels[level.starts[1]:level.starts[1] + 3] & 2047
+    np.testing.assert_allclose(red / 2047, cut, atol=0.51 / 2047)
 
 
 # ----------------------------------------------------------------------------------------------------------- histogram
@@ -106,7 +142,7 @@ def sampled_both_ways(source):
     """60000 samples of a tile, laid without end and plainly; both between texels, which smooths them alike."""
     rng = np.random.default_rng(2)
     p = np.column_stack([rng.uniform(-100, 100, (60000, 2)), np.zeros(60000)])
-    plain = mapped(map_pyramid(source), rng.uniform(0, len(source), (60000, 2)), 1.0)
+    plain = mapped(reflectance_pyramid(source), rng.uniform(0, len(source), (60000, 2)), 1.0)
     return tiles(tile_pyramid(source), p, footprint=1.0 / len(source)), plain
 
 

@@ -7,7 +7,7 @@ from aliasing and makes them cheap, as patterns finer than the footprint are not
 import warp as wp
 
 from varos_warp.kernels.world.pattern_noise import band, fbm
-from varos_warp.kernels.world.tiling import Image, level_of, sample, tiled, unit_clamp
+from varos_warp.kernels.world.tiling import Image, level_of, repeated, sample, tiled, unit_clamp
 
 wp.set_module_options({"enable_backward": False})
 
@@ -184,14 +184,14 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 
 @wp.func
-def wrapped(u: float, how: int, texel: float):
-    """Coordinate within 0..1 of one outside, and half a texel, at most the whole, from its ends, if none repeats."""
+def wrapped(u: float, how: int, count: int):
+    """Coordinate within 0..1 of one outside, and half a texel of ``count`` from its ends, if none repeats."""
     if how == REPEAT:
         return u
     inside = u
     if how == MIRROR:
         inside = wp.abs(u - 2.0 * wp.round(0.5 * u))
-    margin = wp.min(0.5 * texel, 0.5)
+    margin = 0.5 / float(count)
     return wp.clamp(inside, margin, 1.0 - margin)
 
 
@@ -201,9 +201,9 @@ def mapped(layer: Layer, at: wp.vec3, footprint: float):
     width = float(layer.image.width)
     height = float(layer.image.height)
     level = level_of(layer.image, footprint * at[2] * wp.sqrt(width * height))
-    texel = wp.pow(2.0, wp.ceil(level))  # of the coarser of the two levels
-    x = width * wrapped(at[0], layer.wrap_u, texel / width)
-    y = height * (1.0 - wrapped(at[1], layer.wrap_v, texel / height))
+    coarse = int(wp.ceil(level))  # the coarser of the two levels
+    x = width * wrapped(at[0], layer.wrap_u, layer.image.width >> coarse)
+    y = height * (1.0 - wrapped(at[1], layer.wrap_v, layer.image.height >> coarse))
     return wp.cw_mul(layer.factor, sample(layer.image, x, y, level))
 
 
@@ -212,18 +212,16 @@ def page_alpha(layer: Layer, u: float, v: float):
     """Alpha 0..1 of a page that masks at coordinates u, v (v up), blended between the four nearest texels."""
     height = layer.alpha.shape[0]
     width = layer.alpha.shape[1]
-    x = float(width) * wrapped(u, layer.wrap_u, 1.0 / float(width)) - 0.5
-    y = float(height) * (1.0 - wrapped(v, layer.wrap_v, 1.0 / float(height))) - 0.5
+    x = float(width) * wrapped(u, layer.wrap_u, width) - 0.5
+    y = float(height) * (1.0 - wrapped(v, layer.wrap_v, height)) - 0.5
     left = wp.floor(x)
     top = wp.floor(y)
     alpha = float(0.0)
     for k in range(4):
         i = k // 2
         j = k % 2
-        row = (int(top) + i) % height
-        col = (int(left) + j) % width
-        row = wp.where(row < 0, row + height, row)
-        col = wp.where(col < 0, col + width, col)
+        row = repeated(int(top) + i, height)
+        col = repeated(int(left) + j, width)
         share = wp.where(i == 1, y - top, 1.0 - (y - top)) * wp.where(j == 1, x - left, 1.0 - (x - left))
         alpha += share * float(layer.alpha[row, col])
     return alpha / 255.0

@@ -29,12 +29,17 @@ PERIOD = wp.constant(1024)
 
 @wp.struct
 class Image:
-    """An image and its coarser levels; each texel is the mean of 2 x 2 texels of the level before."""
+    """An image and its coarser levels, each with half the sides of the one before, rounded down.
+
+    A texel is the mean of the area of the finest level that it covers.
+    """
 
     texels: wp.array(dtype=wp.uint32)
     """All levels, the finest first, rows from the top; channels of 11, 11 and 10 bits, 0..1."""
+    starts: wp.array(dtype=int)
+    """Where each level begins in ``texels``."""
     width: int
-    """Width of the finest level; a power of two, as is the height."""
+    """Width of the finest level."""
     height: int
     levels: int
     colours: wp.array2d(dtype=wp.vec3)
@@ -61,22 +66,29 @@ def texel(image: Image, index: int):
 
 
 @wp.func
+def repeated(i: int, count: int):
+    """Index 0..count - 1 of texel ``i`` of a row that repeats."""
+    inside = i - int(wp.floor(float(i) / float(count))) * count
+    return wp.clamp(inside, 0, count - 1)  # far away the quotient is rounded
+
+
+@wp.func
 def sample_level(image: Image, level: int, x: float, y: float):
     """Bilinear sample of one level at (x, y), in texels of the finest from its top left corner; repeats."""
-    finest = 1.0 / float(1 << level)
-    u = finest * x - 0.5
-    v = finest * y - 0.5
+    width = image.width >> level
+    height = image.height >> level
+    u = float(width) / float(image.width) * x - 0.5
+    v = float(height) / float(image.height) * y - 0.5
     i = int(wp.floor(u))
     j = int(wp.floor(v))
     fu = u - float(i)
     fv = v - float(j)
-    width = image.width >> level
-    area = image.width * image.height
-    start = (area - (area >> (2 * level))) / 3 * 4
-    left = i & (width - 1)
-    right = (i + 1) & (width - 1)
-    top = start + (j & ((image.height >> level) - 1)) * width
-    bottom = start + ((j + 1) & ((image.height >> level) - 1)) * width
+    left = repeated(i, width)
+    right = wp.where(left + 1 == width, 0, left + 1)
+    row = repeated(j, height)
+    start = image.starts[level]
+    top = start + row * width
+    bottom = start + wp.where(row + 1 == height, 0, row + 1) * width
     above = wp.lerp(texel(image, top + left), texel(image, top + right), fu)
     below = wp.lerp(texel(image, bottom + left), texel(image, bottom + right), fu)
     return wp.lerp(above, below, fv)

@@ -13,7 +13,7 @@ class Page:
     """A texture of a mesh file, as one of its materials uses it."""
 
     texels: np.ndarray
-    """uint8 [H, W, 3]: sRGB, rows from the top, sides powers of two."""
+    """uint8 [H, W, 3]: sRGB, rows from the top."""
     factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear reflectance that multiplies the image."""
     wrap: tuple[str, str] = ("repeat", "repeat")

@@ -1,9 +1,9 @@
 """Images for the device: pyramids of texture maps, and of tiles whose values blend without losing their histogram."""
 
+import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,7 @@ class Textures:
     def map(self, page: Page) -> Image:
         """The picture of a page of a mesh file; where masks cut, of what they leave."""
         key = id(page.texels), id(page.alpha), page.cutoff if page.masks else 0.0
-        return self._image(key, lambda: map_pyramid(linear(page.texels), page.shown()), page)
+        return self._image(key, lambda: map_pyramid(page.texels, page.shown()), page)
 
     def alpha(self, values: np.ndarray) -> wp.array:
         """Alpha of a mask, uint8 [h, w], on the device."""
@@ -86,9 +86,10 @@ class Pyramid:
 
     texels: np.ndarray
     """uint32 [T], all levels, the finest first."""
+    starts: np.ndarray
+    """int32 [L], where each begins."""
     width: int
     height: int
-    levels: int
     colours: np.ndarray | None = None
     """Of a tile: float32 [levels, VALUES, 3]."""
     basis: np.ndarray | None = None
@@ -98,27 +99,41 @@ class Pyramid:
         """The record of the image; it keeps its arrays alive."""
         image = Image()
         image.texels = wp.array(self.texels, dtype=wp.uint32, device=device)
-        image.width, image.height, image.levels = self.width, self.height, self.levels
+        image.starts = wp.array(self.starts, dtype=int, device=device)
+        image.width, image.height, image.levels = self.width, self.height, len(self.starts)
         if self.colours is not None:
             image.colours = wp.array(self.colours, dtype=wp.vec3, device=device)
             image.basis = wp.mat33(*self.basis.ravel())
         return image
 
 
-def map_pyramid(reflectance: np.ndarray, shown: np.ndarray | None = None) -> Pyramid:
-    """Pyramid of a texture map, float [H, W, 3] linear, sides powers of two; its texels are the reflectances.
+def map_pyramid(texels: np.ndarray, shown: np.ndarray | None = None) -> Pyramid:
+    """Pyramid of a texture map; its texels are linear reflectances.
 
     Args:
-        reflectance: The map.
+        texels: uint8 [H, W, 3], the map in sRGB.
         shown: bool [H, W], which texels a mask leaves: coarse levels are means of these. None: all.
     """
-    image = np.asarray(reflectance, np.float32)
-    levels = _levels(image) if shown is None else _levels_shown(image, shown)
-    return Pyramid(_pack(levels), levels[0].shape[1], levels[0].shape[0], len(levels))
+    levels = (_levels_all(texels) if shown is None else _levels_shown(texels, shown))
+    finest = functools.reduce(np.bitwise_or, (_CODES[k][texels[..., k]] for k in range(3)))
+    return _pyramid([finest, *map(_packed, levels)])
+
+
+def reflectance_pyramid(reflectance: np.ndarray) -> Pyramid:
+    """Pyramid of linear reflectances, float [H, W, 3]."""
+    return _pyramid([_packed(level) for level in _levels(np.asarray(reflectance, np.float32))])
+
+
+def _pyramid(levels, **of_tile) -> Pyramid:
+    """A pyramid of packed levels [h, w]."""
+    starts = np.cumsum([0, *(level.size for level in levels[:-1])])
+    height, width = levels[0].shape
+    return Pyramid(np.concatenate([level.ravel() for level in levels]), starts.astype(np.int32), width, height,
+                   **of_tile)
 
 
 def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
-    """Pyramid of a tile, float [H, W, 3] linear, sides powers of two, that can be blended with itself.
+    """Pyramid of a tile, float [H, W, 3] linear, that can be blended with itself.
 
     Along the principal axes of its colours, each value becomes the normal quantile of its rank (Heitz and Neyret 2018,
     section 3); equal values are spread at random over theirs. A texel of a coarse level is a mean of quantiles, which
@@ -136,8 +151,8 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
         levels = _levels(np.stack(gaussian, axis=1).reshape(reflectance.shape))
         variances = [*pool.map(_variance, levels)]
     colours = np.stack([_colours(quantiles, np.maximum(variances[0] - variance, 0.0)) for variance in variances])
-    texels = _pack([(level + REACH) / (2 * REACH) for level in levels])
-    return Pyramid(texels, levels[0].shape[1], levels[0].shape[0], len(levels), colours.astype(np.float32), basis)
+    packed = [_packed((level + REACH) / (2 * REACH)) for level in levels]
+    return _pyramid(packed, colours=colours.astype(np.float32), basis=basis)
 
 
 def _kept_tile(what: dict, reflectance: Callable[[], np.ndarray]) -> Pyramid:
@@ -145,7 +160,7 @@ def _kept_tile(what: dict, reflectance: Callable[[], np.ndarray]) -> Pyramid:
     depends_on = what | {"code": code_hash(__name__, CODE)}
     kept = cached("tile", depends_on, lambda: vars(tile_pyramid(reflectance())),
                   what=f"the texture {what.get('tile', 'of an image file')}")
-    sizes = {name: int(kept[name]) for name in ("width", "height", "levels")}
+    sizes = {name: int(kept[name]) for name in ("width", "height")}
     return Pyramid(**(kept | sizes))
 
 
@@ -187,32 +202,57 @@ def _colours(quantiles, lost):
 
 
 def _levels(image):
-    """The image and its means over 2 x 2 texels, down to a single row or column."""
-    height, width, _ = image.shape
-    if height & (height - 1) or width & (width - 1):
-        raise ValueError(f"sides of an image must be powers of two, not {width} x {height}")
+    """The image and its coarser levels, down to a single row or column."""
     levels = [image]
     while min(levels[-1].shape[:2]) > 1:
-        fine = levels[-1]
-        levels.append(0.25 * (fine[::2, ::2] + fine[1::2, ::2] + fine[::2, 1::2] + fine[1::2, 1::2]))
+        levels.append(_halved(levels[-1]))
     return levels
 
 
-def _levels_shown(image, shown):
-    """The image and its means over 2 x 2 texels, of which only some are shown; of none of them, what is there."""
-    share = shown.astype(np.float32)[..., None]
-    weighted = zip(_levels(image * share), _levels(share), _levels(image), strict=True)
-    levels = [np.where(weight > 0.0, total / np.maximum(weight, 1e-9), plain) for total, weight, plain in weighted]
-    return [image, *levels[1:]]
+def _halved(image):
+    """Means over the area of 2 x 2 texels, or of somewhat more where a side is odd."""
+    if image.shape[0] % 2 or image.shape[1] % 2:
+        return _halved_rows(_halved_rows(image).swapaxes(0, 1)).swapaxes(0, 1)
+    return 0.25 * (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2])
 
 
-def _pack(levels):
-    """Levels of values 0..1 as uint32: 11, 11 and 10 bits."""
-    packed = []
-    for level in levels:
-        r, g, b = (np.rint(level[..., k] * top).astype(np.uint32) for k, top in enumerate((2047, 2047, 1023)))
-        packed.append((r | g << 11 | b << 22).ravel())
-    return np.concatenate(packed)
+def _halved_rows(image):
+    """Half as many rows; of 2 m + 1, each new one covers 2 + 1 / m of the old ones (Guthe and Heckbert 2005)."""
+    many = len(image) // 2
+    if len(image) % 2 == 0:
+        return 0.5 * (image[::2] + image[1::2])
+    i = np.arange(many, dtype=np.float32).reshape(-1, *[1] * (image.ndim - 1))
+    return ((many - i) * image[:-1:2] + many * image[1::2] + (i + 1) * image[2::2]) / len(image)
+
+
+def _levels_all(texels):
+    """The coarser levels of a map in sRGB, linear; channel by channel, as the finest level may fill the memory."""
+    if min(texels.shape[:2]) == 1:
+        return []
+    return _levels(np.stack([_halved(linear(texels[..., k])) for k in range(3)], axis=-1))
+
+
+def _levels_shown(texels, shown):
+    """As `_levels_all`, as means over the texels that are shown; of none of them, over what is there."""
+    if min(texels.shape[:2]) == 1:
+        return []
+    share = shown.astype(np.float32)
+    weights = _levels(_halved(share))
+    totals = _levels(np.stack([_halved(linear(texels[..., k]) * share) for k in range(3)], axis=-1))
+    return [np.where(w[..., None] > 0.0, total / np.maximum(w[..., None], 1e-9), plain)
+            for w, total, plain in zip(weights, totals, _levels_all(texels), strict=True)]
+
+
+_BITS = ((2047, 0), (2047, 11), (1023, 22))
+"""The largest code of each channel of a packed texel, and where it begins."""
+_CODES = [np.rint(linear(np.arange(256)) * np.float32(top)).astype(np.uint32) << shift for top, shift in _BITS]
+"""The bits that each sRGB value of 8 bits becomes, of each channel."""
+
+
+def _packed(level):
+    """A level of values 0..1 [h, w, 3] as uint32 [h, w]."""
+    r, g, b = (np.rint(level[..., k] * top).astype(np.uint32) << shift for k, (top, shift) in enumerate(_BITS))
+    return r | g | b
 
 
 # ---------------------------------------------------------------------------------------------------------- procedural
@@ -223,7 +263,7 @@ def ground_resolution(tile_m: float, texel_m: float) -> int:
     return int(2 ** np.clip(np.round(np.log2(tile_m / texel_m)), 10, 11))
 
 
-@lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=8)
 def ground_tile(kind: str, resolution: int, device: str = "cpu") -> Pyramid:
     """Pyramid of the ``sand`` or the ``rock`` that ships, computed on ``device`` when it is first asked for."""
     what = {"tile": kind, "resolution": resolution, "device": device.partition(":")[0]}  # the kinds round differently
@@ -247,7 +287,7 @@ def image_tile(path: Path, key: str) -> Pyramid:
 
 
 def read_image(path: str | Path, key: str = "texture") -> np.ndarray:
-    """Reflectances of an image file, float32 [H, W, 3] linear, resized to sides that are powers of two.
+    """Reflectances of an image file, float32 [H, W, 3] linear.
 
     Raises:
         InputError: The file is missing or is no image.
