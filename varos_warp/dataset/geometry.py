@@ -1,20 +1,30 @@
 """The geometry of a dataset's scene, made anew."""
 
+from weakref import WeakKeyDictionary
+
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import scene_from_dict
 
+_KEPT: WeakKeyDictionary[Dataset, tuple[Scene, list]] = WeakKeyDictionary()
+
 
 def rebuilt(data: Dataset) -> tuple[Scene, list]:
-    """The scene of a dataset, and everything solid in it, as ``build_parts`` makes it.
+    """The scene of a dataset, and everything solid in it, as ``build_parts`` makes it; once for each ``data``.
 
     Where its own vehicle was the poses of the dataset tell: of a recorded course the file is not needed.
 
     Raises:
         InputError: If a file that it names is not at hand, or not as it was when the dataset was made.
     """
+    if data not in _KEPT:
+        _KEPT[data] = _rebuilt(data)
+    return _KEPT[data]
+
+
+def _rebuilt(data):
     from varos_warp.scene.geometry.build import build_parts
 
     scene = scene_from_dict(data.meta["scene"])

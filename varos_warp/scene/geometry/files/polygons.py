@@ -79,7 +79,7 @@ def fill(outline: np.ndarray, holes: Sequence[np.ndarray] = ()) -> tuple[np.ndar
     import mapbox_earcut  # not everybody has such polygons
 
     normal = area_vectors(outline)
-    u, v = _plane(normal)
+    u, v = _plane(outline, normal)
     rings = [outline, *holes]
     corners = np.concatenate(rings)
     flat = np.ascontiguousarray((corners - corners[0]) @ np.stack([u, v], axis=1))
@@ -94,10 +94,12 @@ def fill(outline: np.ndarray, holes: Sequence[np.ndarray] = ()) -> tuple[np.ndar
     return triangles, bool(abs(np.abs(doubled).sum() - wanted) <= TOLERANCE * np.linalg.norm(normal))
 
 
-def _plane(normal):
-    """Two axes [3] each of the plane with a normal, right-handed with it."""
-    size = np.linalg.norm(normal)
-    n = normal / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+def _plane(outline, normal):
+    """Two axes [3] each of the plane of a polygon, right-handed with its normal."""
+    if np.linalg.norm(normal) <= TOLERANCE * np.ptp(outline, axis=0).max() ** 2 and np.isfinite(outline).all():
+        _, _, axes = np.linalg.svd(outline - outline.mean(axis=0))  # its loops cancel, as those of a bow tie do
+        return axes[0], axes[1]
+    n = normal / np.linalg.norm(normal)
     u = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
     u /= np.linalg.norm(u)
     return u, np.cross(n, u)
