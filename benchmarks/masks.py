@@ -1,0 +1,94 @@
+"""What masks cost: a frame over mesh files whose textures cut holes, against the same files taken as opaque.
+
+    python -m benchmarks.masks [--device cuda:0] [--resolution 1280x720] [--spp 4] [-o benchmarks/results/masks.json]
+
+Boards stand in coastal water before a camera with two lamps, as leaves of kelp would. Three textures: opaque; one that
+cuts a single texel of 256 x 256, which costs what the look into the mask costs; and one that cuts half of the area,
+where rays go on behind the holes, so that the picture is another one. Times of the three are taken in turns.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
+
+from benchmarks.machine import machine
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import scene_from_dict
+
+ROOT = Path(__file__).parents[1]
+BOARDS = 60
+REPEATS = 15
+LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.2], "direction": [0, 1, 0], "cone_deg": 65,
+          "intensity": [100, 100, 100]} for x in (-0.4, 0.4)]
+
+
+def leaf(kind: str) -> Image.Image:
+    """A texture of 256 x 256 texels whose alpha cuts nothing, one texel or half of the area."""
+    row, col = np.indices((256, 256))
+    alpha = {"opaque": row >= 0, "one hole": (row != 128) | (col != 128),
+             "half": (np.sin(row / 7.0) + np.sin(col / 5.0)) > 0.0}[kind]
+    colour = np.stack([80 + row // 3, 120 + col // 3, 60 + 0 * row], axis=-1)
+    return Image.fromarray(np.concatenate([colour, 255 * alpha[..., None]], axis=-1).astype(np.uint8))
+
+
+def board_file(folder: Path, kind: str) -> str:
+    """A GLB of a board of 0.4 m x 2 m, which bends so that it has some triangles."""
+    rows = np.linspace(0, 1, 12)
+    places = np.array([[0.4 * u - 0.2, 0.15 * np.sin(3 * v), 2 * v] for v in rows for u in (0, 1)])
+    uv = np.array([[u, v] for v in rows for u in (0, 1)])
+    faces = [face for k in range(0, 22, 2) for face in ([k, k + 1, k + 3], [k, k + 3, k + 2])]
+    material = PBRMaterial(baseColorTexture=leaf(kind), alphaMode="OPAQUE" if kind == "opaque" else "MASK",
+                           alphaCutoff=0.5)
+    mesh = trimesh.Trimesh(places, faces, visual=TextureVisuals(uv, material=material), process=False)
+    name = f"{kind.replace(' ', '_')}.glb"
+    mesh.export(folder / name)
+    return name
+
+
+def scene(folder: Path, kind: str, resolution: list[int]):
+    """Boards in rows before a camera."""
+    name, rng = board_file(folder, kind), np.random.default_rng(1)
+    boards = [{"kind": "mesh", "file": name, "up_axis": "z", "position": [x, y, 0.0], "rotation_euler_deg": [0, 0, turn]}
+              for x, y, turn in zip(rng.uniform(-2, 2, BOARDS), rng.uniform(1.5, 6, BOARDS),
+                                    rng.uniform(0, 360, BOARDS), strict=True)]
+    return scene_from_dict({
+        "water": {"jerlov": {"type": "3C"}}, "terrain": {"kind": "procedural", "resolution": 65}, "objects": boards,
+        "vehicle": {"cameras": [{"resolution": resolution}], "lights": LAMPS},
+        "trajectory": {"poses": [{"position": [0, 0, 1.0]}]}}, folder)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--resolution", default="1280x720")
+    parser.add_argument("--spp", type=int, default=4)
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "masks.json")
+    options = parser.parse_args()
+    resolution = [int(side) for side in options.resolution.split("x")]
+    kinds = ("opaque", "one hole", "half")
+    with tempfile.TemporaryDirectory() as folder:
+        renderers = {kind: FrameRenderer(scene(Path(folder), kind, resolution), options.device) for kind in kinds}
+        times = {kind: [] for kind in kinds}
+        for repeat in range(REPEATS + 1):
+            for kind in kinds:
+                start = time.perf_counter()
+                renderers[kind].render(np.eye(4), outputs="ABCDS", spp=options.spp, spp_b=options.spp, frame=repeat)
+                times[kind].append(time.perf_counter() - start)
+        at = next(iter(renderers.values())).device
+    frames = {kind: round(1e3 * float(np.median(seconds[1:])), 2) for kind, seconds in times.items()}
+    result = {"machine": machine(at), "resolution": resolution, "spp": options.spp, "ms": frames,
+              "of_opaque": {kind: round(ms / frames["opaque"], 4) for kind, ms in frames.items()}}
+    print(json.dumps(result))
+    options.out.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
