@@ -56,7 +56,7 @@ def board_file(folder: Path, kind: str) -> str:
 def scene(folder: Path, kind: str, resolution: list[int]):
     """Boards in rows before a camera."""
     name, rng = board_file(folder, kind), np.random.default_rng(1)
-    boards = [{"kind": "mesh", "file": name, "up_axis": "z", "position": [x, y, 0.0], "rotation_euler_deg": [0, 0, turn]}
+    boards = [{"kind": "mesh", "file": name, "up_axis": "z", "position": [x, y, 0], "rotation_euler_deg": [0, 0, turn]}
               for x, y, turn in zip(rng.uniform(-2, 2, BOARDS), rng.uniform(1.5, 6, BOARDS),
                                     rng.uniform(0, 360, BOARDS), strict=True)]
     return scene_from_dict({
