@@ -2,9 +2,10 @@
 
     python -m benchmarks.masks [--device cuda:0] [--resolution 1280x720] [--spp 4] [-o benchmarks/results/masks.json]
 
-Boards stand in coastal water before a camera with two lamps, as leaves of kelp would. Three textures: opaque; one that
-cuts a single texel of 256 x 256, which costs what the look into the mask costs; and one that cuts half of the area,
-where rays go on behind the holes, so that the picture is another one. Times of the three are taken in turns.
+Boards stand in coastal water before a camera with two lamps, as leaves of kelp would. Four textures: opaque; one that
+cuts a single texel of 256 x 256; one with such a hole in every triangle, which costs what looks into the mask cost; and
+one that cuts half of the area, where rays go on behind the holes, so that the picture is another one. Times of the four
+are taken in turns.
 """
 
 import argparse
@@ -31,9 +32,10 @@ LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.2], "direction": [0, 1, 0], "c
 
 
 def leaf(kind: str) -> Image.Image:
-    """A texture of 256 x 256 texels whose alpha cuts nothing, one texel or half of the area."""
+    """A texture of 256 x 256 texels whose alpha cuts nothing, some texels or half of the area."""
     row, col = np.indices((256, 256))
     alpha = {"opaque": row >= 0, "one hole": (row != 128) | (col != 128),
+             "holes everywhere": (row % 12 != 6) | (col % 64 != 32),
              "half": (np.sin(row / 7.0) + np.sin(col / 5.0)) > 0.0}[kind]
     colour = np.stack([80 + row // 3, 120 + col // 3, 60 + 0 * row], axis=-1)
     return Image.fromarray(np.concatenate([colour, 255 * alpha[..., None]], axis=-1).astype(np.uint8))
@@ -73,7 +75,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "masks.json")
     options = parser.parse_args()
     resolution = [int(side) for side in options.resolution.split("x")]
-    kinds = ("opaque", "one hole", "half")
+    kinds = ("opaque", "one hole", "holes everywhere", "half")
     with tempfile.TemporaryDirectory() as folder:
         renderers = {kind: FrameRenderer(scene(Path(folder), kind, resolution), options.device) for kind in kinds}
         times = {kind: [] for kind in kinds}

@@ -100,9 +100,18 @@ class Contents(NamedTuple):
                         any(textured))
 
 
-def _has_holes(part: Part | Instances) -> bool:
-    """Whether masks of its mesh file cut holes."""
-    return part.skin is not None and part.skin.has_holes
+def _whole_first(shapes: list) -> list:
+    """The same surfaces, what masks may cut apart and at the end."""
+    divided = [some for shape in shapes for some in (
+        shape.divided(_smooth_normals(shape)) if shape.has_holes else [shape])]
+    return sorted(divided, key=lambda shape: shape.has_holes)
+
+
+def _smooth_normals(shape: Part | Instances) -> np.ndarray:
+    """Normals of the corners [F, 3, 3], smoothed over edges that are not sharp."""
+    if shape.normals is not None:
+        return shape.normals
+    return kept_corner_normals(shape.vertices, shape.faces, shape.smooth_angle)
 
 
 class DeviceScene:
@@ -122,7 +131,7 @@ class DeviceScene:
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
         instances, textures = not self.joins_copies or bool(self.moving), any(is_textured(part) for part in parts)
-        masks = any(_has_holes(part) for part in parts)
+        masks = any(part.has_holes for part in parts)
         self.contents = Contents(bool(self.water.sigma_s.any()), bool(parts), instances, textures, masks)
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
@@ -191,8 +200,7 @@ class DeviceScene:
         copied = [part for part in parts if isinstance(part, Instances)]
         numbers = {name: number for number, name in enumerate(self.part_names)}
         still = [part for part in single if not isinstance(part, Moving)]
-        shapes = sorted([*still, *copied], key=_has_holes) if self.joins_copies else [
-            *sorted(still, key=_has_holes), *copied]
+        shapes = _whole_first([*still, *copied]) if self.joins_copies else [*_whole_first(still), *copied]
         in_mesh = [part for shape in shapes if self.joins_copies or isinstance(shape, Part)
                    for part in ([shape] if isinstance(shape, Part) else shape.parts())]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
@@ -213,7 +221,7 @@ class DeviceScene:
 
     def _upload_meshes(self, parts: list[Part]):
         """One mesh of the parts without holes, and one of those with."""
-        whole, cut = ([part for part in parts if _has_holes(part) == holes] for holes in (False, True))
+        whole, cut = ([part for part in parts if part.has_holes == holes] for holes in (False, True))
         self.data.first_masked_face = sum(len(part.faces) for part in whole)
         self.meshes = [self._joined(some) for some in (whole, cut)]
         self.data.mesh, self.data.masked_mesh = (0 if mesh is None else mesh.id for mesh in self.meshes)
@@ -307,7 +315,7 @@ class DeviceScene:
         self.data.moving = self._array(self._placed(T_w_o[:1])[0], InstanceData)
 
     def _upload_normals(self, parts: list[Part | Instances]):
-        smooth = [kept_corner_normals(part.vertices, part.faces, part.smooth_angle) for part in parts]
+        smooth = [_smooth_normals(part) for part in parts]
         self.data.smooth_normals = self._per_corner(parts, smooth)
         if any(part.smooth_shading for part in parts):
             lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)

@@ -2,6 +2,7 @@
 
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -50,16 +51,18 @@ class Skin:
     """int32 [F]: the page of each face, -1 where it has colours. None: the one page, or colours if there is none."""
     tints: np.ndarray | None = None
     """float32 [F, 3, 4]: linear colours of the corners that multiply the texture, and alpha. None: there are none."""
+    cut: np.ndarray | None = None
+    """bool [F]: the faces where a mask may cut holes. None: there are none."""
 
     @property
     def has_holes(self) -> bool:
         """Whether masks cut holes."""
-        return any(page.masks for page in self.pages)
+        return self.cut is not None and bool(self.cut.any())
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""
-        page, tints = (None if values is None else values[chosen] for values in (self.page, self.tints))
-        return Skin(self.corners[chosen], self.pages, page, tints)
+        page, tints, cut = (None if values is None else values[chosen] for values in (self.page, self.tints, self.cut))
+        return Skin(self.corners[chosen], self.pages, page, tints, cut)
 
 
 @dataclass(frozen=True)
@@ -104,12 +107,25 @@ class Shape:
     """Whether A and B are lit with the smoothed normals."""
     skin: Skin | None = None
     """What the file says of the surface; None where the scene names a material."""
+    normals: np.ndarray | None = None
+    """float [F, 3, 3]: smoothed normals of the corners, of some of a shape's faces; None: its faces tell them."""
     files: tuple[MeshFacts, ...] = ()
     """What became of the mesh files that it is made from."""
     survey: dict | None = None
     """Facts of the survey that it was made from (geometry/survey/read.py); None: of none."""
     doubts: tuple[str, ...] = ()
     """What looked wrong when it was made, a sentence each."""
+
+
+    @property
+    def has_holes(self) -> bool:
+        """Whether masks of its mesh file cut holes."""
+        return self.skin is not None and self.skin.has_holes
+
+    def divided(self, normals: np.ndarray) -> list[Self]:
+        """What is whole of a shape and what masks may cut, two shapes; given its normals [F, 3, 3]."""
+        return [replace(self, faces=self.faces[some], skin=self.skin.of_faces(some), normals=normals[some])
+                for some in (~self.skin.cut, self.skin.cut) if some.any()]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.scene.geometry.files.holes import may_cut
 from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture
 from varos_warp.scene.geometry.parts import Page, Skin
 from varos_warp.scene.images import Picture, read_picture
@@ -49,8 +50,18 @@ class Skins:
         numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
         values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
         only = len(self.pages) == 1 and not numbers.any()
-        pages = tuple(_without_idle_mask(page, tints, numbers == k) for k, page in enumerate(self.pages))
-        return pieces, Skin(values[..., :2] if only else values, pages, None if only else numbers, tints)
+        cut = np.zeros(len(values), bool)
+        for k, page in enumerate(self.pages):
+            if page.masks:
+                self.pages[k] = self._cut_by(page, np.flatnonzero(numbers == k), values, tints, cut)
+        return pieces, Skin(values[..., :2] if only else values, tuple(self.pages), None if only else numbers, tints,
+                            cut if cut.any() else None)
+
+    def _cut_by(self, page, faces, values, tints, cut) -> Page:
+        """A page that masks; without its mask if that cuts nothing. Marks those of its faces that it may cut."""
+        fade = None if tints is None else tints[faces][..., 3]
+        cut[faces] = may_cut(page, values[faces][..., :2], fade)
+        return page if cut[faces].any() else replace(page, alpha=None, cutoff=0.0)
 
     def _piece(self, piece):
         """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
@@ -110,14 +121,6 @@ def _page_of(material, picture) -> Page:
         return Page(picture.texels, material.base, wrap)
     alpha = np.full((1, 1), 255, np.uint8) if picture.alpha is None else picture.alpha
     return Page(picture.texels, material.base, wrap, alpha, material.cutoff / material.alpha)
-
-
-def _without_idle_mask(page, tints, faces) -> Page:
-    """A page; without its mask if that cuts nothing off the faces that have it, which then cost no more than others."""
-    if page.alpha is None:
-        return page
-    least = 1.0 if tints is None or not faces.any() else float(tints[faces, :, 3].min())
-    return replace(page, alpha=None, cutoff=0.0) if page.alpha.min() / 255.0 * least >= page.cutoff else page
 
 
 def _flat(piece, colour):
