@@ -153,8 +153,7 @@ class _Reader:
             colours = self._corner_values(inputs, "COLOR", None, corners[triangles], 3)
             colours = np.clip(colours, 0.0, 1.0).astype(np.float32)
         textured = look is not None and (look.material.texture is None or uv is not None)
-        return Piece(vertices, faces, look.material if textured and (colours is None or uv is not None) else None, uv,
-                     colours)
+        return Piece(vertices, faces, look.material if textured else None, uv, colours)
 
     def _corner_values(self, inputs, semantic, number, corners, width):
         """Values [F, 3, width] of a set of coordinates or colours; None without such a set."""

@@ -35,7 +35,7 @@ def read_gltf(path: Path, with_colours: bool) -> MeshFile:
 class _Reader:
     def __init__(self, document: Document, with_colours: bool):
         self.document, self.with_colours = document, with_colours
-        self.file = MeshFile(document.path, up_axis="y")
+        self.file = MeshFile(document.path, up_axis="y", colours_multiply=True)
         self.materials = Materials(document)
         self.pieces: dict[tuple, list[Piece]] = {}
         self.matrices: dict[int, np.ndarray] = {}
