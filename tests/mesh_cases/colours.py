@@ -481,8 +481,11 @@ def transparency(folder, kind):
     ), upright(4.0)
 
 
-@case("metal, bumps, emission", "glTF", "OBJ", says="not modelled")
+@case("metal, bumps, emission", "glTF", "OBJ", "DAE", says="not modelled")
 def not_modelled(folder, kind):
+    if kind == "DAE":
+        glow = "<emission><color>1 0 0 1</color></emission>"
+        return dae_board(folder, "<color>1 1 1 1</color>", extra=glow), upright(4.0)
     if kind == "OBJ":
         return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKd 1 1 1\nmap_Bump q.png\nnorm q.png\n"), upright(
             4.0

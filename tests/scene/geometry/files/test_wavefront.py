@@ -3,13 +3,12 @@
 import os
 import sys
 import time
-import warnings
 
 import numpy as np
 import pytest
 from made_meshes import BOARD, QUARTERS, UV, picture
 from mesh_cases.colours import masked_picture
-from mesh_cases.table import QUAD, VT, V, is_colour, is_quarters, obj
+from mesh_cases.table import QUAD, VT, V, is_colour, is_quarters, loaded, obj
 from PIL import Image
 
 from varos_warp.errors import InputError
@@ -18,14 +17,6 @@ from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.images import srgb_to_linear
 
 USED = V + VT + "usemtl a\n" + QUAD
-
-
-def loaded(path):
-    """A mesh, and what is told of it."""
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        mesh = load_mesh(path, "objects.0.file")
-    return mesh, [str(warning.message).removeprefix(f"objects.0.file: {path.name}: ") for warning in told]
 
 
 # --------------------------------------------------------------------------------------------------------------- names

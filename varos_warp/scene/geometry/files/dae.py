@@ -54,6 +54,8 @@ class _Reader:
         scene = None if shown is None else self.target(shown.get("url"))
         if scene is not None:
             self._children(scene, np.eye(4), ())
+        elif shown is None:
+            self.file.why_empty = "the document has no <scene>, so it shows none of its meshes"
         if self.root.find("library_animations") is not None:
             self.file.note("its animations are not read: it stands as its nodes place it")
         return self.file
@@ -161,6 +163,9 @@ class _Reader:
         chosen = next((entry for entry in sets if number is not None and entry[2] == number), sets[0] if sets else None)
         if chosen is None:
             return None
+        if semantic == "TEXCOORD" and chosen[2] != number and len(sets) > 1:
+            self.file.note(f"a texture does not say which of the {len(sets)} sets of coordinates of its mesh it takes: "
+                           "the first is taken")
         values, index = self.source(chosen[1], width), corners[..., chosen[0]]
         self.file.check(index, len(values), semantic)
         return values[index]

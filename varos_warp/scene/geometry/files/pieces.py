@@ -89,6 +89,8 @@ class MeshFile:
     """In the pieces so far."""
     colours_multiply: bool = False
     """Colours of vertices multiply textures and colours of materials, as in glTF; else only the one of them counts."""
+    why_empty: str = ""
+    """Why it may have no triangles, for the message that says so."""
     copies: int = 0
     """Places where meshes stand, so far."""
 
