@@ -213,7 +213,7 @@ def _check_file(path, key):
         raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
                          remedy="Copy or export it again; the transfer may have broken off.")
     with path.open("rb") as file:
-        beginning = file.read(256).lstrip().lower()
+        beginning = file.read(256).removeprefix(b"\xef\xbb\xbf").lstrip().lower()
     for words, problem, remedy in OTHERS:
         if beginning.startswith(words):
             raise InputError(problem, file=path, key=key, remedy=remedy)

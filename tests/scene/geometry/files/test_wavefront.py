@@ -210,6 +210,16 @@ def test_other_numbers_behind_a_place_are_told(tmp_path, tail, told):
     assert [told in text for text in words] == ([] if told is None else [True])
 
 
+@pytest.mark.parametrize("tail", ["", " nan nan nan"])
+def test_vertices_without_colours_have_that_of_their_material(tmp_path, tail):
+    """As of exporters that write colours for the objects that have them."""
+    text = V.replace("\n", " 1 0 0\n") + "".join(f"v {x + 3} {y} {z}{tail}\n" for x, y, z in BOARD)
+    mesh, told = loaded(obj(tmp_path, text + "usemtl a\nf 1 2 3 4\nf 5 6 7 8\n", "newmtl a\nKd 0 0.5 0\n"))
+    is_colour([1, 0, 0])(mesh)
+    is_colour([0, 0.5, 0], 3.3, 0.1)(mesh)
+    assert "some of its vertices have no colour: they are grey, or as their material is" in told
+
+
 def test_colours_of_vertices_are_there_where_the_texture_is_not(tmp_path):
     text = coloured("1 0 0").replace("f 1 2 3 4\n", VT + "usemtl a\n" + QUAD)
     mesh, told = loaded(obj(tmp_path, text, "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd gone.png\n"))

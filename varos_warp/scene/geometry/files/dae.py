@@ -54,8 +54,8 @@ class _Reader:
         scene = None if shown is None else self.target(shown.get("url"))
         if scene is not None:
             self._children(scene, np.eye(4), ())
-        elif shown is None:
-            self.file.why_empty = "the document has no <scene>, so it shows none of its meshes"
+        else:
+            self.file.why_empty = "the document has no <scene>, or none that is in it, so it shows none of its meshes"
         if self.root.find("library_animations") is not None:
             self.file.note("its animations are not read: it stands as its nodes place it")
         return self.file

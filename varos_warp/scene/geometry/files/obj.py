@@ -50,6 +50,12 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
     """Pieces of the triangles [F, 3] of one material: those with coordinates and without, and one for each tile."""
     faces = corners[chosen, 0] - 1
     painted = None if colours is None else colours[faces]
+    if painted is not None:
+        plain = np.isnan(painted).all(axis=(1, 2))
+        if look is not None and look.says_colour and plain.any():
+            return [piece for mine, own in ((~plain, colours), (plain, None)) if mine.any()
+                    for piece in _pieces(vertices, own, coordinates, corners, chosen[mine], look, file)]
+        painted = np.nan_to_num(painted, nan=0.5)
     if look is None or look.picture is None:
         return [Piece(vertices, faces, None if look is None else look.material(), None, painted)]
     has_uv = (corners[chosen, 1] != 0).all(axis=1)
@@ -126,7 +132,7 @@ class _Text:
         self.file.note(f"its lines that begin with {keyword} are left out: keywords of OBJ are small letters")
 
     def vertices(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Places float64 [V, 3], and linear colours float32 [V, 3] if the file has them behind the coordinates."""
+        """Places float64 [V, 3], and linear colours float32 [V, 3], of some perhaps NaN; None if no vertex has one."""
         rows = self._rows[b"v"]
         widths = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
         if (widths > 3).any():
@@ -135,11 +141,12 @@ class _Text:
             return self.numbers(b"v", 3), None
         values = self.numbers(b"v", 6)
         places, colours = values[:, :3].copy(), values[:, 3:]
-        top = 255.0 if colours[widths >= 6].max() > 1.0 else 1.0
-        painted = srgb_to_linear(np.clip(colours / top, 0.0, 1.0)).astype(np.float32)
-        if (widths < 6).any():
-            self.file.note("some of its vertices have no colour: they are grey")
-            painted[widths < 6] = 0.5
+        has = (widths >= 6) & np.isfinite(colours).all(axis=1)
+        top = 255.0 if colours[has].max(initial=0.0) > 1.0 else 1.0
+        painted = np.full(colours.shape, np.nan, np.float32)
+        painted[has] = srgb_to_linear(np.clip(colours[has] / top, 0.0, 1.0))
+        if not has.all():
+            self.file.note("some of its vertices have no colour: they are grey, or as their material is")
         return places, painted
 
     def _note_widths(self, widths):

@@ -44,21 +44,24 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
 def _is_text(data):
     """Whether it is text: binary files may begin with ``solid``, too, but hold NUL, or are as long as they say."""
     is_named = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:5].lower() == b"solid"
-    return is_named and b"\0" not in data[:1024] and len(data) != HEADER + TRIANGLE * _stated(data)
+    count = _stated(data)
+    return is_named and b"\0" not in data[:1024] and (count is None or len(data) != HEADER + TRIANGLE * count)
 
 
 def _stated(data):
-    """How many triangles the beginning of a binary file says that it has; -1 of one that ends before that."""
-    return int.from_bytes(data[HEADER - 4:HEADER], "little") if len(data) >= HEADER else -1
+    """How many triangles the beginning of a binary file says that it has; None of one that ends before that."""
+    return int.from_bytes(data[HEADER - 4:HEADER], "little") if len(data) >= HEADER else None
 
 
 def _count_triangles(data, file):
     """Triangles of a binary file, which are there."""
     count, found = _stated(data), (len(data) - HEADER) // TRIANGLE
-    if count < 0 or found < count:
-        problem = f"says that it has {count} triangles, of which {found} are there" if count >= 0 else (
-            "begins neither with 'solid' nor with the 84 bytes of a binary STL")
-        raise InputError(problem, file=file.path, remedy=AGAIN)
+    if count is None:
+        raise InputError("begins neither with 'solid' nor with the 84 bytes of a binary STL", file=file.path,
+                         remedy=AGAIN)
+    if found < count:
+        raise InputError(f"says that it has {count} triangles, of which {found} are there", file=file.path,
+                         remedy=AGAIN)
     rest = len(data) - HEADER - TRIANGLE * count
     if rest and not count:
         raise InputError(f"says that it has 0 triangles, but {rest} bytes follow", file=file.path, remedy=AGAIN)

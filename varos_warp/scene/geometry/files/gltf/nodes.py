@@ -107,14 +107,14 @@ class _Reader:
         names = ("TRANSLATION", "ROTATION", "SCALE")
         given = {name: read_numbers(self.document, attributes[name]) for name in names if name in attributes}
         counts = {self.document.get("accessors", index).get("count") for index in attributes.values()}
-        if len(counts) > 1:
-            raise self.document.damaged("has attributes of different counts", key)
+        if len(counts) != 1:
+            raise self.document.damaged(f"has {'attributes of different counts' if counts else 'no attributes'}", key)
         if others := [name for name in attributes if name not in names]:
             self.file.note(f"{in_words(others)} of EXT_mesh_gpu_instancing {'is' if len(others) == 1 else 'are'} not "
                            "read: copies differ by place, turn and scale alone")
         if "ROTATION" in given and not (np.linalg.norm(given["ROTATION"], axis=1) > 0.0).all():
             raise self.document.damaged("has a rotation 0 0 0 0", key)
-        for i in range(counts.pop() if counts else 0):
+        for i in range(counts.pop()):
             yield pose(*(given[name][i] if name in given else default for name, default in zip(
                 names, (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)), strict=True)))
 
