@@ -39,7 +39,7 @@ def test_a_library_may_have_a_hash_in_its_name(tmp_path):
 
 
 def test_a_comment_that_ends_in_a_backslash_swallows_nothing(tmp_path):
-    text = "# from C:\\\n" + V + "o C:\\models\\\nusemtl a\nf 1 2 3 \\\n  4\n"
+    text = "# from C:\\\n" + V + "o C:\\models\\\nusemtl a\nf 1 2 3 \\\n  4 # all\n"
     mesh, told = loaded(obj(tmp_path, text, "# in C:\\\nnewmtl a\\\nKd 1 0 \\\n 0\n".replace("a\\", "a")))
     assert told == []
     assert len(mesh.faces) == 2

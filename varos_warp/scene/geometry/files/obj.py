@@ -84,7 +84,7 @@ class _Text:
         data = text_of(path.read_bytes())
         if b"\0" in data[:4096]:
             raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export text.")
-        data = joined(without_comments(data, GEOMETRY), GEOMETRY)
+        data = without_comments(joined(data, GEOMETRY), GEOMETRY)
         self.names: list[str] = [""]
         """Of the materials, in the order of their first use; the first has none."""
         self._libraries: list[str] = []
@@ -156,7 +156,7 @@ class _Text:
                            "surfaces: x, y, z are taken as they stand")
         if (widths == 7).any():
             self.file.note("its vertices of 7 numbers are taken as x y z r g b a, without the alpha")
-        if odd := sorted({*widths.tolist()} & {5, *range(8, 99)}):
+        if odd := sorted(width for width in {*widths.tolist()} if width == 5 or width > 7):
             self.file.note(f"it has vertices of {odd[0]} numbers, of which the first "
                            f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken")
 

@@ -144,7 +144,7 @@ def _painted(vertex, face, faces, polygon, file):
 
 def _colour_names(columns):
     """Names of the properties that are colours; None without any."""
-    return next((names for names in COLOURS if all(name in columns for name in names)), None)
+    return next((names for names in COLOURS if all(isinstance(columns.get(name), np.ndarray) for name in names)), None)
 
 
 def _colours(columns, file) -> np.ndarray | None:
