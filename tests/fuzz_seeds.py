@@ -162,7 +162,8 @@ def seeds() -> dict[str, bytes]:
     made |= {"board.gltf": board().text(), "board.glb": board().packed(), "polygons.dae": polygons_dae(),
              "polygons.off": "COFF\n4 2 0\n" + "".join(f"{x} {y} 0 255 0 0 255\n" for x, y, _ in BOARD)
              + "4 0 1 2 3 0.5 0.5 0.5\n3 0 1 2\n", "strips.ply": strips_ply(), "binary.ply": binary_ply(),
-             "quads.obj": QUADS, "quads.mtl": "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 2 2 1 -clamp on q.png\nd 0.5\n"}
+             "quads.obj": QUADS, "quads.mtl": "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 2 2 1 -clamp on q.png\n"
+             "map_d -imfchan m quads.png\nd 0.5 # half\nKe 0 \\\n 0 0\n"}
     for kind in ("png", "jpeg", "tiff"):
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)

@@ -392,13 +392,16 @@ def of_faces(folder, kind):
     return path, lambda mesh: (is_colour([1, 0, 0])(mesh), is_colour([0, 1, 0], 3.1)(mesh), upright(8.0)(mesh))
 
 
-@case("colours of vertices on a texture", "glTF", "PLY", "DAE")
+@case("colours of vertices on a texture", "glTF", "OBJ", "PLY", "DAE")
 def tinted(folder, kind):
-    expected = is_colour([0.0, 0.25, 0.0], 0.5, 0.5)
+    """Only glTF says that they multiply; elsewhere the texture is seen."""
     if kind == "glTF":
         gltf = Gltf()
         gltf.mesh(material=gltf.textured(), attributes={"COLOR_0": gltf.accessor(HALF), "TEXCOORD_0": gltf.uv()})
-        return gltf.save(folder / "m.glb"), expected
+        return gltf.save(folder / "m.glb"), is_colour([0.0, 0.25, 0.0], 0.5, 0.5)
+    if kind == "OBJ":
+        text = "".join(f"v {x} {y} {z} 0.5 0.25 0\n" for x, y, z in BOARD) + VT + "usemtl a\n" + QUAD
+        return obj(folder, text, "newmtl a\nmap_Kd q.png\n"), is_quarters
     if kind == "PLY":
         (folder / "q.png").write_bytes(picture())
         return ply_file(
@@ -410,8 +413,22 @@ def tinted(folder, kind):
                 "4 0 1 2 3",
                 comments="comment TextureFile q.png\n",
             ),
-        ), expected
-    return dae_board(folder, TEXTURE, SAMPLER.format(""), colours=HALF), expected
+        ), is_quarters
+    return dae_board(folder, TEXTURE, SAMPLER.format(""), colours=HALF), is_quarters
+
+
+@case("colours of vertices and one of the material", "glTF", "OBJ", "DAE")
+def coloured_twice(folder, kind):
+    """Only glTF says that they multiply; elsewhere those of the vertices are seen."""
+    if kind == "glTF":
+        gltf = Gltf()
+        material = gltf.add("materials", {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 1, 1, 1]}})
+        gltf.mesh(material=material, attributes={"COLOR_0": gltf.accessor(HALF)})
+        return gltf.save(folder / "m.glb"), is_colour([0.25, 0.25, 0.0])
+    if kind == "OBJ":
+        text = "".join(f"v {x} {y} {z} 1 0 0\n" for x, y, z in BOARD) + "usemtl a\nf 1 2 3 4\n"
+        return obj(folder, text, "newmtl a\nKd 0.5 0.5 0.5\n", image=False), is_colour([1, 0, 0])
+    return dae_board(folder, "<color>0.5 1 1 1</color>", uv=None, colours=HALF), is_colour(HALF[0])
 
 
 def masked_picture():
@@ -464,8 +481,11 @@ def transparency(folder, kind):
     ), upright(4.0)
 
 
-@case("metal, bumps, emission", "glTF", "OBJ", says="not modelled")
+@case("metal, bumps, emission", "glTF", "OBJ", "DAE", says="not modelled")
 def not_modelled(folder, kind):
+    if kind == "DAE":
+        glow = "<emission><color>1 0 0 1</color></emission>"
+        return dae_board(folder, "<color>1 1 1 1</color>", extra=glow), upright(4.0)
     if kind == "OBJ":
         return obj(folder, V + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKd 1 1 1\nmap_Bump q.png\nnorm q.png\n"), upright(
             4.0

@@ -1,5 +1,7 @@
 """Registering cases, what to look for in a mesh, and how a file of each format is written."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -17,6 +19,8 @@ from made_meshes import (
     rows,
 )
 
+from varos_warp.scene.geometry.mesh_files import load_mesh
+
 FORMATS = {"glTF": "glb", "OBJ": "obj", "PLY": "ply", "DAE": "dae", "STL": "stl", "OFF": "off"}
 CASES: dict[tuple[str, str], list] = {}
 
@@ -33,6 +37,14 @@ def case(feature, *formats, says=None):
 
 
 # --------------------------------------------------------------------------------------------------------- what to see
+
+
+def loaded(path, up=None):
+    """A mesh, and what is told of it, without the beginning that all notes have."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        mesh = load_mesh(path, "objects.0.file", up)
+    return mesh, [str(warning.message).removeprefix(f"objects.0.file: {path.name}: ") for warning in told]
 
 
 def area(mesh) -> float:

@@ -28,6 +28,12 @@ READERS: dict[str, Callable[[Path, bool], MeshFile]] = {
     ".off": read_off,
 }
 FORMATS = tuple(READERS)
+OTHERS = (
+    (b"version https://git-lfs", "is a pointer of Git LFS, not the file itself", "Run `git lfs pull`."),
+    ((b"<!doctype html", b"<html"), "is a web page, not a mesh",
+     "Download the file itself: open the page in a browser, and follow its link."),
+)
+"""Beginnings of what is no mesh under a mesh's name, and what to do."""
 LEAST_LOSS = 1e-6
 """Share of a mesh's area whose loss is told: rounding is a hundredth of it."""
 
@@ -144,6 +150,11 @@ def _in_metres(file, pieces, up_axis, key):
     vertices, faces = _joined(pieces)
     if len(faces) == 0:
         problem, remedy = "the mesh has no triangles", "Point clouds and lines cannot be rendered; export a surface."
+        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+        if bad:
+            problem, remedy = f"{problem}: {bad} of its vertices are NaN or infinite", "Remove them in a mesh editor."
+        elif file.why_empty:
+            problem, remedy = f"{problem}: {file.why_empty}", "Export it anew, with what it shows."
         if file.triangles:
             problem, remedy = "masks leave nothing of the mesh", "Give it a material, or another alphaCutoff."
         raise InputError(problem, file=file.path, key=key, remedy=remedy)
@@ -201,3 +212,8 @@ def _check_file(path, key):
     if path.stat().st_size == 0:
         raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
                          remedy="Copy or export it again; the transfer may have broken off.")
+    with path.open("rb") as file:
+        beginning = file.read(256).removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    for words, problem, remedy in OTHERS:
+        if beginning.startswith(words):
+            raise InputError(problem, file=path, key=key, remedy=remedy)

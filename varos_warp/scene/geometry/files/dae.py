@@ -54,6 +54,8 @@ class _Reader:
         scene = None if shown is None else self.target(shown.get("url"))
         if scene is not None:
             self._children(scene, np.eye(4), ())
+        else:
+            self.file.why_empty = "the document has no <scene>, or none that is in it, so it shows none of its meshes"
         if self.root.find("library_animations") is not None:
             self.file.note("its animations are not read: it stands as its nodes place it")
         return self.file
@@ -153,8 +155,7 @@ class _Reader:
             colours = self._corner_values(inputs, "COLOR", None, corners[triangles], 3)
             colours = np.clip(colours, 0.0, 1.0).astype(np.float32)
         textured = look is not None and (look.material.texture is None or uv is not None)
-        return Piece(vertices, faces, look.material if textured and (colours is None or uv is not None) else None, uv,
-                     colours)
+        return Piece(vertices, faces, look.material if textured else None, uv, colours)
 
     def _corner_values(self, inputs, semantic, number, corners, width):
         """Values [F, 3, width] of a set of coordinates or colours; None without such a set."""
@@ -162,6 +163,9 @@ class _Reader:
         chosen = next((entry for entry in sets if number is not None and entry[2] == number), sets[0] if sets else None)
         if chosen is None:
             return None
+        if semantic == "TEXCOORD" and chosen[2] != number and len(sets) > 1:
+            self.file.note(f"a texture does not say which of the {len(sets)} sets of coordinates of its mesh it takes: "
+                           "the first is taken")
         values, index = self.source(chosen[1], width), corners[..., chosen[0]]
         self.file.check(index, len(values), semantic)
         return values[index]

@@ -7,9 +7,13 @@ from urllib.parse import unquote, urlparse
 
 import numpy as np
 
-from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Texture
+from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Texture, in_words
 
 SHADERS = ("phong", "blinn", "lambert", "constant")
+UNMOVED = {"coverageU": 1, "coverageV": 1, "translateFrameU": 0, "translateFrameV": 0, "rotateFrame": 0, "repeatU": 1,
+           "repeatV": 1, "offsetU": 0, "offsetV": 0, "rotateUV": 0, "mirrorU": 0, "mirrorV": 0, "stagger": 0,
+           "wrapU": 1, "wrapV": 1}
+"""What Maya and programs after it write beside a texture, and the values that leave it where it is."""
 WRAPPING = {"WRAP": "repeat", "CLAMP": "clamp", "BORDER": "clamp", "MIRROR": "mirror", "MIRROR_ONCE": "mirror"}
 
 
@@ -58,10 +62,27 @@ class DaeMaterials:
 
     def _note(self, shader):
         """What of a shader is not modelled."""
-        transparency = shader.find("transparency/float")
-        if shader.find("transparent/texture") is not None or (
-                transparency is not None and 0.0 < float(transparency.text or 1.0) < 1.0):
+        if shader.find("transparent/texture") is not None or _opacity(shader) < 1.0:
             self.file.note("it has transparent materials, which are opaque here")
+        glow = shader.find("emission")
+        if shader.tag != "constant" and glow is not None and (
+                glow.find("texture") is not None or any(_numbers(glow.find("color"))[:3])):
+            self.file.note("not modelled: emission")
+
+    def _note_extra(self, texture):
+        """Placings of a texture that only some programs know (``extra``)."""
+        given = {element.tag: (element.text or "").strip().lower() for element in texture.iter()}
+        flags = {"true": 1.0, "false": 0.0}
+        moved = []
+        for name in given.keys() & UNMOVED.keys():
+            try:
+                value = flags[given[name]] if given[name] in flags else float(given[name])
+            except ValueError:
+                continue
+            if value != UNMOVED[name]:
+                moved.append(name)
+        if moved:
+            self.file.note(f"what its <extra> says of where textures lie is not read: {in_words(sorted(moved))}")
 
     def _colour(self, diffuse, profile):
         element = diffuse.find("color")
@@ -78,6 +99,7 @@ class DaeMaterials:
     def _textured(self, texture, profile, bound):
         """The texture that an effect names through sampler and surface, or by its image."""
         sid, wrap = texture.get("texture"), ("repeat", "repeat")
+        self._note_extra(texture)
         image = self._target(sid)
         sampler = self._parameter(profile, sid, "sampler2D")
         if sampler is not None:
@@ -116,3 +138,21 @@ def _of(element: ET.Element, tag: str) -> str | None:
     """The reference of a child; None without one."""
     child = element.find(tag)
     return None if child is None else child.get("url")
+
+
+def _numbers(element: ET.Element | None) -> list[float]:
+    """The numbers in an element's text; none without an element."""
+    return [] if element is None else [float(word) for word in (element.text or "").split()]
+
+
+def _opacity(shader: ET.Element) -> float:
+    """Least opacity of a shader, as its ``transparent`` and its mode say (COLLADA 1.5, "Determining transparency").
+
+    Without ``transparent``, a ``transparency`` of 0 is taken as none: programs before COLLADA 1.4.1 write it for that.
+    """
+    transparent, weight = shader.find("transparent"), (_numbers(shader.find("transparency/float")) or [1.0])[0]
+    if transparent is None:
+        return weight or 1.0
+    *rgb, alpha = (_numbers(transparent.find("color")) + [1.0] * 4)[:4]
+    return {"A_ZERO": 1.0 - alpha * weight, "RGB_ZERO": 1.0 - max(rgb) * weight, "RGB_ONE": min(rgb) * weight}.get(
+        transparent.get("opaque", "A_ONE"), alpha * weight)

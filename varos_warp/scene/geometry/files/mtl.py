@@ -2,24 +2,60 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
-from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Texture
+from varos_warp.scene.geometry.files.pieces import FileMaterial, Mask, MeshFile, Texture, in_words
+from varos_warp.scene.geometry.files.wavefront import STATEMENTS, joined, name_of, shown, text_of
 
 FLAGS = {"-blendu", "-blendv", "-cc", "-clamp", "-imfchan", "-type", "-texres", "-bm", "-boost"}
 """Options of maps with one value."""
 VECTORS = {"-o", "-s", "-t"}
 """Options with one to three numbers."""
 IGNORED = {"map_bump": "bump maps", "bump": "bump maps", "norm": "normal maps", "disp": "displacement maps",
-           "map_ke": "emission", "map_ks": "gloss maps", "refl": "reflection maps", "decal": "decals"}
+           "map_disp": "displacement maps", "map_ke": "emission", "map_ks": "gloss maps", "map_ns": "gloss maps",
+           "refl": "reflection maps", "decal": "decals", "map_pm": "metal", "map_pr": "roughness", "map_ps": "sheen"}
+FACTORS = {"ke": "emission", "pm": "metal", "pr": "roughness", "ps": "sheen", "pc": "clear coat"}
+"""What is not modelled, where the numbers are not 0."""
+NAMES = ("newmtl", "map_", *IGNORED)
+"""Beginnings of the keywords whose lines end in a name, in which # is a letter like others."""
+MASK_CHANNELS = ("r", "g", "b", "m", "l")
 UDIM = re.compile(r"<UDIM>|<udim>")
 TILES = 10
 """Tiles of a UDIM texture in a row."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """A picture that a material names, with the options that are read."""
+
+    path: Path
+    """Its name may hold <UDIM>."""
+    name: str
+    """For messages."""
+    scale: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    wrap: str = "repeat"
+    channel: str = ""
+    """Of a mask: -imfchan."""
+
+    @property
+    def placing(self) -> tuple:
+        """The options that place it on a surface."""
+        return self.scale, self.offset, self.wrap
+
+    @property
+    def has_tiles(self) -> bool:
+        """Whether there is a picture for each unit square of the coordinates."""
+        return UDIM.search(self.path.name) is not None
+
+    def of_tile(self, tile: int | None) -> Path:
+        """The picture of a tile; of all, if it has no tiles."""
+        return self.path if tile is None else self.path.with_name(UDIM.sub(str(tile), self.path.name))
 
 
 @dataclass
@@ -27,43 +63,47 @@ class MtlMaterial:
     """One `newmtl`."""
 
     kd: tuple[float, float, float] | None = None
-    texture: Texture | None = None
-    """Its name may hold <UDIM>."""
-    scale: tuple[float, float] = (1.0, 1.0)
-    offset: tuple[float, float] = (0.0, 0.0)
+    colour: Map | None = None
+    """Its map_Kd."""
+    mask: Map | None = None
+    """Its map_d."""
     opaque: float = 1.0
-    alpha_map: Path | None = None
     ignored: list[str] = field(default_factory=list)
 
     @property
     def says_colour(self) -> bool:
         """Whether it has a colour at all."""
-        return self.kd is not None or self.texture is not None
+        return self.kd is not None or self.picture is not None
+
+    @property
+    def picture(self) -> Map | None:
+        """The map whose options place both on the surface; None without any."""
+        return self.colour or self.mask
 
     def uv(self, stored: np.ndarray) -> np.ndarray:
         """Coordinates [..., 2] after the map's -s and -o."""
-        return stored * self.scale + self.offset
+        return stored if self.picture is None else stored * self.picture.scale + self.picture.offset
 
     def material(self, tile: int | None = None) -> FileMaterial | None:
         """What a mesh with it has; of a UDIM texture, with the picture of a tile."""
+        shown_map = self.picture
         if not self.says_colour:
             return None
-        base = (1.0, 1.0, 1.0) if self.kd is None else self.kd
-        if self.texture is None:
+        base = self.kd or ((0.5,) * 3 if self.colour is None else (1.0,) * 3)
+        if shown_map is None:
             return FileMaterial(base)
-        if base == (0.0, 0.0, 0.0):
+        if self.colour is not None and base == (0.0, 0.0, 0.0):
             base = (1.0, 1.0, 1.0)
-        texture = replace(self.texture, mask=self.alpha_map)
-        if tile is not None and isinstance(texture.source, Path):
-            name = UDIM.sub(str(tile), texture.source.name)
-            texture = replace(texture, source=texture.source.with_name(name), name=name)
-        return FileMaterial(base, 1.0, texture, None if self.alpha_map is None else 0.5)
+        source = None if self.colour is None else self.colour.of_tile(tile)
+        mask = None if self.mask is None else Mask(self.mask.of_tile(tile), self.mask.channel)
+        name = shown_map.name if tile is None else shown(shown_map.of_tile(tile).name)
+        texture = Texture(source, name, (shown_map.wrap,) * 2, mask)
+        return FileMaterial(base, 1.0, texture, None if mask is None else 0.5)
 
     @property
     def has_tiles(self) -> bool:
-        """Whether its texture has a picture for each unit square of the coordinates."""
-        return self.texture is not None and isinstance(self.texture.source, Path) and bool(
-            UDIM.search(self.texture.source.name))
+        """Whether a map of it has a picture for each unit square of the coordinates."""
+        return any(each is not None and each.has_tiles for each in (self.colour, self.mask))
 
 
 def tiles_of(uv: np.ndarray) -> np.ndarray:
@@ -75,7 +115,7 @@ def tiles_of(uv: np.ndarray) -> np.ndarray:
 def read_mtl(path: Path, file: MeshFile) -> dict[str, MtlMaterial]:
     """Materials by name; what is not modelled of them is noted in ``file``."""
     if not is_file(path):
-        file.note(f"it names {path.name}, which is not there: what it colours is grey")
+        file.note(f"it names {shown(path.name)}, which is not there: what it colours is grey")
         return {}
     materials: dict[str, MtlMaterial] = {}
     current = MtlMaterial()
@@ -83,21 +123,26 @@ def read_mtl(path: Path, file: MeshFile) -> dict[str, MtlMaterial]:
         try:
             if keyword == "newmtl":
                 current = materials.setdefault(rest, MtlMaterial())
+            elif keyword.startswith("map_") and not rest:
+                file.note(f"{keyword} of {shown(path.name)} names no file, and is left out")
             else:
-                _set(current, keyword.lower(), rest, path, file)
+                _set(current, keyword, rest, path, file)
         except (ValueError, IndexError):
-            raise InputError(f"cannot be read: {keyword} {rest[:60]}", file=path, line=number,
+            raise InputError(f"cannot be read: {keyword} {shown(rest[:60])}", file=path, line=number,
                              remedy="Correct the line, or export the model anew.") from None
     _note(materials, path, file)
     return materials
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Keyword and the rest of each line, which a backslash continues in the next; empty for blank ones."""
-    text = path.read_bytes().decode("utf-8-sig", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    for line in text.splitlines():
-        line = line.strip() if line.lstrip().startswith("map_") else line.split("#", 1)[0].strip()
-        keyword, *rest = line.split(None, 1)[:2] or [""]
+    """Keyword, in small letters, and the rest of each line, which a backslash continues in the next."""
+    for line in joined(text_of(path.read_bytes()), STATEMENTS).split(b"\n"):
+        word, *rest = name_of(line).split(None, 1) or [""]
+        keyword = word.lower()
+        if keyword.startswith("#"):
+            keyword, rest = "", []
+        elif rest and not keyword.startswith(NAMES):
+            rest = [rest[0].split("#", 1)[0].strip()]
         yield keyword, rest[0] if rest else ""
 
 
@@ -106,15 +151,17 @@ def _set(current, keyword, rest, path, file):
     if keyword == "kd":
         current.kd = _colour(rest, path, file)
     elif keyword == "map_kd":
-        _set_map(current, rest, path)
+        current.colour = _map("map_Kd", rest, path, current.ignored)
     elif keyword in ("map_d", "map_tr"):
-        current.alpha_map = path.parent / _name(_options(rest)[1])
+        current.mask = _map("map_d", rest, path, current.ignored)
     elif keyword == "d":
         current.opaque = float(rest.split()[-1])
     elif keyword == "tr":
         current.opaque = 1.0 - float(rest.split()[-1])
     elif keyword in IGNORED:
         current.ignored.append(IGNORED[keyword])
+    elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if _is_number(word)):
+        current.ignored.append(FACTORS[keyword])
 
 
 def _colour(rest, path, file):
@@ -134,20 +181,21 @@ def _colour(rest, path, file):
     return tuple(min(max(value, 0.0), 1.0) for value in values)
 
 
-def _set_map(current, rest, path):
-    """map_Kd with its options: -s and -o of the coordinates, -clamp; others that would change colours are noted."""
+def _map(keyword, rest, path, ignored) -> Map:
+    """A map with its options -s, -o, -clamp, and -imfchan of a mask; others that change it are added to ``ignored``."""
     options, name = _options(rest)
     scale, offset = (options.get(key, []) for key in ("-s", "-o"))
-    current.scale = tuple((scale + [1.0, 1.0])[:2]) if len(scale) != 1 else (scale[0], 1.0)
-    current.offset = tuple((offset + [0.0, 0.0])[:2]) if len(offset) != 1 else (offset[0], 0.0)
-    wrap = "clamp" if options.get("-clamp") == "on" else "repeat"
-    current.texture = Texture(path.parent / _name(name), f"map_Kd {name}", (wrap, wrap))
-    if options.get("-mm", [0.0, 1.0]) != [0.0, 1.0]:
-        current.ignored.append("-mm of map_Kd")
-    if any(options.get("-t", ())):
-        current.ignored.append("-t of map_Kd")
-    if options.get("-cc") == "on":
-        current.ignored.append("-cc of map_Kd")
+    for key, idle in (("-mm", [0.0, 1.0]), ("-t", [0.0, 0.0, 0.0]), ("-cc", "off")):
+        given = options.get(key, idle)
+        if given != idle and (key != "-t" or any(given)):
+            ignored.append(f"{key} of {keyword}")
+    channel = options.get("-imfchan", "") if keyword == "map_d" else ""
+    if channel and channel not in MASK_CHANNELS:
+        ignored.append(f"-imfchan {channel} of {keyword}")
+        channel = ""
+    return Map(path.parent / name.replace("\\", "/"), f"{keyword} {shown(name)}", (*scale, 1.0, 1.0)[:2] if len(
+        scale) != 1 else (scale[0], 1.0), (*offset, 0.0, 0.0)[:2] if len(offset) != 1 else (offset[0], 0.0),
+               "clamp" if options.get("-clamp") == "on" else "repeat", channel)
 
 
 def _options(rest):
@@ -179,22 +227,22 @@ def _is_number(word):
     return True
 
 
-def _name(name):
-    """A file name with the separators of every system."""
-    return name.replace("\\", "/")
-
-
 def _note(materials, path, file):
-    """One sentence each about what is not modelled."""
-    ignored = dict.fromkeys(words for material in materials.values() for words in material.ignored)
-    if ignored:
-        file.note(f"not modelled of {path.name}: {', '.join(ignored)}")
-    if any(material.opaque < 1.0 for material in materials.values()):
-        file.note(f"{path.name} has transparent materials (d or Tr), which are opaque here")
-    if any(material.alpha_map is not None and material.texture is not None for material in materials.values()):
-        file.note(f"map_d of {path.name} is read as a mask: holes where it is below 0.5")
-    dimmed = [name for name, m in materials.items() if m.texture is not None and m.kd not in (None, (1.0, 1.0, 1.0))]
-    black = [name for name in dimmed if materials[name].kd == (0.0, 0.0, 0.0)]
+    """One sentence each about what is not modelled, or not as it may be meant."""
+    library, looks = shown(path.name), {shown(name): material for name, material in materials.items()}
+    if ignored := dict.fromkeys(words for material in looks.values() for words in material.ignored):
+        file.note(f"not modelled of {library}: {', '.join(ignored)}")
+    if any(material.opaque < 1.0 for material in looks.values()):
+        file.note(f"{library} has transparent materials (d or Tr), which are opaque here")
+    masked = {name: m for name, m in looks.items() if m.mask is not None}
+    if masked:
+        file.note(f"map_d of {library} is read as a mask: holes where it (its alpha, or else its brightness, if no "
+                  "-imfchan says otherwise) is below 0.5")
+    if other := [name for name, m in masked.items() if m.colour is not None and m.colour.placing != m.mask.placing]:
+        file.note(f"the options -s, -o, -clamp of map_d and map_Kd of {in_words(other)} differ: those of map_Kd are "
+                  "taken for both")
+    dimmed = [name for name, m in looks.items() if m.colour is not None and m.kd not in (None, (1.0, 1.0, 1.0))]
+    black = [name for name in dimmed if looks[name].kd == (0.0, 0.0, 0.0)]
     if black:
         file.note(f"Kd 0 0 0 of {black[0]} beside its map_Kd would make it black, and is left out")
     if len(dimmed) > len(black):

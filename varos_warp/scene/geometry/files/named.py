@@ -16,6 +16,7 @@ from varos_warp.scene.geometry.files.mtl import UDIM, read_mtl
 from varos_warp.scene.geometry.files.obj import library_paths
 from varos_warp.scene.geometry.files.pieces import MeshFile
 from varos_warp.scene.geometry.files.ply import read_header
+from varos_warp.scene.geometry.files.wavefront import name_of, text_of
 
 MOST_BYTES = 1 << 24
 """Of a file's text that is searched for names."""
@@ -45,15 +46,15 @@ def _beginning(path: Path) -> bytes:
 
 def _of_obj(path: Path) -> list[Path]:
     """Material libraries, and the maps in them that are read; of UDIM textures, all tiles that are there."""
-    lines = re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t\r]*$", _beginning(path), re.M)
-    libraries = [library for line in lines for library in library_paths(path.parent, line.decode("utf-8", "replace"))]
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]([^\n]*)", text_of(_beginning(path)), re.M)
+    libraries = [library for line in lines for library in library_paths(path.parent, name_of(line))]
     found = [*libraries]
     for material in [m for library in libraries for m in read_mtl(library, MeshFile(path)).values()]:
-        for source in (material.texture and material.texture.source, material.alpha_map):
-            if isinstance(source, Path) and UDIM.search(source.name):
+        for source in (each.path for each in (material.colour, material.mask) if each is not None):
+            if UDIM.search(source.name):
                 tiles = re.compile(r"\d{4}".join(map(re.escape, UDIM.split(source.name))))
                 found += sorted(p for p in source.parent.iterdir() if tiles.fullmatch(p.name))
-            elif isinstance(source, Path):
+            else:
                 found.append(source)
     return found
 
@@ -73,6 +74,6 @@ def _of_ply(path: Path) -> list[Path]:
 
 
 def _of_dae(path: Path) -> list[Path]:
-    names = re.findall(rb"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<", _beginning(path))
-    texts = [unquote(name.decode("utf-8", "replace")).removeprefix("file://") for name in names]
+    names = re.findall(rb"<init_from>(?:\s*<ref>)?([^<]+)<", _beginning(path))
+    texts = [unquote(name.strip().decode("utf-8", "replace")).removeprefix("file://") for name in names]
     return [path.parent / text.replace("\\", "/") for text in texts]

@@ -7,12 +7,23 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.mtl import MtlMaterial, read_mtl, tiles_of
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
+from varos_warp.scene.geometry.files.wavefront import (
+    GEOMETRY,
+    joined,
+    name_of,
+    shown,
+    text_of,
+    without_comment,
+    without_comments,
+)
 from varos_warp.scene.images import srgb_to_linear
 
 FREE_FORM = {b"curv", b"curv2", b"surf", b"cstype", b"trim", b"deg"}
-KEYWORDS = re.compile(rb"^[ \t]*(v|vt|f|fo|usemtl|mtllib|l|p|curv2?|surf|cstype|deg|trim)[ \t]+(.*?)[ \t]*$", re.M)
+KEYWORDS = re.compile(rb"^[ \t]*(v|vt|f|fo|usemtl|mtllib|l|p|curv2?|surf|cstype|deg|trim)[ \t]([^\n]*)", re.M)
+CAPITALS = re.compile(rb"^[ \t]*(V|VT|Vt|F|FO|USEMTL|MTLLIB)[ \t]", re.M)
 
 
 def read_obj(path: Path, with_colours: bool) -> MeshFile:
@@ -24,12 +35,12 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     corners, starts, material = text.faces()
     place = corners[:, 0] - 1
     triangles, polygon = file.triangulated(vertices, place, starts)
-    libraries = text.materials() if with_colours else {}
-    if with_colours and colours is None and len(coordinates) and not text.names_libraries:
+    looks = text.materials("grey" if colours is None else "as its vertices are") if with_colours else {}
+    if with_colours and colours is None and len(coordinates) and not text.names_materials:
         file.note("it has texture coordinates but names no material library (mtllib): it is grey")
     for name in dict.fromkeys(material.tolist()):
         chosen = triangles[material[polygon] == name]
-        look = libraries.get(text.names[name])
+        look = looks.get(text.names[name])
         for piece in _pieces(vertices, colours if with_colours else None, coordinates, corners, chosen, look, file):
             file.add(piece)
     return file
@@ -39,12 +50,18 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
     """Pieces of the triangles [F, 3] of one material: those with coordinates and without, and one for each tile."""
     faces = corners[chosen, 0] - 1
     painted = None if colours is None else colours[faces]
-    if look is None or look.texture is None:
+    if painted is not None:
+        plain = np.isnan(painted).all(axis=(1, 2))
+        if look is not None and look.says_colour and plain.any():
+            return [piece for mine, own in ((~plain, colours), (plain, None)) if mine.any()
+                    for piece in _pieces(vertices, own, coordinates, corners, chosen[mine], look, file)]
+        painted = np.nan_to_num(painted, nan=0.5)
+    if look is None or look.picture is None:
         return [Piece(vertices, faces, None if look is None else look.material(), None, painted)]
     has_uv = (corners[chosen, 1] != 0).all(axis=1)
     found = []
     if not has_uv.all():
-        file.note(f"some faces have {look.texture.name} but no coordinates (vt): they have its Kd alone")
+        file.note(f"some faces have {look.picture.name} but no coordinates (vt): they have its Kd alone")
         bare = MtlMaterial(look.kd or (0.5, 0.5, 0.5)).material()
         found.append(Piece(vertices, faces[~has_uv], bare, None, None if painted is None else painted[~has_uv]))
     if has_uv.any():
@@ -64,12 +81,10 @@ class _Text:
 
     def __init__(self, path: Path, file: MeshFile):
         self.path, self.file = path, file
-        data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
-        data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        data = text_of(path.read_bytes())
         if b"\0" in data[:4096]:
             raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export text.")
-        if b"#" in data:
-            data = re.sub(rb"#[^\n]*", b"", data)
+        data = without_comments(joined(data, GEOMETRY), GEOMETRY)
         self.names: list[str] = [""]
         """Of the materials, in the order of their first use; the first has none."""
         self._libraries: list[str] = []
@@ -77,6 +92,8 @@ class _Text:
         self._events: list[tuple[int, int, int, int]] = []
         """Of each run of faces with one material: its first face, the material, and how many v and vt came before."""
         self._sort(data)
+        if (capital := CAPITALS.search(data)) is not None:
+            self._note_capitals(capital[1].decode())
 
     def _sort(self, data):
         """Share the lines out; only faces need their order among the others, for relative numbers and materials."""
@@ -96,10 +113,9 @@ class _Text:
                     self._events.append((len(f), *last))
                 f.append(rest)
             elif keyword == b"usemtl":
-                name = rest.decode("utf-8", "replace")
-                current = known.setdefault(name, len(known))
+                current = known.setdefault(name_of(rest), len(known))
             elif keyword == b"mtllib":
-                self._libraries.append(rest.decode("utf-8", "replace"))
+                self._libraries.append(name_of(rest))
             else:
                 ignored.add(keyword)
         self.names = list(known)
@@ -108,20 +124,41 @@ class _Text:
         if ignored - FREE_FORM:
             self.file.note("its points and lines are left out: only surfaces are rendered")
 
+    def _note_capitals(self, keyword):
+        """Keywords in capitals are not those of OBJ: told, and refused where nothing else makes a surface."""
+        if not self._rows[b"f"]:
+            raise InputError("its keywords are in capitals, those of OBJ are small letters", file=self.path,
+                             value=keyword, remedy="Write v, vt, f, usemtl and mtllib, or export it anew.")
+        self.file.note(f"its lines that begin with {keyword} are left out: keywords of OBJ are small letters")
+
     def vertices(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """Places float64 [V, 3], and linear colours float32 [V, 3] if the file has them behind the coordinates."""
+        """Places float64 [V, 3], and linear colours float32 [V, 3], of some perhaps NaN; None if no vertex has one."""
         rows = self._rows[b"v"]
         widths = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+        if (widths > 3).any():
+            self._note_widths(widths)
         if not (widths >= 6).any():
             return self.numbers(b"v", 3), None
-        values = self.numbers(b"v", 7 if (widths >= 7).any() else 6)
-        colours = np.where((widths >= 7)[:, None], values[:, -3:], values[:, 3:6])  # behind a weight, if there are 7
-        top = 255.0 if colours[widths >= 6].max() > 1.0 else 1.0
-        painted = srgb_to_linear(np.clip(colours / top, 0.0, 1.0)).astype(np.float32)
-        if (widths < 6).any():
-            self.file.note("some of its vertices have no colour: they are grey")
-            painted[widths < 6] = 0.5
-        return values[:, :3].copy(), painted
+        values = self.numbers(b"v", 6)
+        places, colours = values[:, :3].copy(), values[:, 3:]
+        has = (widths >= 6) & np.isfinite(colours).all(axis=1)
+        top = 255.0 if colours[has].max(initial=0.0) > 1.0 else 1.0
+        painted = np.full(colours.shape, np.nan, np.float32)
+        painted[has] = srgb_to_linear(np.clip(colours[has] / top, 0.0, 1.0))
+        if not has.all():
+            self.file.note("some of its vertices have no colour: they are grey, or as their material is")
+        return places, painted
+
+    def _note_widths(self, widths):
+        """What of the numbers behind x, y, z is left out: weights that count, alpha, what OBJ does not have."""
+        if (widths == 4).any() and (self.numbers(b"v", 4)[widths == 4, 3] != 1.0).any():
+            self.file.note("the fourth numbers of its vertices are weights, which count only in rational curves and "
+                           "surfaces: x, y, z are taken as they stand")
+        if (widths == 7).any():
+            self.file.note("its vertices of 7 numbers are taken as x y z r g b a, without the alpha")
+        if odd := sorted(width for width in {*widths.tolist()} if width == 5 or width > 7):
+            self.file.note(f"it has vertices of {odd[0]} numbers, of which the first "
+                           f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken")
 
     def numbers(self, keyword: bytes, width: int) -> np.ndarray:
         """The first ``width`` numbers of each line, float64 [N, width]; of vt, v may be missing and is 0."""
@@ -164,29 +201,52 @@ class _Text:
         return corners, starts, material
 
     @property
-    def names_libraries(self) -> bool:
-        """Whether it names a library of materials."""
-        return bool(self._libraries)
+    def names_materials(self) -> bool:
+        """Whether it names materials, or libraries of them."""
+        return bool(self._libraries or self.names[1:])
 
-    def materials(self) -> dict[str, MtlMaterial]:
-        """Materials of all libraries, the first of each name."""
+    def materials(self, otherwise: str) -> dict[str, MtlMaterial]:
+        """The materials that the file uses, of all libraries the first of each name.
+
+        Args:
+            otherwise: How a surface without one looks, for the notes.
+        """
         found: dict[str, MtlMaterial] = {}
-        for line in self._libraries:
-            for path in library_paths(self.path.parent, line):
-                for name, material in read_mtl(path, self.file).items():
-                    found.setdefault(name, material)
-        unknown = [name for name in self.names[1:] if name not in found and found]
-        if unknown:
-            self.file.note(f"no library has the material {unknown[0]}: what it colours is grey")
-        return found
+        paths = [path for line in self._libraries for path in library_paths(self.path.parent, line)]
+        for path in paths:
+            for name, material in read_mtl(path, self.file).items():
+                found.setdefault(name, material)
+        looks = {name: look for name in self.names[1:] if (look := _look(found, name)) is not None}
+        unknown = [shown(name) for name in self.names[1:] if name not in looks]
+        if unknown and not paths:
+            self.file.note(f"it names no material library (mtllib) for {in_words(unknown)}: what they colour is "
+                           f"{otherwise}")
+        elif unknown and any(map(is_file, paths)):
+            self.file.note(f"no library has the material {in_words(unknown)}: what it colours is {otherwise}")
+        bare = [shown(name) for name, look in looks.items() if not look.says_colour]
+        if bare and otherwise == "grey":
+            self.file.note(f"no Kd or map_Kd of {in_words(bare)}: what it colours is grey")
+        return looks
+
+
+def _look(found, name):
+    """A material by its name; behind a blank, # may begin a comment where it is named, or where it is defined."""
+    if name in found:
+        return found[name]
+    if without_comment(name) != name:
+        return found.get(without_comment(name))
+    meant = [look for other, look in found.items() if without_comment(other) == name]
+    return meant[0] if len(meant) == 1 else None
 
 
 def library_paths(folder: Path, line: str) -> list[Path]:
     """Files that a mtllib line names: one whose name holds blanks, or several."""
-    whole = folder / line.strip().strip('"').replace("\\", "/")
-    if whole.is_file() or " " not in line:
-        return [whole]
-    return [folder / name.replace("\\", "/") for name in line.split()]
+    for name in (line, without_comment(line)):
+        whole = folder / name.strip().strip('"').replace("\\", "/")
+        if is_file(whole):
+            return [whole]
+    names = without_comment(line).split()
+    return [folder / name.replace("\\", "/") for name in names] if len(names) > 1 else [whole]
 
 
 def _flat(rows):

@@ -15,17 +15,25 @@ WRAPS = ("repeat", "clamp", "mirror")
 
 
 @dataclass(frozen=True)
+class Mask:
+    """A picture that gives the alpha of a surface, in place of its texture's own."""
+
+    path: Path
+    channel: str = ""
+    """r, g, b, m (alpha) or l (brightness) of it; empty: its alpha, or where that is opaque throughout, brightness."""
+
+
+@dataclass(frozen=True)
 class Texture:
     """A picture that a mesh file names or holds."""
 
-    source: Path | bytes | tuple[int, int, int]
-    """Its file, the bytes of one, or one colour of 8 bits."""
+    source: Path | bytes | None
+    """Its file, or the bytes of one; None: it is white, and there for its mask."""
     name: str
     """What the mesh file calls it, for messages."""
     wrap: tuple[str, str] = ("repeat", "repeat")
     """One of `WRAPS` along u and along v."""
-    mask: Path | None = None
-    """A picture whose brightness is the alpha, in place of the texture's own."""
+    mask: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,10 @@ class MeshFile:
     """Whole sentences about what was not read as it may be meant."""
     triangles: int = 0
     """In the pieces so far."""
+    colours_multiply: bool = False
+    """Colours of vertices multiply textures and colours of materials, as in glTF; else only the one of them counts."""
+    why_empty: str = ""
+    """Why it may have no triangles, for the message that says so."""
     copies: int = 0
     """Places where meshes stand, so far."""
 

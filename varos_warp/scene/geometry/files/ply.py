@@ -1,13 +1,15 @@
 """PLY: ASCII and binary, polygons and strips, colours of vertices and faces, textures as MeshLab writes them."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture
+from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture, in_words
 from varos_warp.scene.geometry.files.polygons import strip
+from varos_warp.scene.geometry.files.wavefront import shown, text_of
 from varos_warp.scene.images import srgb_to_linear
 
 KINDS = {
@@ -19,7 +21,9 @@ KINDS = {
 INDICES = ("vertex_indices", "vertex_index")
 COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+COLOUR_LIKE = re.compile(r"(^|_)(red|green|blue|rgba?|colou?rs?|gr[ae]y|luminance|dc)(_|\d|$)")
 LONGEST_HEADER = 1 << 20
+END = re.compile(rb"[\r\n]end_header(?=[ \t]*[\r\n]|\Z)")
 
 
 @dataclass
@@ -54,21 +58,45 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
     data = path.read_bytes()
     form, elements, textures, start = read_header(data, path)
     columns = _read_body(data, start, form, elements, path)
-    vertex, face = columns.get("vertex", {}), columns.get("face", {})
+    vertex, face, strips = (_by_small_letters(columns, name) for name in ("vertex", "face", "tristrips"))
     if not all(axis in vertex for axis in "xyz"):
         raise InputError("has no vertices with x, y, z", file=path, remedy="Export a surface as PLY.")
     vertices = np.stack([vertex[axis] for axis in "xyz"], axis=1).astype(float)
-    rings = next((face[name] for name in INDICES if isinstance(face.get(name), Lists)), None)
-    if rings is not None:
+    if (rings := _rings(face)) is not None:
         _add_polygons(file, vertices, vertex, face, rings, textures, with_colours)
-    if isinstance(strips := columns.get("tristrips", {}).get("vertex_indices"), Lists):
-        faces = _strip_faces(strips)
-        file.check(faces, len(vertices), "vertex")
-        painted = _colours(vertex, path) if with_colours else None
-        file.add(Piece(vertices, faces, None, None, None if painted is None else painted[faces]))
+    if (rings := _rings(strips)) is not None:
+        faces = _strip_faces(rings)
+        triangles = Lists(faces.reshape(-1), 3 * np.arange(len(faces) + 1))
+        _add_polygons(file, vertices, vertex, {}, triangles, textures, with_colours)
+    if with_colours:
+        _note_unread_colours(vertex, face, file)
     if any(element.name == "edge" and element.count for element in elements):
         file.note("its points and lines are left out: only surfaces are rendered")
     return file
+
+
+def _by_small_letters(columns, element):
+    """Columns of an element, whatever letters the file writes names in; one whose name is just so goes first."""
+    found = {name.lower(): column for name, column in columns.items()} | columns
+    rows = found.get(element, {})
+    return {name.lower(): column for name, column in rows.items()} | rows
+
+
+def _rings(rows):
+    """Corners of the polygons or strips of an element; None without any."""
+    return next((rows[name] for name in INDICES if isinstance(rows.get(name), Lists)), None)
+
+
+def _note_unread_colours(vertex, face, file):
+    """Tell of properties whose names are those of colours, and which are not read."""
+    of_face, of_vertex = _colour_names(face) or (), _colour_names(vertex) or ()
+    if of_face and of_vertex:
+        file.note("the colours of its faces go before those of its vertices")
+    unread = {f"{element} {name.lower()}": None for element, rows, read in (
+        ("vertex", vertex, of_vertex), ("face", face, of_face)) for name in rows
+        if name.lower() not in read and COLOUR_LIKE.search(name.lower())}
+    if unread:
+        file.note(f"properties with names of colours are not read: {shown(in_words(unread))}")
 
 
 def _add_polygons(file, vertices, vertex, face, rings, textures, with_colours):
@@ -95,32 +123,45 @@ def _add_textured(file, vertices, faces, uv, colours, number, textures):
     """One piece for each texture, whose ``number`` [F] the faces have."""
     for k in np.unique(number):
         mine = number == k
+        if k == -1:  # so MeshLab says that a face has none
+            file.add(Piece(vertices, faces[mine], None, None, None if colours is None else colours[mine]))
+            continue
         if not 0 <= k < len(textures):
             raise InputError(f"a face has texture {k} of {len(textures)}", file=file.path, key="texnumber",
                              remedy="The file is damaged; export it again.")
-        texture = Texture(file.path.parent / textures[k], f"TextureFile {textures[k]}")
+        texture = Texture(file.path.parent / textures[k], f"TextureFile {shown(textures[k])}")
         file.add(Piece(vertices, faces[mine], FileMaterial(texture=texture), uv[mine],
                        None if colours is None else colours[mine]))
 
 
 def _painted(vertex, face, faces, polygon, file):
     """Colours [F, 3, 3] of the corners: of faces, else of vertices; None without any."""
-    if (of_faces := _colours(face, file.path)) is not None:
+    if (of_faces := _colours(face, file)) is not None:
         return np.repeat(of_faces[polygon][:, None], 3, axis=1)
-    of_vertices = _colours(vertex, file.path)
+    of_vertices = _colours(vertex, file)
     return None if of_vertices is None else of_vertices[faces]
 
 
-def _colours(columns, path) -> np.ndarray | None:
+def _colour_names(columns):
+    """Names of the properties that are colours; None without any."""
+    return next((names for names in COLOURS if all(isinstance(columns.get(name), np.ndarray) for name in names)), None)
+
+
+def _colours(columns, file) -> np.ndarray | None:
     """Linear reflectances float32 [N, 3] of rows: integers are sRGB of their whole range, floats are linear."""
-    names = next((names for names in COLOURS if all(name in columns for name in names)), None)
+    names = _colour_names(columns)
     if names is None:
         return None
     values = np.stack([columns[name] for name in names], axis=1)
     if values.dtype.kind in "iu":
-        return srgb_to_linear(np.maximum(values / float(np.iinfo(values.dtype).max), 0.0)).astype(np.float32)
+        top, largest = float(np.iinfo(values.dtype).max), values.max(initial=0)
+        if top > 255.0 and 0 < largest <= 255:
+            file.note(f"its colours are stored in {8 * values.dtype.itemsize} bits, but none is above 255: they are "
+                      "taken as such of 8 bits")
+            top = 255.0
+        return srgb_to_linear(np.maximum(values / top, 0.0)).astype(np.float32)
     if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
-        raise InputError("has colours in real numbers that are not within 0..1", file=path, key=names[0],
+        raise InputError("has colours in real numbers that are not within 0..1", file=file.path, key=names[0],
                          remedy="Export colours of 8 bits.")
     return values.astype(np.float32)
 
@@ -151,18 +192,19 @@ def _strip_faces(strips) -> np.ndarray:
 
 def read_header(data, path):
     """Byte order (ascii, <, >), elements, names of textures, and where the body begins."""
-    end = data.find(b"end_header", 0, LONGEST_HEADER)
-    if not data.startswith(b"ply") or end < 0:
+    found = END.search(data, 0, LONGEST_HEADER)
+    if not data.startswith(b"ply") or found is None:
         raise InputError("has no PLY header", file=path, remedy="Export it anew from the program that made it.")
+    end = found.start() + 1
     start = data.find(b"\n", end) + 1 or len(data)
     if data[end + 10:end + 11] == b"\r" and data[end + 11:end + 12] != b"\n":
         start = end + 11  # lines end as on old Macs
     form, elements, textures = None, [], []
-    for line in data[:end].decode("utf-8", "replace").splitlines():
+    for line in text_of(data[:end]).decode("utf-8", "surrogateescape").split("\n"):
         words = line.split()
         if words[:1] == ["format"]:
             form = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}.get(words[1])
-        elif words[:2] == ["comment", "TextureFile"]:
+        elif words[:2] == ["comment", "TextureFile"] and len(words) > 2:
             textures.append(line.split(None, 2)[2].strip().strip('"').replace("\\", "/"))
         elif words[:1] == ["element"]:
             elements.append(Element(words[1], int(words[2]), []))

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.holes import may_cut
 from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture
+from varos_warp.scene.geometry.files.wavefront import shown
 from varos_warp.scene.geometry.parts import Page, Skin
 from varos_warp.scene.images import Picture, read_picture
 
@@ -65,21 +68,41 @@ class Skins:
 
     def _piece(self, piece):
         """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
-        material = piece.material
+        material = piece.material if self.file.colours_multiply else self._only_colours_of_vertices(piece)
         fades = material is not None and material.cutoff is not None and piece.colours is not None and (
             piece.colours.shape[-1] == 4)
         if material is not None and (material.texture is not None or fades):
             page = self._page(material)
             if page >= 0:
                 uv = np.zeros((len(piece.faces), 3, 2)) if piece.uv is None else piece.uv
-                return near_zero(uv, self.pages[page].wrap).astype(np.float32), page, _tints(piece.colours)
+                uv = near_zero(uv, self.pages[page].wrap).astype(np.float32)
+                return uv, page, self._tints_on(material.texture, piece.colours)
         if material is not None and material.texture is not None and piece.colours is None:
             return _flat(piece, (GREY,) * 3), -1, None
         base = (GREY,) * 3 if material is None and piece.colours is None else (1.0,) * 3
         colour = base if material is None else material.base
+        if material is not None and material.texture is not None and not self.file.colours_multiply:
+            colour = (1.0,) * 3  # its picture is not there
         if piece.colours is None:
             return _flat(piece, colour), -1, None
         return (piece.colours[..., :3] * np.float32(colour)).astype(np.float32), -1, None
+
+    def _only_colours_of_vertices(self, piece) -> FileMaterial | None:
+        """The material of a piece; without its colour if vertices have theirs, which is told where it changes them."""
+        material = piece.material
+        if material is None or piece.colours is None or (material.texture and material.texture.source is not None):
+            return material
+        if material.base != (1.0, 1.0, 1.0):
+            self.file.note("colours of its vertices go before those of its materials")
+        return replace(material, base=(1.0, 1.0, 1.0))
+
+    def _tints_on(self, texture, colours):
+        """Factors [F, 3, 4] of a texture: the colours of vertices, if the format has it so; else they are left out."""
+        if colours is None or texture is None or texture.source is None or self.file.colours_multiply:
+            return _tints(colours)
+        if (colours[..., :3] != 1.0).any():
+            self.file.note("its textures go before the colours of its vertices")
+        return None
 
     def _page(self, material) -> int:
         """Number of the page of a material; -1 if its picture is missing."""
@@ -100,12 +123,29 @@ class Skins:
         return self._pictures[key]
 
     def _read(self, texture):
-        where = f"{self.key}: {self.file.path.name}" if self.key else self.file.path.name
-        for path in (texture.source, texture.mask):
-            if not isinstance(path, bytes | None) and not path.is_file():
-                self.file.note(f"{texture.name} is not there ({path.name}): what it colours is grey")
-                return None
-        return read_picture(texture.source, f"{where}: {texture.name}", texture.mask)
+        key = f"{self.key}: {self.file.path.name}" if self.key else self.file.path.name
+        source, mask, key = texture.source, texture.mask, f"{key}: {texture.name}"
+        if isinstance(source, Path) and not is_file(source):
+            self.file.note(f"{texture.name} is not there ({shown(source.name)}): what it colours is grey")
+            return None
+        picture = Picture.plain() if source is None else read_picture(source, key)
+        if mask is not None and not is_file(mask.path):
+            self.file.note(f"the mask of {texture.name} is not there ({shown(mask.path.name)}): it cuts no holes")
+            return Picture(picture.texels)
+        return picture if mask is None else Picture(picture.texels, _alpha_of(mask, key))
+
+
+def _alpha_of(mask, key) -> np.ndarray:
+    """Alpha uint8 [H, W] of the channel that a mask names, or which it has."""
+    picture = read_picture(mask.path, key)
+    alpha = np.full((1, 1), 255, np.uint8) if picture.alpha is None else picture.alpha
+    if mask.channel == "m" or (not mask.channel and alpha.min() < 255):
+        return alpha
+    if mask.channel in ("r", "g", "b"):
+        return np.ascontiguousarray(picture.texels[..., "rgb".index(mask.channel)])
+    brightness = read_picture(mask.path, key, mask.path).alpha
+    assert brightness is not None  # that of the mask
+    return brightness
 
 
 def _vanishes(piece) -> bool:

@@ -79,9 +79,9 @@ class Document:
         self._buffers: dict[int, bytes | np.memmap] = {}
         self._check_extensions()
 
-    def damaged(self, problem: str, key: str | None = None) -> InputError:
+    def damaged(self, problem: str, key: str | None = None, value: Any = None) -> InputError:
         """The error of a file that is not what glTF says."""
-        return InputError(problem, file=self.path, key=key, remedy="The file is damaged; export it again.")
+        return InputError(problem, file=self.path, key=key, value=value, remedy="The file is damaged; export it again.")
 
     def _chunks(self, data: bytes) -> tuple[bytes, bytes | None]:
         """JSON and binary chunk of a GLB container."""

@@ -9,6 +9,8 @@ from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture
 
 WRAPPING = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 NEAREST = 9728
+ROUNDING = 1e-6
+"""Of a factor that was meant as 1, in single precision."""
 
 
 class Look:
@@ -61,18 +63,27 @@ class Materials:
                             ("emissiveTexture", "emission")):
             if block.get(name):
                 self.ignored[words] = None
+        if np.any(np.asarray(block.get("emissiveFactor") or 0.0, float) > 0.0):
+            self.ignored["emission"] = None
         mode = block.get("alphaMode", "OPAQUE")
         if mode == "BLEND":
             self.ignored["transparency (alphaMode BLEND)"] = None
-        colour = np.broadcast_to(np.asarray([1.0, 1.0, 1.0, 1.0] if factor is None else factor, float), (4,))
-        if not ((colour >= 0.0) & (colour <= 1.0)).all():
-            raise document.damaged("baseColorFactor is not within 0..1", key)
+        colour = self._factor(factor, key, "baseColorFactor" if older is None else "diffuseFactor")
         cutoff = float(block.get("alphaCutoff", 0.5)) if mode == "MASK" else None
         if info is None:
             return Look(FileMaterial(tuple(colour[:3]), float(colour[3]), None, cutoff))
         texture = self._texture(info.get("index"), f"{key}.baseColorTexture")
         coordinates, transform = self._transform(info)
         return Look(FileMaterial(tuple(colour[:3]), float(colour[3]), texture, cutoff), coordinates, transform)
+
+    def _factor(self, factor, key, name):
+        """Factors of red, green, blue and alpha, which rounding may leave just above 1."""
+        colour = np.asarray([1.0, 1.0, 1.0, 1.0] if factor is None else factor, float)
+        if colour.shape != (4,):
+            raise self.document.damaged(f"has a {name} that is not 4 numbers (red, green, blue, alpha)", key)
+        if not ((colour >= 0.0) & (colour <= 1.0 + ROUNDING)).all():
+            raise self.document.damaged(f"{name} is not within 0..1", key)
+        return np.minimum(colour, 1.0)
 
     def _transform(self, info):
         """Set of coordinates, and matrix [2, 3] (KHR_texture_transform: scaled, turned, moved; v is down)."""

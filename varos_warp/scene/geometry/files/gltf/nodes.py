@@ -16,7 +16,7 @@ from varos_warp.scene.geometry.files.gltf.accessors import (
 )
 from varos_warp.scene.geometry.files.gltf.document import Document
 from varos_warp.scene.geometry.files.gltf.materials import Materials
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
 from varos_warp.scene.geometry.files.polygons import strip
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -35,7 +35,7 @@ def read_gltf(path: Path, with_colours: bool) -> MeshFile:
 class _Reader:
     def __init__(self, document: Document, with_colours: bool):
         self.document, self.with_colours = document, with_colours
-        self.file = MeshFile(document.path, up_axis="y")
+        self.file = MeshFile(document.path, up_axis="y", colours_multiply=True)
         self.materials = Materials(document)
         self.pieces: dict[tuple, list[Piece]] = {}
         self.matrices: dict[int, np.ndarray] = {}
@@ -45,9 +45,9 @@ class _Reader:
         if "trimesh" in str(self.document.json["asset"].get("generator", "")):
             self.file.up_axis = None  # it writes whatever it holds, unrotated
         placed = list(self._placed(self._roots(), np.eye(4), ()))
-        for node, matrix in placed:
+        for node, matrix, key in placed:
             if node.get("mesh") is not None:
-                self._place(node, matrix)
+                self._place(node, matrix, key)
         for words in [*self.document.notes(), *(self.materials.notes() if self.with_colours else [])]:
             self.file.note(words)
         return self.file
@@ -60,8 +60,8 @@ class _Reader:
         children = {child for node in document.all("nodes") for child in node.get("children", ())}
         return [index for index in range(len(document.all("nodes"))) if index not in children]
 
-    def _placed(self, nodes, matrix, above) -> Iterator[tuple[dict, np.ndarray]]:
-        """Nodes with their matrices to the scene, depth first."""
+    def _placed(self, nodes, matrix, above) -> Iterator[tuple[dict, np.ndarray, str]]:
+        """Nodes with their matrices to the scene and their keys, depth first."""
         for index in nodes:
             if index in above or len(above) > DEEPEST:
                 raise self.document.damaged("is below itself", f"nodes.{index}")
@@ -71,15 +71,17 @@ class _Reader:
             self.file.count_copy()
             there = matrix @ self._matrix(node, f"nodes.{index}")
             self.matrices[index] = there
-            yield node, there
+            yield node, there, f"nodes.{index}"
             yield from self._placed(node.get("children", ()), there, (*above, index))
 
     def _matrix(self, node, key) -> np.ndarray:
         if node.get("matrix") is not None:
             matrix = np.asarray(node["matrix"], float).reshape(4, 4).T
         else:
-            matrix = pose(np.asarray(node.get("translation", (0, 0, 0)), float),
-                          np.asarray(node.get("rotation", (0, 0, 0, 1)), float),
+            rotation = np.asarray(node.get("rotation", (0, 0, 0, 1)), float)
+            if rotation.shape != (4,) or not np.linalg.norm(rotation) > 0.0:
+                raise self.document.damaged("is no rotation", f"{key}.rotation", node["rotation"])
+            matrix = pose(np.asarray(node.get("translation", (0, 0, 0)), float), rotation,
                           np.asarray(node.get("scale", (1, 1, 1)), float))
         if not np.isfinite(matrix).all():
             raise self.document.damaged("has a matrix that is not finite", key)
@@ -87,24 +89,32 @@ class _Reader:
 
     # ----------------------------------------------------------------------------------------------------- places
 
-    def _place(self, node, matrix) -> None:
+    def _place(self, node, matrix, key) -> None:
         """Add a node's mesh where it stands: once, or at each of its instances."""
         pieces = self._mesh(node)
         if node.get("skin") is not None:
             matrix = np.eye(4)  # its joints place it (section 3.7.3.3)
         instances = self.document.extension(node, "EXT_mesh_gpu_instancing")
-        places = [np.eye(4)] if instances is None else self._instances(instances.get("attributes") or {})
+        places = [np.eye(4)] if instances is None else self._instances(
+            instances.get("attributes") or {}, f"{key}.extensions.EXT_mesh_gpu_instancing")
         for place in places:
             self.file.count_copy()
             for piece in pieces:
                 self.file.add(piece.moved(matrix @ place))
 
-    def _instances(self, attributes) -> Iterator[np.ndarray]:
+    def _instances(self, attributes, key) -> Iterator[np.ndarray]:
         """Matrices of the instances of a mesh."""
         names = ("TRANSLATION", "ROTATION", "SCALE")
         given = {name: read_numbers(self.document, attributes[name]) for name in names if name in attributes}
-        count = min((len(values) for values in given.values()), default=0)
-        for i in range(count):
+        counts = {self.document.get("accessors", index).get("count") for index in attributes.values()}
+        if len(counts) != 1:
+            raise self.document.damaged(f"has {'attributes of different counts' if counts else 'no attributes'}", key)
+        if others := [name for name in attributes if name not in names]:
+            self.file.note(f"{in_words(others)} of EXT_mesh_gpu_instancing {'is' if len(others) == 1 else 'are'} not "
+                           "read: copies differ by place, turn and scale alone")
+        if "ROTATION" in given and not (np.linalg.norm(given["ROTATION"], axis=1) > 0.0).all():
+            raise self.document.damaged("has a rotation 0 0 0 0", key)
+        for i in range(counts.pop()):
             yield pose(*(given[name][i] if name in given else default for name, default in zip(
                 names, (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)), strict=True)))
 
@@ -163,6 +173,9 @@ class _Reader:
     def _skinned(self, stored, vertices, index) -> np.ndarray:
         """Vertices where their joints have them (section 3.7.3.3), in the axes of the scene."""
         skin = self.document.get("skins", index)
+        if outside := [joint for joint in skin["joints"] if joint not in self.matrices]:
+            raise self.document.damaged(f"names joint {outside[0]}, which is not a node of the scene that is shown",
+                                        f"skins.{index}.joints")
         joints = np.array([self.matrices[joint] for joint in skin["joints"]])
         if skin.get("inverseBindMatrices") is not None:
             bind = read_accessor(self.document, skin["inverseBindMatrices"])[:len(joints)]
