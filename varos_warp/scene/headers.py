@@ -64,7 +64,7 @@ def parse_name(text: str, units: Mapping[str, object]) -> Name:
         if inside in units:
             return Name(base, inside)
         return Name(base, None, inside or None)
-    parts = re.search(r"^(.*?)[\W_]+([^\W_]+)\W*$", text)
+    parts = re.search(r"^(.*?)[\W_]+(us[_-]ft|[^\W_]+)\W*$", text)
     if parts and parts[1] and parts[2] in units and parts[2] not in NOT_BEHIND_A_SIGN:
         return Name(parts[1], parts[2])
     return Name(text)

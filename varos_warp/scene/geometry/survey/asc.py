@@ -9,8 +9,9 @@ import numpy as np
 from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, of_wkt, refuse_degrees
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, of_wkt, refuse_degrees
 from varos_warp.scene.geometry.survey.pictures import to_heights
+from varos_warp.scene.headers import LENGTHS
 
 NAMES = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value")
 MOST_LINE = 1000
@@ -131,4 +132,4 @@ def _metres(unit: str) -> float | None:
     with contextlib.suppress(ValueError):
         count = float(unit)
         return 1.0 / count if 0.0 < count < math.inf else None
-    return UNIT_NAMES.get(unit)
+    return LENGTHS.get(unit)

@@ -11,8 +11,8 @@ from functools import cache
 from importlib import resources
 
 from varos_warp.scene.geometry.survey.content import Reference, Request
+from varos_warp.scene.headers import FOOT, US_FOOT
 
-FOOT, US_FOOT = 0.3048, 1200.0 / 3937.0
 UNITS = {"m": 1.0, "ft": FOOT, "us_ft": US_FOOT}
 """Metres in a unit of scene files."""
 EPSG_UNITS = {9001: 1.0, 9002: FOOT, 9003: US_FOOT, 9014: 6 * FOOT, 9036: 1000.0}
@@ -21,13 +21,6 @@ DEPTHS = (5336, 5612, 5614, 5706, 5715, 5734, 5739, 5789, 5831, *range(5861, 586
           8051, 8053, 8358, 9287, 9288, 9672, 10150, 10151, 10349, 10364, *range(10370, 10380), *range(10547, 10553),
           10649, 10650, 10678)
 """EPSG codes of vertical systems that count downwards."""
-UNIT_NAMES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0, "ft": FOOT, "foot": FOOT,
-              "feet": FOOT, "international foot": FOOT, "us survey foot": US_FOOT, "us_ft": US_FOOT, "us-ft": US_FOOT,
-              "ftus": US_FOOT, "foot_us": US_FOOT, "fathom": 6 * FOOT, "cm": 0.01, "centimetre": 0.01,
-              "centimeter": 0.01, "mm": 0.001, "millimetre": 0.001, "km": 1000.0, "kilometre": 1000.0}
-"""Metres in a unit by what GDAL and others call it."""
-
-
 def refuse_degrees(request: Request, name: str, middle: tuple[float, float] | None = None):
     """Refuse longitudes and latitudes, and tell the UTM zone of the middle, if that is known and there is one."""
     target = "EPSG:32632 for UTM zone 32 north"

@@ -16,8 +16,9 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, geokeys, of_geokeys
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, geokeys, of_geokeys
 from varos_warp.scene.geometry.survey.pictures import placed, to_heights
+from varos_warp.scene.headers import LENGTHS
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 logging.getLogger("tifffile").propagate = False
@@ -219,5 +220,5 @@ def _with_unit_of_band(reference: Reference, items: dict[str, str]) -> Reference
     name = items.get("unittype")
     if not name:
         return reference
-    known = UNIT_NAMES.get(name.lower())
+    known = LENGTHS.get(name.lower())
     return replace(reference, height_unit_m=known, unknown_height_unit=None if known else f"the unit '{name}'")
